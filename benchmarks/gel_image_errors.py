@@ -159,9 +159,17 @@ def rendered(eye: GelCamera, one: Sensor, shapes: list[Field], rng: np.random.Ge
 
 
 def measured(
-    kind: str, known: KnownGel, rng: np.random.Generator, *, outline: GelOutline | None = OUTLINE
+    kind: str,
+    known: KnownGel,
+    rng: np.random.Generator,
+    *,
+    outline: GelOutline | None = OUTLINE,
+    distance: float = 1.0,
 ) -> tuple[GelFields, float]:
-    """Render, track and invert; the fields, and CPU seconds per frame."""
+    """Render, track and invert; the fields, and CPU seconds per frame.
+
+    `distance`: factor on the camera's distance, and on its focal length, that is taken for the true one.
+    """
     one = replace(sensor(kind), outline=outline)
     block = known.block
 
@@ -177,6 +185,11 @@ def measured(
     markers, spent = tracked(eye, images, reference)
     kept = np.isfinite(markers.position_px[..., 0]).mean()
     print(f"{kind}: {100 * kept:.2f} % of markers followed, {1e3 * spent:.1f} ms of CPU a frame")
+    if distance != 1.0:
+        pose = eye.gel_from_camera.copy()
+        pose[:3, 3] *= distance
+        focal = distance * eye.focal_px[0], distance * eye.focal_px[1]
+        one = replace(one, camera=replace(eye, focal_px=focal, gel_from_camera=pose))
     second, shape = None, None
     if one.second_camera is not None:
         others = rendered(one.second_camera, one, shapes, rng)
@@ -265,6 +278,9 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="keep the finite elements' compliance in this .npz")
     parser.add_argument("--draws", type=int, default=0, help="presses at random, dots alone")
     parser.add_argument("--seed", type=int, default=0, help="of the draws")
+    parser.add_argument(
+        "--distance", type=float, default=1.0, help="take the camera for so many times as far away"
+    )
     parser.add_argument("--only", help="one sensor: photometric, markers-stereo or markers-mono")
     wanted = parser.parse_args()
     rows: list[dict[str, object]] = []
@@ -275,7 +291,7 @@ def main() -> None:
             return
         for kind in ("photometric", "markers-stereo", "markers-mono"):
             if wanted.only in (None, kind):
-                fields, seconds = measured(kind, known, np.random.default_rng(5))
+                fields, seconds = measured(kind, known, np.random.default_rng(5), distance=wanted.distance)
                 print(fields.hyperparameters)
                 rows.append(row(kind, fields, known, seconds))
                 print(

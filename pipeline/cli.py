@@ -21,6 +21,7 @@ from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
 from pipeline.commands.mat import mat
 from pipeline.commands.sample import sample
+from pipeline.commands.sensor import sensor
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
@@ -62,7 +63,7 @@ def _root(
     pass
 
 
-for command in (grade, check, explain, convert, calibrate, mat, sample):
+for command in (grade, check, explain, convert, calibrate, sensor, mat, sample):
     app.command()(command)
 
 

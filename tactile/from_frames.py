@@ -1,7 +1,7 @@
 """A raw grasp's frames become the recording that everything else reads."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -132,6 +132,8 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         reference_print=found_markers.reference_print,
         print_shown=None if found_markers.print_shown is None else found_markers.print_shown[kept],
         reference_sd_mm=None if reference_sd_px is None else reference_sd_px * mm_per_px(camera),
+        force_scale_sd=pad.sensor.force_sd,
+        displacement_scale_sd=pad.sensor.displacement_sd,
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
 
@@ -181,19 +183,11 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
     nearest = np.abs(one.time_s[None] - when[:, None]).argmin(axis=1) if len(one.time_s) else when.astype(int)
     pose = pad.pose[nearest].copy()
     pose[:, :3, 3] = at_times(when, one.time_s, pad.pose[:, :3, 3])
-    return GelPad(
-        name=pad.name,
+    return replace(
+        pad,
         pose=pose,
-        rest_mm=pad.rest_mm,
         displacement_mm=at_times(when, one.time_s, pad.displacement_mm),
         force_N=at_times(when, one.time_s, pad.force_N),
-        gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm,
-        gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm,
-        thickness_mm=pad.thickness_mm,
-        gel_E_MPa=pad.gel_E_MPa,
-        gel_nu=pad.gel_nu,
         certainty=None if pad.certainty is None else at_times(when, one.time_s, pad.certainty),
-        reference_print=pad.reference_print,
         print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
-        reference_sd_mm=pad.reference_sd_mm,
     )

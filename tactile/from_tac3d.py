@@ -23,14 +23,19 @@ REST_MOVES_MM = 0.01
 
 
 def recording_of_tac3d(
-    sensors: Sequence[Tac3D], *, fruit_id: str, category: str, stiffness: tuple[float, float] | None = None
+    sensors: Sequence[Tac3D],
+    *,
+    fruit_id: str,
+    category: str,
+    stiffness: tuple[float, float] | None = None,
+    scale_sd: tuple[float, float] = (0.0, 0.0),
 ) -> Converted:
     """One sensor becomes a press with the pad `tip`, two a grasp with `left` and `right`, in the given order.
 
     Displacements stay; forces change sign (here they are what the gel puts on the fruit); the origin moves to
     the middle of the gel face. The recorder knows neither aperture nor pose: they are written as zero and as
     no motion, and a note says so. `stiffness`: normal and shear, MPa/mm; without it the loaded markers tell
-    it.
+    it. `scale_sd`: relative standard deviations of force and displacement, which all markers share.
 
     Raises TactileFailure (unreadable-recording) where times of one sensor stand still or run back, or there
     are more sensors than two.
@@ -72,6 +77,8 @@ def recording_of_tac3d(
                 force_N=-at_times(when, time_s, sensor.force_N),
                 gel_kn_MPa_per_mm=kn,
                 gel_kt_MPa_per_mm=kt,
+                force_scale_sd=scale_sd[0],
+                displacement_scale_sd=scale_sd[1],
             )
         )
     notes.append("no aperture and no pose: they are the gripper's; written as zero and as no motion.")

@@ -64,7 +64,8 @@ class Sensor:
     marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the
     layer's normal and shear stiffness per area, are stated where they were measured. `calibration_file` is a
     photometric look-up. `ambient` is light from all sides, in the unit of the lights' colours; a picture's
-    values are light to the power 1 / `gamma` (1: linear).
+    values are light to the power 1 / `gamma` (1: linear). `force_sd` and `displacement_sd`: relative standard
+    deviations of both scales, which all its recordings share.
     """
 
     kind: SensorKind
@@ -83,6 +84,8 @@ class Sensor:
     ambient: float = 0.0
     gamma: float = 1.0
     calibration_file: Path | None = None
+    force_sd: float = 0.0
+    displacement_sd: float = 0.0
 
 
 def marker_grid(

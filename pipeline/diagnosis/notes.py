@@ -12,6 +12,7 @@ from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.fruit.grasped import GraspedFruit, owner_of
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
+from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.problem import BatchRefused, Problem
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
@@ -103,6 +104,18 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
         *case.notes,
         *(note for grasp in fruit.placed for note in _air(grasp)),
         *_swapped(fruit.placed),
+        *_scale(fruit.placed),
+    ]
+
+
+def _scale(placed: Sequence[PlacedGrasp]) -> list[str]:
+    """What the sensors' own scales leave open, which no recording shows."""
+    share = sensor_scale_sd(placed)
+    if not share:
+        return []
+    return [
+        f"The sensors' descriptions leave E another ± {share:.0%}, the same in all grasps: the intervals "
+        "here do not hold it."
     ]
 
 

@@ -36,6 +36,9 @@ from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
 CONFIRMED = "confirmed effects"
 """The part of an error bar that comes from effects in the batch's settings."""
 
+SENSOR = "the sensor's own scale"
+"""The part that comes from the spread that sensors' descriptions state."""
+
 DOUBTED = "doubts about the inputs"
 """The part that comes from what cannot be right in a recording or a given pit."""
 
@@ -103,24 +106,28 @@ def modulus_record(
     effects_common_sd_MPa: float = 0.0,
     effects_own_sd_MPa: float = 0.0,
     doubted: float = 0.0,
+    sensor_scale: float = 0.0,
 ) -> ModulusRecord:
     """What the fruit's record says of its modulus and of the pit that came with it.
 
     `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
     whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
-    the inputs (pipeline.fruit.input_doubts).
+    the inputs (pipeline.fruit.input_doubts). `sensor_scale`: that of the sensors' scales, which all fruit
+    share (pipeline.fruit.sensor_scale).
     """
     pit = found.pit
     of_doubts = doubted * found.E_MPa
+    of_sensor = sensor_scale * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts])),
-        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor])),
+        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor])),
         parts_sd_MPa=found.parts_sd_MPa
         | ({CONFIRMED: of_effects} if of_effects else {})
-        | ({DOUBTED: of_doubts} if of_doubts else {}),
+        | ({DOUBTED: of_doubts} if of_doubts else {})
+        | ({SENSOR: of_sensor} if of_sensor else {}),
         pit_found=None
         if pit is None
         else PitFoundRecord(

@@ -29,6 +29,7 @@ from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
 from pipeline.fruit.pressed_fruit import grade_pressed
+from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.mesh_picture import mesh_picture
@@ -141,6 +142,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
+            sensor_scale=sensor_scale_sd(placed),
         )
         _refuse_implausible(task, found.modulus.E_MPa)
         facts.mismatch = in_words(used(task.settings.mismatch)) or None

@@ -166,6 +166,7 @@ def _of_any_kind(
             fruit_id=wanted.fruit_id,
             category=wanted.category,
             stiffness=None if kn is None or kt is None else (kn, kt),
+            scale_sd=(0.0, 0.0) if described is None else (described.force_sd, described.displacement_sd),
         )
         return found, sensors
     kind = source.suffix.lower() if source.is_file() else ""

@@ -27,6 +27,8 @@ from tactile.sensors import GelCamera
 
 MOST_BYTES = 4_000_000
 """Of a description, as its reader has it (tactile.io.sensor_file)."""
+LEAST_KNOWN_TO = 1e-3
+"""Relative standard deviation of a force's scale that no press undercuts (set by hand)."""
 WRITTEN_BY = "# written by drupe calibrate"
 """First line of every description written, by which a later run knows its own."""
 
@@ -204,6 +206,9 @@ def _stiffness(
     normal = pad.pose[:, :3, 2]
     cell = np.einsum("ti,ti->t", recording.wrench_N[:, :3], normal)
     gain = gel_gain(cell, pad.force_N[:, :, 2].sum(axis=1), source=str(press))
+    if "spread" in described:
+        known_to = float(np.hypot(gain.sd / gain.value, gain.residual))
+        described["spread"]["force"] = round(max(known_to, LEAST_KNOWN_TO), 4)
     return [_scaled(described["gel"], gain, springs=isinstance(layer_of(read_sensor(path)), SpringBed))]
 
 

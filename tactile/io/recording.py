@@ -48,6 +48,7 @@ MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)", least=1e-5)
 RATIO = Limit(0.4999, "", least=0.1)
 RADIUS = Limit(1000.0, "millimetres", least=0.001)
 SHARE = Limit(1.0, "(a share)")
+SCALE_SD = Limit(2.0, "(a relative standard deviation)", least=1e-4)
 """These are the largest that each field can be at all, in the unit named, some hundred times what sensors and
 grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
 likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
@@ -70,7 +71,8 @@ class GelPad:
     nobody followed markers through pictures. `reference_print` and `print_shown`: how much the picture of the
     untouched gel, and each frame's, show of something that is pressed in, over the least that counts
     (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
-    was estimated; None where it was seen.
+    was estimated; None where it was seen. `force_scale_sd`, `displacement_scale_sd`: relative standard
+    deviations of both scales, which all markers and frames share; 0 where nobody states them.
     """
 
     name: str
@@ -87,6 +89,8 @@ class GelPad:
     reference_print: float | None = None
     print_shown: Float[np.ndarray, " t"] | None = None
     reference_sd_mm: Float[np.ndarray, " n"] | None = None
+    force_scale_sd: float = 0.0
+    displacement_scale_sd: float = 0.0
     images: UInt8[np.ndarray, "t h w 3"] | None = None
     images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
@@ -296,6 +300,8 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         reference_print=_at_least_zero(pad, "reference_print", ()),
         print_shown=_at_least_zero(pad, "print_shown", (frames,)),
         reference_sd_mm=_at_least_zero(pad, "reference_sd_mm", (markers,)),
+        force_scale_sd=pad.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0,
+        displacement_scale_sd=pad.optional_positive("displacement_scale_sd", limit=SCALE_SD) or 0.0,
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
@@ -354,6 +360,8 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         if said is not None:
             group[name] = np.asarray(said, dtype=np.float64)
     optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
+    optional |= {"force_scale_sd": pad.force_scale_sd or None}
+    optional |= {"displacement_scale_sd": pad.displacement_scale_sd or None}
     group.attrs.update(
         {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}
     )

@@ -31,6 +31,10 @@ columns = 9
 pitch_mm = [2.0, 2.0]
 first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
 
+[spread]                         # optional: relative standard deviations that all markers and frames share
+force = 0.21
+displacement = 0.02
+
 [[lights]]                       # photometric: three lights or more (z below 0), or at the top
                                  # calibration_file = "look-up.npz", optionally with its calibration_sha256
 direction = [1.0, 0.0, -0.5]
@@ -48,7 +52,7 @@ from jaxtyping import Float
 from tactile.gel.gel_sides import SIDES, GelOutline, GelSides
 from tactile.io.named_file import FileNotReadable, read_bytes
 from tactile.io.plain_numpy import MOST_BYTES
-from tactile.io.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
+from tactile.io.recording import MODULUS, RATIO, SCALE_SD, STIFFNESS, THICKNESS
 from tactile.io.recording_fields import Limit
 from tactile.io.toml_table import Table, read_table
 from tactile.sensors import GelCamera, GelLight, Sensor, SensorKind, marker_grid
@@ -57,7 +61,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
 TOP = {
     "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
-    "calibration_sha256", "ambient", "gamma",
+    "calibration_sha256", "ambient", "gamma", "spread",
 }  # fmt: skip
 GEL = {
     "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "face_radius_mm", "gel_kn_MPa_per_mm",
@@ -118,7 +122,16 @@ def read_sensor(path: Path) -> Sensor:
         ambient=_ambient(top),
         gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
         calibration_file=calibration,
+        force_sd=_spread(top, "force"),
+        displacement_sd=_spread(top, "displacement"),
     )
+
+
+def _spread(top: Table, name: str) -> float:
+    """A relative standard deviation under [spread]; 0 without."""
+    table = top.table("spread", needed=False)
+    table.refuse_unknown({"force", "displacement"})
+    return table.within(name, SCALE_SD, needed=False) or 0.0
 
 
 def _outline(gel: Table) -> GelOutline | None:

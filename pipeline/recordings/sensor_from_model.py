@@ -1,0 +1,72 @@
+"""`drupe sensor`: the description of a sensor as it is sold, with the camera of the user's own."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.scratch import scratch
+from pipeline.files.whole_file import put
+from pipeline.problem import BatchRefused, Problem
+from pipeline.recordings.sensor_calibration import MOST_BYTES, as_toml
+from recon.plain_file import NotReadable, read_text
+from tactile.io.pictures import read_picture
+from tactile.io.sensor_file import read_sensor
+from tactile.io.sensor_model import SensorModel, model_names, read_model
+from tactile.sensor_description import described, with_given
+from tactile.tactile_failure import TactileFailure
+
+WRITTEN_BY = "# written by drupe sensor"
+"""First line of every description written, by which a later run knows its own."""
+
+
+def shipped() -> tuple[SensorModel, ...]:
+    """Every sensor that drupe knows by name."""
+    return tuple(map(read_model, model_names()))
+
+
+def write_sensor(
+    name: str,
+    out: Path,
+    *,
+    picture: Path | None,
+    given: Mapping[str, tuple[float, ...]],
+    known_to: float,
+    grid: tuple[int | None, int | None],
+) -> tuple[str, ...]:
+    """Writes `out` and returns what is known how well; raises BatchRefused for another name or a file that is
+    not drupe's, TactileFailure where the picture cannot be used or something is not known.
+    """
+    if name not in model_names():
+        known = ", ".join(model_names())
+        raise BatchRefused([Problem(name, f"is no sensor that drupe knows by name; known are {known}.")])
+    require_file_apart(out, inputs=[] if picture is None else [picture], folders=[])
+    require_new_or_ours(out, _is_ours, "a description that drupe sensor wrote")
+    model = with_given(read_model(name), {key: (value, known_to) for key, value in given.items()})
+    rows, columns = grid
+    model = replace(model, rows=rows or model.rows, columns=columns or model.columns)
+    seen = None if picture is None else read_picture(picture)
+    made = described(model, seen, source="" if picture is None else picture.name)
+    with scratch() as folder:
+        stage = folder / out.name
+        stage.write_text(as_toml(made.table), encoding="utf-8")
+        read_sensor(stage)
+        lines = [WRITTEN_BY, *(f"# {line}" for line in made.said)]
+        put(out, ("\n".join(lines) + f"\n{stage.read_text(encoding='utf-8')}").encode())
+    return made.said
+
+
+def unknown_of(model: SensorModel) -> str:
+    """What nobody publishes of it, in words; empty where all is known."""
+    try:
+        described(model, None, source="")
+    except TactileFailure as failure:
+        return str(failure) if "nobody publishes" in str(failure) else ""
+    return ""
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
+    except NotReadable:
+        return False

@@ -1,0 +1,88 @@
+"""Sensors as they are sold: what is published of each, with its source and its spread.
+
+One file for each in tactile/sensor_models. A value is `{ value, sd, source }`; what is not there the user
+gives.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.io.toml_table import Table, read_table
+from tactile.sensors import SensorKind
+from tactile.tactile_failure import TactileProblem
+
+FOLDER = Path(__file__).parents[1] / "sensor_models"
+"""Where the shipped ones lie."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Published:
+    """A number (or two, along x and y), its standard deviation in the same unit, and who says so."""
+
+    value: Float[np.ndarray, " n"]
+    sd: float
+    source: str
+
+    @property
+    def relative_sd(self) -> float:
+        """Over the mean of the values."""
+        return float(self.sd / np.mean(np.abs(self.value)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorModel:
+    """`gel`: by the keys of a description's [gel]; `pitch_mm` None where the dots are the user's own;
+    `fields`: relative spread of a maker's own "force" and "displacement".
+    """
+
+    key: str
+    kind: SensorKind
+    name: str
+    notes: str
+    gel: dict[str, Published] = field(default_factory=dict)
+    rows: int | None = None
+    columns: int | None = None
+    pitch_mm: Published | None = None
+    distance_mm: Published | None = None
+    fields: dict[str, Published] = field(default_factory=dict)
+
+
+def model_names() -> tuple[str, ...]:
+    """Of the shipped sensors."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def read_model(name: str) -> SensorModel:
+    """The shipped sensor of that name; raises TactileFailure (unreadable-sensor) for a file that is none."""
+    path = FOLDER / f"{name}.toml"
+    top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's published values")
+    top.refuse_unknown({"kind", "name", "notes", "gel", "markers", "camera", "fields"})
+    markers, camera = top.table("markers", needed=False), top.table("camera", needed=False)
+    return SensorModel(
+        key=name,
+        kind=cast(SensorKind, top.choice("kind", ("markers-mono", "fields"))),
+        name=top.text("name"),
+        notes=top.text("notes", default=""),
+        gel=_published(top.table("gel", needed=False)),
+        rows=markers.whole("rows") if markers else None,
+        columns=markers.whole("columns") if markers else None,
+        pitch_mm=_one(markers.values["pitch_mm"]) if markers else None,
+        distance_mm=_one(camera.values["distance_mm"]) if camera else None,
+        fields=_published(top.table("fields", needed=False)),
+    )
+
+
+def _published(table: Table) -> dict[str, Published]:
+    return {name: _one(said) for name, said in table.values.items()}
+
+
+def _one(said: Any) -> Published:
+    return Published(
+        value=np.atleast_1d(np.asarray(said["value"], dtype=np.float64)),
+        sd=float(said["sd"]),
+        source=str(said["source"]),
+    )

@@ -1,0 +1,140 @@
+"""`drupe sensor`: sensors by name, their descriptions, and what their spread does."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
+from test_camera_from_dots import dots, eye, picture
+
+from fem.estimation.joint_inference import FruitModulus
+from pipeline.cli import app
+from pipeline.fruit.elasticity import SENSOR, modulus_record
+from pipeline.fruit.sensor_scale import _of_recording
+from tactile.io.recording import GelPad, Recording, read_recording, write_recording
+from tactile.io.sensor_file import read_sensor
+from tactile.io.sensor_model import model_names, read_model
+
+
+def run(*words: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [*map(str, words)])
+    return done.exit_code, done.output + str(done.exception or "")
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Path:
+    path = tmp_path / "empty.png"
+    cv2.imwrite(str(path), picture(eye(), dots()))
+    return path
+
+
+def test_sensors_are_listed_with_what_has_to_be_given() -> None:
+    code, said = run("sensor")
+    assert code == 0
+    assert "gelsight-mini: GelSight Mini, marked gel." in said
+    assert "mono-gel" in said
+    assert "--thickness-mm, --E-MPa, --pitch-mm" in said
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_every_value_that_is_shipped_has_a_source_and_a_spread(name: str) -> None:
+    model = read_model(name)
+    values = [*model.gel.values(), model.pitch_mm, model.distance_mm, *model.fields.values()]
+    known = [one for one in values if one is not None]
+    assert known
+    assert all(one.sd > 0 and len(one.source) > 10 for one in known)
+
+
+def test_a_picture_of_the_dots_makes_a_mini_of_ones_own(tmp_path: Path, empty: Path) -> None:
+    out = tmp_path / "mini.toml"
+    code, said = run("sensor", "gelsight-mini", out, "--picture", empty)
+    assert code == 0, said
+    assert "63 dots of a grid of 7 x 9" in said
+    one = read_sensor(out)
+    assert one.camera is not None
+    assert one.rest_mm is not None
+    assert one.camera.focal_px[0] == pytest.approx(222.0, rel=0.01)
+    assert one.force_sd == pytest.approx(np.linalg.norm([0.09 / 0.435, 0.1 / 4, 0.45 * 4 / 16]), abs=0.02)
+    assert one.rest_mm[0, 2] < -0.2
+    assert "# E_MPa 0.435 ± 0.09 (6 C10" in out.read_text()
+    assert run("sensor", "gelsight-mini", out, "--picture", empty)[0] == 0
+
+
+def test_what_is_given_takes_the_place_of_what_is_published(tmp_path: Path, empty: Path) -> None:
+    out = tmp_path / "mini.toml"
+    given = ("--E-MPa", "0.3", "--distance-mm", "17", "--known-to", "0.02")
+    assert run("sensor", "gelsight-mini", out, "--picture", empty, *given)[0] == 0
+    one = read_sensor(out)
+    assert one.E_MPa == 0.3
+    assert one.force_sd < 0.05
+
+
+def test_a_gel_of_ones_own_needs_its_numbers(tmp_path: Path, empty: Path) -> None:
+    out = tmp_path / "own.toml"
+    code, said = run("sensor", "mono-gel", out, "--picture", empty)
+    assert code == 3
+    assert "nobody publishes what --thickness-mm, --E-MPa, --pitch-mm would say" in " ".join(said.split())
+    numbers = ("--thickness-mm", "4", "--E-MPa", "0.2", "--pitch-mm", "2.4", "2.36")
+    assert run("sensor", "mono-gel", out, "--picture", empty, *numbers)[0] == 0
+    assert read_sensor(out).outline is None
+
+
+def test_what_cannot_be_is_said(tmp_path: Path, empty: Path) -> None:
+    out = tmp_path / "mini.toml"
+    assert "is no sensor that drupe knows by name; known are digit," in run("sensor", "gelsight", out)[1]
+    assert "found no picture of the untouched gel" in run("sensor", "gelsight-mini", out)[1]
+    assert "give the description to write" in run("sensor", "gelsight-mini")[1]
+    out.write_text('kind = "fields"\n')
+    said = run("sensor", "gelsight-mini", out, "--picture", empty)[1]
+    assert "a description that drupe sensor wrote" in said
+    assert out.read_text() == 'kind = "fields"\n'
+
+
+def grasp(force_sd: float, displacement_sd: float) -> Recording:
+    """Jaws that close by 2 mm, of which either gel gives 0.25."""
+    time_s = np.arange(5.0)
+    share = np.linspace(0, 1, 5)
+    rest = np.column_stack([*(axis.ravel() for axis in np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1])), np.zeros(9)])
+    pads = tuple(
+        GelPad(
+            name=name,
+            pose=np.broadcast_to(np.eye(4), (5, 4, 4)).copy(),
+            rest_mm=rest,
+            displacement_mm=-0.25 * share[:, None, None] * np.tile([0, 0, 1.0], (9, 1)),
+            force_N=share[:, None, None] * np.tile([0, 0, 0.5], (9, 1)),
+            gel_kn_MPa_per_mm=1.0,
+            gel_kt_MPa_per_mm=0.1,
+            force_scale_sd=force_sd,
+            displacement_scale_sd=displacement_sd,
+        )
+        for name in ("left", "right")
+    )
+    return Recording(
+        fruit_id="f", category="nectarine", loading="grasp", support="free", sensor="s", time_s=time_s,
+        aperture_mm=60.0 - np.r_[0, np.linspace(0, 2, 4)], pads=pads,
+    )  # fmt: skip
+
+
+def test_the_spread_of_the_scales_is_kept_and_goes_into_e(tmp_path: Path) -> None:
+    write_recording(tmp_path / "g.h5", grasp(0.2, 0.03))
+    pad = read_recording(tmp_path / "g.h5").pads[0]
+    assert isinstance(pad, GelPad)
+    assert (pad.force_scale_sd, pad.displacement_scale_sd) == (0.2, 0.03)
+    assert _of_recording(grasp(0.0, 0.0)) == 0
+    assert _of_recording(grasp(0.2, 0.0)) == pytest.approx(0.2)
+    assert _of_recording(grasp(0.0, 0.03)) == pytest.approx(0.03 * 0.5 / 1.5)
+
+
+def test_it_is_common_to_all_fruit() -> None:
+    found = FruitModulus(
+        E_MPa=0.5, E_sd_MPa=0.02, parts_sd_MPa={"tactile noise": 0.02}, pit=None, grasps=1, warnings=()
+    )
+    plain, wide = modulus_record(found), modulus_record(found, sensor_scale=0.2)
+    assert wide.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.2 * plain.E_MPa))
+    assert wide.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
+    assert wide.parts_sd_MPa[SENSOR] == pytest.approx(0.2 * plain.E_MPa)
+    assert SENSOR not in plain.parts_sd_MPa

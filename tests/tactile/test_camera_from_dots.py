@@ -1,0 +1,109 @@
+"""A camera from a picture of dots that a known camera sees."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tactile.camera_from_dots import camera_from_dots
+from tactile.gel.gel_sides import GelOutline
+from tactile.gel_camera import on_gel, project
+from tactile.sensors import GelCamera, marker_grid
+from tactile.tactile_failure import TactileFailure
+
+PITCH_MM, DISTANCE_MM = (2.4, 2.36), 16.0
+DOME = GelOutline((25.25, 20.75), face_radius_mm=(189.0, 114.0))
+
+
+def eye(
+    *, tilt_rad: float = 0.03, size_px: tuple[int, int] = (320, 240), focal_px: float = 222.0
+) -> GelCamera:
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array([tilt_rad, -0.02, 0.05]))[0]
+    pose[:3, 3] = [0.3, -0.2, -DISTANCE_MM]
+    return GelCamera(
+        image_px=size_px,
+        focal_px=(focal_px, focal_px),
+        centre_px=((size_px[0] - 1) / 2, (size_px[1] - 1) / 2),
+        distortion=(-0.06, 0.0, 0.0, 0.0, 0.0),
+        gel_from_camera=pose,
+    )
+
+
+def dots(outline: GelOutline | None = DOME) -> np.ndarray:
+    rest = marker_grid(7, 9, pitch_mm=PITCH_MM, first_mm=None)
+    if outline is not None:
+        rest[:, 2] = outline.face_mm(rest[:, 0], rest[:, 1])
+    return rest
+
+
+def picture(camera: GelCamera, rest_mm: np.ndarray, *, fine: int = 8) -> np.ndarray:
+    """Dark discs on grey, drawn `fine` times larger and averaged."""
+    width, height = camera.image_px
+    large = np.full((height * fine, width * fine), 150, dtype=np.uint8)
+    for x, y in project(camera, rest_mm):
+        at = tuple(round(float(fine * v + (fine - 1) / 2)) for v in (x, y))
+        cv2.circle(large, at, round(fine * 0.035 * width / 2), 30, -1)
+    small = cv2.resize(large, (width, height), interpolation=cv2.INTER_AREA)
+    return np.repeat(small[..., None], 3, axis=2)
+
+
+def found(seen: np.ndarray, *, outline: GelOutline | None = DOME, grid: tuple[int, int] | None = (7, 9)):
+    return camera_from_dots(
+        seen, pitch_mm=PITCH_MM, distance_mm=DISTANCE_MM, outline=outline, source="empty.png", grid=grid
+    )
+
+
+@pytest.mark.parametrize("outline", [DOME, None])
+def test_the_camera_sees_the_dots_where_they_are(outline) -> None:
+    true = eye()
+    one = found(picture(true, dots(outline)), outline=outline)
+    assert (one.rows, one.columns, one.dots) == (7, 9, 63)
+    assert one.camera.focal_px[0] == pytest.approx(true.focal_px[0], rel=0.01)
+    at = on_gel(one.camera, project(true, dots(outline)), outline)
+    assert np.abs(at - dots(outline))[:, :2].max() < 0.03
+    assert one.off_px < 0.2
+
+
+def test_a_dome_that_nobody_describes_moves_what_lies_aside() -> None:
+    flat = found(picture(eye(), dots(DOME)), outline=None)
+    assert abs(flat.camera.distortion[0] - eye().distortion[0]) > 0.02
+
+
+def test_a_cut_picture_shows_a_part_of_the_grid_that_is_placed_in_it() -> None:
+    true = eye()
+    whole = picture(true, dots())
+    part = whole[20:220, 35:285]
+    one = found(np.ascontiguousarray(part))
+    assert (one.rows, one.columns) == (7, 9)
+    assert one.dots < 63
+    seen = project(true, dots()) - np.array([35, 20])
+    assert np.abs(on_gel(one.camera, seen, DOME) - dots())[:, :2].max() < 0.15
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(5, 9), (7, 8)])
+def test_more_dots_than_the_gel_has_are_another_sensors(rows: int, columns: int) -> None:
+    said = f"found a grid of 7 x 9 dots, expected {rows} x {columns} at most"
+    with pytest.raises(TactileFailure, match=said):
+        found(picture(eye(), dots()), grid=(rows, columns))
+
+
+def test_a_pressed_gel_is_refused() -> None:
+    rest = dots()
+    push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
+    rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
+    with pytest.raises(TactileFailure, match=r"px off a grid of 2\.4 x 2\.36 mm .*is the gel untouched"):
+        found(picture(eye(), rest))
+
+
+def test_a_picture_without_dots_says_so() -> None:
+    with pytest.raises(TactileFailure, match=r"empty\.png"):
+        found(np.full((240, 320, 3), 120, dtype=np.uint8))
+
+
+def test_another_size_of_picture_is_another_camera() -> None:
+    large = replace(eye(size_px=(640, 480), focal_px=444.0))
+    one = found(picture(large, dots(), fine=4))
+    assert one.camera.focal_px[0] == pytest.approx(444.0, rel=0.01)
+    assert one.camera.image_px == (640, 480)
