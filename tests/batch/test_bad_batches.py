@@ -11,7 +11,7 @@ from recon.surface.mesh_file import read_mesh, write_mesh
 
 
 def refused(batch):
-    graded = drupe("grade", batch)
+    graded = drupe("grade", "--no-screen", batch)
     assert graded.status == 2
     line = graded.one_line_error()
     assert not (batch / "results").exists()

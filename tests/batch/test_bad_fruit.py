@@ -138,7 +138,7 @@ def spoiled(tmp_path_factory):
         spoil(where)
         rows.append(f"{name},60")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
-    graded = drupe("grade", folder)
+    graded = drupe("grade", "--no-screen", folder)
     return folder, good.name, graded, drupe("check", folder)
 
 

@@ -19,7 +19,7 @@ def scale_force(batch, times):
 def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     batch = ready_batch(tmp_path / "batch", 1)
     scale_force(batch, 1.25)
-    doubted = drupe("grade", batch, "--jobs", 1)
+    doubted = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert doubted.status == 4, doubted.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
     assert "both pads' forces are 1.2" in row.doubts
@@ -30,7 +30,7 @@ def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     assert "E is in doubt:" in page
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 4
     scale_force(batch, 101.97 / 1.25)
-    refused = drupe("grade", batch, "--jobs", 1)
+    refused = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert refused.status == 3, refused.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
     assert row.outcome == "implausible-recording"

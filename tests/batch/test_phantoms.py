@@ -46,7 +46,7 @@ def graded(tmp_path_factory):
             "solid": (ball(BALL_MM), None, grasped_ball(core=False, rng=rng)),
         },
     )
-    ran = drupe("grade", batch, "--jobs", 1)
+    ran = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert ran.status == 0, ran.err
     return batch / "results", ran
 
@@ -105,7 +105,7 @@ def one_cube(tmp_path):
 
 
 def refused(batch):
-    ran = drupe("grade", batch)
+    ran = drupe("grade", "--no-screen", batch)
     assert ran.status == 2
     assert not (batch / "results").exists()
     return ran.one_line_error()

@@ -37,7 +37,7 @@ def graded(tmp_path_factory):
         "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
         f"ball,true,{E_MPA},{0.01 * E_MPA},0.45\nfruit,,,,\n"
     )
-    return batch, drupe("grade", batch, "--jobs", 1)
+    return batch, drupe("grade", "--no-screen", batch, "--jobs", 1)
 
 
 def record(batch, name):
@@ -70,18 +70,18 @@ def test_a_gain_of_both_pads_is_found_doubted_and_corrected_without_grading_agai
     assert "within 2 standard deviations of 1" in first.out
     table = (batch / "fruits.csv").read_text()
     (batch / "fruits.csv").write_text(table.replace(f"true,{E_MPA}", f"true,{E_MPA / 1.25}"))
-    doubted = drupe("grade", batch)
+    doubted = drupe("grade", "--no-screen", batch)
     assert doubted.status == 4, doubted.out
     assert "2 of 2 fruit unchanged" in doubted.err
     assert "warning: The gripper reads 1.2" in doubted.out
     wanted = SETTINGS + '[reference]\ncorrect = true\nchart = "../gripper.csv"\n'
     (batch / "batch.toml").write_text(wanted)
-    corrected = drupe("grade", batch)
+    corrected = drupe("grade", "--no-screen", batch)
     chart = (batch.parent / "gripper.csv").read_text()
     assert len(chart.splitlines()) == 2
     assert "is out of control: the last batch is beyond 3 standard deviations" in corrected.out
     assert "Control chart of ball" in (batch / "results" / "report.html").read_text()
-    assert drupe("grade", batch).status == 4  # the chart's alarm
+    assert drupe("grade", "--no-screen", batch).status == 4  # the chart's alarm
     assert (batch.parent / "gripper.csv").read_text() == chart
     assert corrected.status == 4, corrected.out
     assert "2 of 2 fruit unchanged" in corrected.err

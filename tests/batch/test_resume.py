@@ -25,6 +25,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
         "-c",
         "from pipeline.cli import main; main()",
         "grade",
+        "--no-screen",
         str(batch),
         "--jobs",
         "1",
@@ -42,20 +43,20 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert 1 <= len(finished) < 3
     assert not (batch / "results" / "ranking.csv").exists()
 
-    again = drupe("grade", batch)
+    again = drupe("grade", "--no-screen", batch)
     assert again.status == 0
     assert f"{len(finished)} of 3 fruit unchanged" in again.err
     after = record_times(batch)
     assert {name: after[name] for name in finished} == finished
     assert len(after) == 3
 
-    whole = drupe("grade", batch, "--out", tmp_path / "whole")
+    whole = drupe("grade", "--no-screen", batch, "--out", tmp_path / "whole")
     assert whole.status == 0
     one, other = (pd.read_csv(folder / "ranking.csv") for folder in (batch / "results", tmp_path / "whole"))
     assert one["fruit_id"].tolist() == other["fruit_id"].tolist()
     assert (one["E_MPa"] / other["E_MPa"] - 1).abs().max() < 0.01
 
-    unchanged = drupe("grade", batch)
+    unchanged = drupe("grade", "--no-screen", batch)
     assert unchanged.status == 0
     assert "3 of 3 fruit unchanged" in unchanged.err
     assert record_times(batch) == after
@@ -64,7 +65,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     grasp.rename(grasp.with_name("renamed.h5"))
     with (batch / "batch.toml").open("a") as file:
         file.write('[[grading.classes]]\nname = "all"\n')
-    changed = drupe("grade", batch)
+    changed = drupe("grade", "--no-screen", batch)
     assert "2 of 3 fruit unchanged" in changed.err
     ranking = pd.read_csv(batch / "results" / "ranking.csv")
     assert set(ranking["maturity"]) == {"all"}
@@ -79,7 +80,7 @@ def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch, number)
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
         "from pipeline.cli import main; main()"
     )
-    command = [sys.executable, "-c", start, "grade", str(batch)]
+    command = [sys.executable, "-c", start, "grade", "--no-screen", str(batch)]
     with subprocess.Popen(
         [*command, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
@@ -105,7 +106,7 @@ def test_stages_that_an_interrupted_fruit_had_finished_are_not_done_again(batch)
         "from pipeline.cli import main; main()"
     )
     with subprocess.Popen(
-        [sys.executable, "-c", start, "grade", str(batch), "--jobs", "1"],
+        [sys.executable, "-c", start, "grade", "--no-screen", str(batch), "--jobs", "1"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
     ) as run:  # fmt: skip
         assert run.stderr is not None
@@ -121,5 +122,5 @@ def test_stages_that_an_interrupted_fruit_had_finished_are_not_done_again(batch)
     assert not (results / "traceback.txt").exists()
     elements = results / ".cache" / "flesh.npz"
     kept = elements.stat().st_mtime_ns
-    assert drupe("grade", batch).status == 0
+    assert drupe("grade", "--no-screen", batch).status == 0
     assert elements.stat().st_mtime_ns == kept

@@ -1,0 +1,228 @@
+"""What drupe makes of traces that others recorded: names, moduli, and how well either predicts what it did
+not see.
+
+    python benchmarks/public_traces.py ball FOLDER [--jobs 2] [--out CSV]
+    python benchmarks/public_traces.py gripper FOLDER [...]
+    python benchmarks/public_traces.py cylinder FOLDER [...]
+
+ball: the workbooks of github.com/SarahIaquinta/perineal_indentation
+(indentation/experiments/zwick/raw_data), a sheet for each press of a ball of 5 mm on meat and silicone.
+gripper: the tables of github.com/SheepLiu712/FruitRuptureEstimate (kiwi, mango, banana), jaws on
+whole fruit to rupture; the fruit's size is not said, and the trace is taken as a ball's of 30 mm, so that E
+is no flesh's modulus but orders the fruit. cylinder: the sheets of github.com/LivingMatterLab/CANN
+(ARTMEAT/FungiSteak/mechanical-data/compression), cut cylinders of 8 mm between plates. Prints a line for
+each trace and quantiles; held-out errors are root mean squares over that of the force left out, before
+(linear elasticity) and after (the answer).
+"""
+
+import argparse
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import spearmanr
+
+from fem.fem_failure import FemFailure
+from fem.indentation.account import account_for
+from fem.indentation.ball import Ball
+from fem.indentation.compressed_cylinder import Cylinder
+from fem.indentation.contact_curve import Geometry
+from fem.indentation.trace import IndenterTrace
+from tactile.trace_thinning import thin
+
+NU = 0.49
+"""Of flesh and silicone. Assumed."""
+BALL_MM, FRUIT_MM, CYLINDER_MM = 5.0, 30.0, 8.0
+"""Radius of the ball, radius that fruit are taken to have, diameter of the cylinders."""
+THINNEST_OVER_TRAVEL = 1.2
+"""A gap this much thinner than the travel allows was not zeroed: it is no thickness."""
+SECONDS = 0.01
+"""Between the gripper's frames where its clock stands still."""
+UPPER = (0.2, 0.95)
+"""Shares of the peak force between which the exponent of the loading is taken."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A trace by its name, with the thickness where it is known."""
+
+    name: str
+    trace: IndenterTrace
+    thickness_mm: float | None = None
+
+
+def of_ball(folder: Path) -> Iterator[Recorded]:
+    """Sheets whose first column is a time of test, second a force, third a travel, fourth the tools' gap."""
+    for path in sorted([*folder.rglob("*ndentation*.xlsx"), *folder.rglob("*ndentation*.xls")]):
+        for sheet, table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").items():
+            if table.shape[1] < 4 or len(table) < 30 or not str(table.iloc[1, 0]).startswith("Temps"):
+                continue
+            values = table.iloc[3:, :4].apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
+            time_s, force_N, travel_mm, gap_mm = values.T
+            kept = np.r_[True, np.diff(time_s) > 0]
+            thick = float(gap_mm[0])
+            known = thick if thick > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
+            trace = trace_of(time_s[kept], force_N[kept], travel_mm[kept], Ball(radius_mm=BALL_MM))
+            yield Recorded(
+                f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", trace, known
+            )
+
+
+def of_gripper(folder: Path) -> Iterator[Recorded]:
+    """Tables with Time, Force and Pos, the jaws' distance in mm or a position that grows as they close."""
+    for path in sorted(folder.rglob("*.csv")):
+        table = pd.read_csv(path)
+        if not {"Time", "Force", "Pos"} <= set(table.columns):
+            continue
+        force_N, place = table["Force"].to_numpy(float), table["Pos"].to_numpy(float)
+        time_s = table["Time"].to_numpy(float)
+        time_s = time_s - time_s[0]
+        kept = np.r_[True, np.diff(time_s) > 0]
+        peak = int(np.argmax(force_N))
+        closing = np.sign(place[peak] - place[0]) or 1.0
+        travel = closing * (place - place[0])
+        yield Recorded(
+            path.name, trace_of(time_s[kept], force_N[kept], travel[kept], Ball(radius_mm=FRUIT_MM))
+        )
+
+
+def of_cylinder(folder: Path) -> Iterator[Recorded]:
+    """Rheometer tables with a time, a normal force and a gap in their first rows' units."""
+    for path in sorted(folder.rglob("*.xls*")):
+        for table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").values():
+            names = [str(one).lower() for one in table.iloc[1]] if len(table) > 30 else []
+            at = {
+                key: next((k for k, n in enumerate(names) if key in n), None)
+                for key in ("time", "axial", "gap")
+            }
+            if None in at.values():
+                continue
+            columns = [at["time"], at["axial"], at["gap"]]
+            values = (
+                table.iloc[3:, columns].apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
+            )
+            time_s, force_N, gap = values.T
+            gap_mm = gap / (1000.0 if np.median(gap) > 100 else 1.0)
+            kept = np.r_[True, np.diff(time_s) > 0]
+            size = Cylinder(height_mm=float(gap_mm[0]), diameter_mm=CYLINDER_MM, ends="bonded")
+            trace = trace_of(time_s[kept], force_N[kept], gap_mm[0] - gap_mm[kept], size)
+            yield Recorded(path.stem, trace)
+
+
+def trace_of(
+    time_s: np.ndarray, force_N: np.ndarray, travel_mm: np.ndarray, geometry: Geometry
+) -> IndenterTrace:
+    """Thinned as the product's reader does."""
+    thinned = thin(time_s, travel_mm, force_N)
+    kept = np.arange(len(time_s)) if thinned is None else thinned.kept
+    return IndenterTrace(
+        time_s=time_s[kept], force_N=force_N[kept], travel_mm=travel_mm[kept], geometry=geometry
+    )
+
+
+def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
+    """Slope of ln F over ln depth in the loading: 1.5 is Hertz's."""
+    peak = int(np.argmax(trace.force_N))
+    force, depth = trace.force_N[: peak + 1], trace.travel_mm[: peak + 1] - onset_mm
+    zero = float(np.median(force[: max(3, int(np.argmax(depth > 0)))]))
+    share = (force - zero) / (force[-1] - zero)
+    used = (share > UPPER[0]) & (share < UPPER[1]) & (depth > 0)
+    if used.sum() < 4:
+        return float("nan")
+    return float(np.polyfit(np.log(depth[used]), np.log(force[used] - zero), 1)[0])
+
+
+def explained(one: Recorded) -> dict[str, object]:
+    """One line of the table."""
+    try:
+        account = account_for(
+            one.trace, thickness_mm=one.thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0)
+        )
+    except FemFailure as failure:
+        return {"trace": one.name, "verdict": f"refused: {failure.problem.value}"}
+    said, trace = account.explanation, account.trace
+    end, blocks = account.end.rms(trace.force_N), account.blocks.rms(trace.force_N)
+    verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
+    names = [u.name for u in account.linear.law.unknowns]
+    onset = float(account.linear.scaled[names.index("onset_mm")])
+    return {
+        "trace": one.name,
+        "verdict": verdict,
+        "top": said.ranking[0].effect,
+        "E_before_kPa": 1e3 * said.before.value,
+        "E_after_kPa": 1e3 * said.after.value,
+        "withheld": said.withheld or "",
+        "E_linear_kPa": 1e3 * float(np.exp(account.linear.scaled[0])),
+        "unexplained": account.named.share,
+        "end_before": end[0],
+        "end_after": end[1],
+        "blocks_before": blocks[0],
+        "blocks_after": blocks[1],
+        "exponent": exponent_of(trace, onset),
+        "peak_N": float(one.trace.force_N.max()),
+        "ruptured": any("break" in note or "rupture" in note.lower() for note in said.notes),
+    }
+
+
+def quantiles(values: list[float]) -> str:
+    """Quartiles and the greatest."""
+    known = np.array([v for v in values if np.isfinite(v)])
+    return ", ".join(f"{q:.3g}" for q in np.quantile(known, [0.25, 0.5, 0.75, 1.0])) if len(known) else "none"
+
+
+def summary(rows: list[dict[str, object]]) -> None:
+    """Names, held-out errors, exponents; for whole fruit the order against the force of rupture."""
+    done = [row for row in rows if "end_after" in row]
+    print(f"{len(rows)} traces, {len(done)} explained; verdicts:")
+    for verdict, count in Counter(str(row["verdict"]) for row in rows).most_common():
+        print(f"  {count:4d} {verdict}")
+    for name in ("end_before", "end_after", "blocks_before", "blocks_after", "unexplained"):
+        print(f"{name}, quartiles and greatest: {quantiles([float(row[name]) for row in done])}")
+    named = [row for row in done if row["verdict"] not in ("none", "unknown")]
+    over = [row for row in named if float(row["end_after"]) > 0.3 and float(row["blocks_after"]) > 0.3]
+    print(f"named {len(named)}, of them with both held-out errors above 30 %: {len(over)}")
+    stiff = [row for row in named if "stiffening" in str(row["verdict"])]
+    exponents = quantiles([float(row["exponent"]) for row in stiff])
+    print(f"exponent where stiffening is named ({len(stiff)}): {exponents}")
+    print(f"E withheld in {sum(bool(row['withheld']) for row in done)}")
+    kinds = sorted({re.split(r"[ _]", str(row["trace"]))[0] for row in done})
+    for kind in kinds:
+        own = [row for row in done if re.split(r"[ _]", str(row["trace"]))[0] == kind]
+        if len(own) > 5:
+            rank = spearmanr([row["E_linear_kPa"] for row in own], [row["peak_N"] for row in own])
+            print(f"{kind}: {len(own)}, Spearman of E (linear) with the peak force {rank.statistic:.2f}")
+
+
+def main() -> None:
+    """Read, explain, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("kind", choices=("ball", "gripper", "cylinder"))
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    read = {"ball": of_ball, "gripper": of_gripper, "cylinder": of_cylinder}[args.kind]
+    recorded = list(read(args.folder))
+    with ProcessPoolExecutor(args.jobs) as pool:
+        rows = []
+        for row in pool.map(explained, recorded):
+            rows.append(row)
+            print(row["trace"], row["verdict"], row.get("top", ""), flush=True)
+    summary(rows)
+    if args.out is not None:
+        with args.out.open("w", newline="") as file:
+            table = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
+            table.writeheader()
+            table.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
