@@ -25,7 +25,7 @@ FEWEST_KEPT = 60
 """Of each of many traces (set by hand: three times what a fit asks for)."""
 ALONG_STEM = (
     "plates along diameter c, from stem to tip, where they meet the rim of the stem's hollow and E would be "
-    "1.7 to 2 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). If "
+    "1.4 to 2.1 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). If "
     "the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem to "
     "tip)"
 )
