@@ -49,7 +49,7 @@ UPPER = (0.2, 0.95)
 
 
 @dataclass(frozen=True)
-class Recorded:
+class NamedTrace:
     """A trace by its name, with the thickness where it is known."""
 
     name: str
@@ -57,7 +57,7 @@ class Recorded:
     thickness_mm: float | None = None
 
 
-def of_ball(folder: Path) -> Iterator[Recorded]:
+def of_ball(folder: Path) -> Iterator[NamedTrace]:
     """Sheets whose first column is a time of test, second a force, third a travel, fourth the tools' gap."""
     for path in sorted([*folder.rglob("*ndentation*.xlsx"), *folder.rglob("*ndentation*.xls")]):
         for sheet, table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").items():
@@ -69,12 +69,12 @@ def of_ball(folder: Path) -> Iterator[Recorded]:
             thick = float(gap_mm[0])
             known = thick if thick > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
             trace = trace_of(time_s[kept], force_N[kept], travel_mm[kept], Ball(radius_mm=BALL_MM))
-            yield Recorded(
+            yield NamedTrace(
                 f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", trace, known
             )
 
 
-def of_gripper(folder: Path) -> Iterator[Recorded]:
+def of_gripper(folder: Path) -> Iterator[NamedTrace]:
     """Tables with Time, Force and Pos, the jaws' distance in mm or a position that grows as they close."""
     for path in sorted(folder.rglob("*.csv")):
         table = pd.read_csv(path)
@@ -87,12 +87,12 @@ def of_gripper(folder: Path) -> Iterator[Recorded]:
         peak = int(np.argmax(force_N))
         closing = np.sign(place[peak] - place[0]) or 1.0
         travel = closing * (place - place[0])
-        yield Recorded(
+        yield NamedTrace(
             path.name, trace_of(time_s[kept], force_N[kept], travel[kept], Ball(radius_mm=FRUIT_MM))
         )
 
 
-def of_cylinder(folder: Path) -> Iterator[Recorded]:
+def of_cylinder(folder: Path) -> Iterator[NamedTrace]:
     """Rheometer tables with a time, a normal force and a gap in their first rows' units."""
     for path in sorted(folder.rglob("*.xls*")):
         for table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").values():
@@ -112,7 +112,7 @@ def of_cylinder(folder: Path) -> Iterator[Recorded]:
             kept = np.r_[True, np.diff(time_s) > 0]
             size = Cylinder(height_mm=float(gap_mm[0]), diameter_mm=CYLINDER_MM, ends="bonded")
             trace = trace_of(time_s[kept], force_N[kept], gap_mm[0] - gap_mm[kept], size)
-            yield Recorded(path.stem, trace)
+            yield NamedTrace(path.stem, trace)
 
 
 def trace_of(
@@ -138,7 +138,7 @@ def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
     return float(np.polyfit(np.log(depth[used]), np.log(force[used] - zero), 1)[0])
 
 
-def explained(one: Recorded) -> dict[str, object]:
+def explained(one: NamedTrace) -> dict[str, object]:
     """One line of the table."""
     try:
         account = account_for(

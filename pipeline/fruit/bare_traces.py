@@ -25,9 +25,9 @@ FEWEST_KEPT = 60
 """Of each of many traces (set by hand: three times what a fit asks for)."""
 ALONG_STEM = (
     "plates along diameter c, from stem to tip, where they meet the rim of the stem's hollow and E would be "
-    "1.4 to 2.1 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). If "
-    "the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem to "
-    "tip)"
+    "1.4 to 2.1 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). "
+    "If the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem "
+    "to tip)"
 )
 """Of a stone fruit; the factor is that of benchmarks/diameter_shapes.py."""
 DEEP = "No thickness_mm is given (in case.toml, or to drupe convert): the specimen is taken as thick."
