@@ -17,7 +17,7 @@ from fem.fem_failure import FemFailure
 from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.linear_modulus import linear_modulus
-from fem.indentation.no_contact import require_force
+from fem.indentation.no_contact import first_touch, require_force
 from fem.mismatch.result import NONE, Explanation, Modulus
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import CurveRecord, GraspRecord, ModulusRecord, PressedRecord, ScreenRecord
@@ -272,10 +272,10 @@ def _shape_sd(one: _AlongOne, body: PitBody, nu: float) -> float:
 
 
 def _grasp_records(one: _AlongOne) -> list[GraspRecord]:
-    """What each recording gave by itself; travel and force from its first frame."""
+    """What each recording gave by itself; the curve from its first touch."""
     records = []
     for trace, recording, own in zip(one.traces.trace.parts, one.recordings, one.alone, strict=True):
-        force = trace.force_N
+        force, touch = trace.force_N, max(first_touch(trace) - 1, 0)
         records.append(
             GraspRecord(
                 grasp=recording.name,
@@ -285,13 +285,13 @@ def _grasp_records(one: _AlongOne) -> list[GraspRecord]:
                 E_least_squares_MPa=own.value,
                 E_least_squares_sd_MPa=own.sd,
                 peak_force_N=float(force.max()),
-                travel_mm=float(np.ptp(trace.travel_mm)),
+                travel_mm=float(trace.travel_mm.max() - trace.travel_mm[touch]),
                 frames_used=len(force),
                 curves=[
                     CurveRecord(
                         pad="plates",
-                        travel_mm=np.round(trace.travel_mm, 4).tolist(),
-                        force_N=np.round(force, 4).tolist(),
+                        travel_mm=np.round(trace.travel_mm[touch:] - trace.travel_mm[touch], 4).tolist(),
+                        force_N=np.round(force[touch:], 4).tolist(),
                     )
                 ],
             )
