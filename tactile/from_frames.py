@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.gel.fields import fields_of
+from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.gel_camera import mm_per_px
 from tactile.io.converted import Converted
 from tactile.io.frame_checks import gaps_said
+from tactile.io.marker_spread import JointCovariance, MarkerSpread
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import GelPad, Recording
 from tactile.layer_stiffness import layer_stiffness
@@ -38,16 +39,17 @@ class _PadFields:
     notes: list[str]
 
 
-def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converted:
+def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance: bool = False) -> Converted:
     """Displacement and force of every marker of every pad, at the first pad's frames.
 
     Frames that are the one before written again are left out; other pads' fields are taken at the first pad's
-    times. Raises TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
+    times. With `covariance` the joint covariance of each pad's frame of greatest force is kept too. Raises
+    TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
     are not where the description has them; said as swapped pads where each fits the other's), markers-lost,
     and whatever the frames' readers refuse.
     """
     _refuse_other_pads_markers(raw)
-    read = [_fields(raw, pad, progress) for pad in raw.pads]
+    read = [_fields(raw, pad, progress, covariance=covariance) for pad in raw.pads]
     start, end = max(one.time_s[0] for one in read), min(one.time_s[-1] for one in read)
     first = read[0]
     within = (first.time_s >= start) & (first.time_s <= end)
@@ -80,7 +82,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
     )
 
 
-def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields:
+def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance: bool) -> _PadFields:
     """One pad's tracked markers and their displacement and force, in every frame that is not a repetition."""
     source = f"{raw.source}/{pad.name}"
     camera = camera_of(pad)
@@ -134,8 +136,34 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         reference_sd_mm=None if reference_sd_px is None else reference_sd_px * mm_per_px(camera),
         force_scale_sd=pad.sensor.force_sd,
         displacement_scale_sd=pad.sensor.displacement_sd,
+        spread=_spread(found, covariance=covariance),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
+
+
+def _spread(found: GelFields, *, covariance: bool) -> MarkerSpread:
+    """Of a marker that is not seen in a frame, its neighbours'."""
+    frame = int(np.argmax(np.abs(found.force_N[:, :, 2]).sum(axis=1)))
+    joint = JointCovariance(frame=frame, values=found.joint_covariance(frame)) if covariance else None
+    sd_mm = np.where(np.isfinite(found.displacement_mm), found.displacement_sd_mm, np.nan)
+    return MarkerSpread(
+        displacement_sd_mm=filled(found.rest_mm, sd_mm), force_sd_N=found.force_sd_N, joint=joint
+    )
+
+
+def _spread_at(
+    spread: MarkerSpread, when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"]
+) -> MarkerSpread:
+    """The same at the grasp's common times; the covariance's frame is the nearest."""
+    joint = spread.joint
+    if joint is not None:
+        nearest = int(np.abs(when - time_s[joint.frame]).argmin())
+        joint = replace(joint, frame=nearest)
+    return MarkerSpread(
+        displacement_sd_mm=at_times(when, time_s, spread.displacement_sd_mm),
+        force_sd_N=at_times(when, time_s, spread.force_sd_N),
+        joint=joint,
+    )
 
 
 def _least(one: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
@@ -190,4 +218,5 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         force_N=at_times(when, one.time_s, pad.force_N),
         certainty=None if pad.certainty is None else at_times(when, one.time_s, pad.certainty),
         print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
+        spread=None if pad.spread is None else _spread_at(pad.spread, when, one.time_s),
     )

@@ -116,6 +116,9 @@ def convert(
         Path | None,
         typer.Option(metavar="FILE", help="The rig (drupe calibrate --rigid), whose give is taken off."),
     ] = None,
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Keep each gel's joint covariance at its greatest force.")
+    ] = False,
 ) -> None:
     """Turn frames, tables or another maker's files into a recording that grade and explain read.
 
@@ -149,6 +152,7 @@ def convert(
         ),
         trace=trace_words(columns, units, sheet),
         rig=rig,
+        covariance=covariance,
     )
     try:
         notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)

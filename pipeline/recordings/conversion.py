@@ -69,6 +69,7 @@ class ConvertRequest:
     specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     trace: TraceWords = field(default_factory=TraceWords)
     rig: Path | None = None
+    covariance: bool = False
 
 
 def convert(
@@ -155,7 +156,8 @@ def _of_any_kind(
             report(f"{pad}: {done} of {of} frames")
 
     if (source / "grasp.toml").is_file():
-        return recording_of(read_raw_grasp(source, sensor=wanted.sensor), progress=report_pad), []
+        raw = read_raw_grasp(source, sensor=wanted.sensor)
+        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if folders := sensor_folders(source):
         sensors = [read_tac3d(folder) for folder in folders]
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
@@ -173,7 +175,7 @@ def _of_any_kind(
     if kind in (".h5", ".hdf5") and holds_images_only(source):
         file = stack.enter_context(opened(source))
         raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=report_pad), []
+        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if kind in (".h5", ".hdf5"):
         read_recording(source)
         raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])

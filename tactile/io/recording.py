@@ -17,6 +17,7 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
+from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
@@ -72,7 +73,8 @@ class GelPad:
     untouched gel, and each frame's, show of something that is pressed in, over the least that counts
     (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
     was estimated; None where it was seen. `force_scale_sd`, `displacement_scale_sd`: relative standard
-    deviations of both scales, which all markers and frames share; 0 where nobody states them.
+    deviations of both scales, which all markers and frames share; 0 where nobody states them. `spread`: how
+    well single markers are known beyond that.
     """
 
     name: str
@@ -91,6 +93,7 @@ class GelPad:
     reference_sd_mm: Float[np.ndarray, " n"] | None = None
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
+    spread: MarkerSpread | None = None
     images: UInt8[np.ndarray, "t h w 3"] | None = None
     images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
@@ -302,6 +305,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         reference_sd_mm=_at_least_zero(pad, "reference_sd_mm", (markers,)),
         force_scale_sd=pad.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0,
         displacement_scale_sd=pad.optional_positive("displacement_scale_sd", limit=SCALE_SD) or 0.0,
+        spread=read_spread(pad, frames=frames, markers=markers),
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
@@ -366,6 +370,8 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}
     )
     group.attrs.update({name: value for name, value in optional.items() if value is not None})
+    if pad.spread is not None:
+        write_spread(group, pad.spread)
     if pad.images is not None:
         group.create_dataset("images", data=pad.images, compression="gzip", shuffle=True)
     if pad.images_reference is not None:
