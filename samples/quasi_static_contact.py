@@ -7,6 +7,7 @@ residual is small.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -41,7 +42,7 @@ class QuasiStaticContact:
     """Everything that stays the same over a recording."""
 
     flesh: BrickFlesh
-    gel: Gel
+    gels: tuple[Gel, ...]
     faces: tuple[Face, ...]
     solve: Solve
     dofs: Int[np.ndarray, "r 3"]
@@ -60,7 +61,7 @@ class LoadStep:
 
 def quasi_static_contact(
     flesh: BrickFlesh,
-    gel: Gel,
+    gels: tuple[Gel, ...],
     turns: tuple[Float[np.ndarray, "3 3"], ...],
     origins: Float[np.ndarray, "p 3"],
 ) -> QuasiStaticContact:
@@ -91,7 +92,7 @@ def quasi_static_contact(
         columns.append(solve(unit)[flat])
     compliance = np.concatenate(columns, axis=1)
     return QuasiStaticContact(
-        flesh=flesh, gel=gel, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance
+        flesh=flesh, gels=gels, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance
     )
 
 
@@ -170,8 +171,8 @@ def _forces(
     """Force on every reachable node, fruit frame."""
     found = []
     places = _positions(contact, q, origins)
-    for face, x, anchor, area in zip(contact.faces, places, anchors, areas, strict=True):
-        load, _ = traction(contact.gel, x, anchor)
+    for face, gel, x, anchor, area in zip(contact.faces, contact.gels, places, anchors, areas, strict=True):
+        load, _ = traction(gel, x, anchor)
         found.append((load * area[:, None])[face.reachable] @ face.turn.T)
     return np.concatenate(found)
 
@@ -196,10 +197,13 @@ def _contact(
         area.append(a[r])
     at, turn = np.concatenate(rest), np.concatenate(turns)
     foot, weight = np.concatenate(feet), np.concatenate(area)
+    ends = np.cumsum([0, *(len(own) for own in rest)])
+    sides = [slice(start, end) for start, end in pairwise(ends)]
 
     def load(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = np.einsum("ni,nij->nj", at + u, turn)
-        force, slope = traction(contact.gel, x, foot)
+        each = [traction(gel, x[part], foot[part]) for gel, part in zip(contact.gels, sides, strict=True)]
+        force, slope = (np.concatenate([own[k] for own in each]) for k in (0, 1))
         force = np.einsum("nij,nj->ni", turn, force) * weight[:, None]
         return force, np.einsum("nij,njk,nlk->nil", turn, slope, turn) * weight[:, None, None]
 
@@ -242,14 +246,15 @@ def _finished(
     contact: QuasiStaticContact, before: LoadStep, q: np.ndarray, origins: np.ndarray, residual: float
 ) -> LoadStep:
     anchors, forces = [], []
-    for face, held, x in zip(contact.faces, before.anchors, _positions(contact, q, origins), strict=True):
+    places = _positions(contact, q, origins)
+    for face, gel, held, x in zip(contact.faces, contact.gels, before.anchors, places, strict=True):
         anchor = gel_points(held, x)
-        load, _ = traction(contact.gel, x, anchor)
+        load, _ = traction(gel, x, anchor)
         force = load * gel_areas(anchor, face.cells)[:, None]
         beyond_reach = np.ones(len(x), dtype=bool)
         beyond_reach[face.reachable] = False
         if np.any(force[beyond_reach]):
             raise NotInEquilibrium("the contact patch grew past the pad: close less or move the pads")
-        anchors.append(slid_anchors(contact.gel, held, x))
+        anchors.append(slid_anchors(gel, held, x))
         forces.append(force @ face.turn.T)
     return LoadStep(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)

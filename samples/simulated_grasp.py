@@ -38,20 +38,21 @@ def simulate(
     protocol: LoadProtocol,
     *,
     rng: np.random.Generator,
-    gel: Gel | None = None,
+    gel: Gel | tuple[Gel, Gel] | None = None,
     noise: SensorNoise | None = None,
     law: Law = "neo-hookean",
     fineness: Fineness = SHIPPED,
     progress: Callable[[str], None] | None = None,
 ) -> Grasp:
     """The recording of one grasp. Every frame is solved to equilibrium; frames where nothing moved share it.
+    `gel`: of both jaws, or of the left and the right one (a very stiff one is a plain jaw).
 
     Raises NotInEquilibrium where a step does not converge or the patch outgrows the pad.
     """
-    gel = gel or Gel()
+    gels = gel if isinstance(gel, tuple) else (gel or Gel(),) * 2
     bricks = flesh_bricks(fruit, hold.turns[0][:, 2], fineness)
     flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law=law)
-    contact = quasi_static_contact(flesh, gel, hold.turns, hold.touch_mm)
+    contact = quasi_static_contact(flesh, gels, hold.turns, hold.touch_mm)
     steps: list[LoadStep] = []
     travels = protocol.travel_mm.tolist()
     for k, travel in enumerate(travels):
@@ -102,9 +103,8 @@ def _recorded(
     pads, shifts, forces = [], [], []
     for side, name in enumerate(("left", "right")):
         shift = np.stack([_marker_shift(contact, m, side, rest) for m in steps])
-        stiffness = np.array(
-            [contact.gel.kt_MPa_per_mm, contact.gel.kt_MPa_per_mm, contact.gel.kn_MPa_per_mm]
-        )
+        own = contact.gels[side]
+        stiffness = np.array([own.kt_MPa_per_mm, own.kt_MPa_per_mm, own.kn_MPa_per_mm])
         force = -stiffness * MARKER_AREA_MM2 * shift
         poses = np.broadcast_to(np.eye(4), (len(steps), 4, 4)).copy()
         poses[:, :3, :3] = hold.turns[side]
@@ -117,8 +117,8 @@ def _recorded(
                 rest_mm=rest,
                 displacement_mm=felt,
                 force_N=pushed,
-                gel_kn_MPa_per_mm=contact.gel.kn_MPa_per_mm,
-                gel_kt_MPa_per_mm=contact.gel.kt_MPa_per_mm,
+                gel_kn_MPa_per_mm=own.kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=own.kt_MPa_per_mm,
             )
         )
         shifts.append(shift)
@@ -153,7 +153,7 @@ def _marker_shift(
     seen = at_markers(rest_mm[:, :2], anchors.gel_point_mm, values, contact.faces[side].cells)
     touches = np.nan_to_num(seen[:, 2], nan=1.0) < 0
     shift = np.where(touches[:, None], seen, 0.0)
-    gel = contact.gel
+    gel = contact.gels[side]
     reach = -gel.friction * gel.kn_MPa_per_mm / gel.kt_MPa_per_mm * shift[:, 2]
     size = np.linalg.norm(shift[:, :2], axis=1)
     # between nodes, too, the shear stays within the cone

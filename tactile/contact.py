@@ -92,8 +92,8 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
         raise TactileFailure(
             TactileProblem.NO_MARKERS,
             f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker "
-            "displacement "
-            "and force; a bare indenter is not supported by grade yet: record with a gel that has markers.",
+            "displacement and force: record with a gel that has markers on one jaw at least, or, of plates "
+            "round a fruit, leave photos and mesh out and give three diameters in fruits.csv.",
         )
     return pad
 

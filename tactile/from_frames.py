@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
@@ -13,7 +13,7 @@ from tactile.io.converted import Converted
 from tactile.io.frame_checks import gaps_said
 from tactile.io.marker_spread import JointCovariance, MarkerSpread
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
-from tactile.io.recording import GelPad, Recording
+from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.layer_stiffness import layer_stiffness
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
@@ -76,10 +76,28 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
             time_s=when,
             aperture_mm=raw.aperture_mm[rows],
             wrench_N=None if raw.wrench_N is None else raw.wrench_N[rows],
-            pads=tuple(_resampled(one, when) for one in read),
+            pads=_with_jaw(tuple(_resampled(one, when) for one in read), raw, rows),
         ),
         notes=tuple(notes),
     )
+
+
+def _with_jaw(
+    gels: tuple[GelPad, ...], raw: RawGrasp, rows: Int[np.ndarray, " t"]
+) -> tuple[GelPad | IndenterPad, ...]:
+    """The pads by name, a plain jaw among them; its force is the gel's, equal and opposite."""
+    if raw.plain_jaw is None:
+        return gels
+    pose, gel = raw.plain_jaw.pose[rows], gels[0]
+    on_fruit = np.einsum("tij,tj->ti", gel.pose[:, :3, :3], gel.force_N.sum(axis=1))
+    jaw = IndenterPad(
+        name=raw.plain_jaw.name,
+        pose=pose,
+        force_z_N=-np.einsum("tj,tj->t", pose[:, :3, 2], on_fruit),
+        indenter="plate",
+        radius_mm=None,
+    )
+    return tuple(sorted((*gels, jaw), key=lambda pad: pad.name))
 
 
 def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance: bool) -> _PadFields:

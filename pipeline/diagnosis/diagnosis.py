@@ -22,6 +22,7 @@ from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.stage_log import StageLog
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
@@ -114,8 +115,22 @@ def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: 
     return explain(case, graded=graded, progress=log.report, workers=jobs)
 
 
+def _require_gels(fruit: GraspedFruit) -> None:
+    """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs what both jaws
+    feel."""
+    plain = [grasp.path.name for grasp in fruit.placed if grasp.plain_jaw]
+    if plain:
+        raise TactileFailure(
+            TactileProblem.NO_MARKERS,
+            f"{', '.join(plain)}: found a jaw without a gel, expected gels on both: nothing tells the "
+            "other's faults from the fruit's. drupe grade gives E of such a grasp; to explain the fruit "
+            "record it between two gels, and take these recordings out of its folder meanwhile.",
+        )
+
+
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, log)
+    _require_gels(fruit)
     handed = mismatch_case(case, fruit)
     with log.stage("modulus"):
         try:

@@ -39,6 +39,12 @@ CONFIRMED = "confirmed effects"
 SENSOR = "the sensor's own scale"
 """The part that comes from the spread that sensors' descriptions state."""
 
+PLAIN_JAW = "contact of the plain jaw"
+"""The part that comes from not seeing how widely a jaw without a gel touches."""
+PLAIN_JAW_SD = 0.06
+"""Relative standard deviation of E by it: E goes with the power 0.6 of that contact's radius (0.85 and 1.15
+times as wide, 0.698 and 0.581 MPa; one simulated nectarine), which is assumed known to a tenth."""
+
 DOUBTED = "doubts about the inputs"
 """The part that comes from what cannot be right in a recording or a given pit."""
 
@@ -107,27 +113,30 @@ def modulus_record(
     effects_own_sd_MPa: float = 0.0,
     doubted: float = 0.0,
     sensor_scale: float = 0.0,
+    plain_jaws: float = 0.0,
 ) -> ModulusRecord:
     """What the fruit's record says of its modulus and of the pit that came with it.
 
     `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
     whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
     the inputs (pipeline.fruit.input_doubts). `sensor_scale`: that of the sensors' scales, which all fruit
-    share (pipeline.fruit.sensor_scale).
+    share (pipeline.fruit.sensor_scale). `plain_jaws`: share of the recordings in which one jaw has no gel.
     """
     pit = found.pit
     of_doubts = doubted * found.E_MPa
     of_sensor = sensor_scale * found.E_MPa
+    of_jaw = PLAIN_JAW_SD * plain_jaws * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor, of_jaw])),
         common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor])),
         parts_sd_MPa=found.parts_sd_MPa
         | ({CONFIRMED: of_effects} if of_effects else {})
         | ({DOUBTED: of_doubts} if of_doubts else {})
-        | ({SENSOR: of_sensor} if of_sensor else {}),
+        | ({SENSOR: of_sensor} if of_sensor else {})
+        | ({PLAIN_JAW: of_jaw} if of_jaw else {}),
         pit_found=None
         if pit is None
         else PitFoundRecord(

@@ -27,6 +27,7 @@ from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
 
 STAGE = "screen"
 """Name of the stage: on the progress line, in the record's times, and of the file that keeps its result."""
+ONE_GEL = "one jaw has no gel ({}), and nothing tells the other's faults from the fruit's"
 INTERNAL = "an internal error; report it with traceback.txt from this fruit's results: the fault is not yours"
 
 
@@ -46,6 +47,9 @@ def screened_fruit(
 
     `solids`: those that grading has just factorised, where it has.
     """
+    plain = [grasp.name for grasp in fruit.placed if grasp.plain_jaw]
+    if plain:
+        return ScreenRecord(failure=ONE_GEL.format(", ".join(plain)))
     usable = [
         (grasp, model, own)
         for grasp, model, own in zip(fruit.placed, found.models, found.grasps, strict=True)

@@ -19,6 +19,7 @@ from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.io.recording import GelPad, Recording, read_recording
+from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
 from tactile.rig.rig_curve import RigCurve
@@ -32,6 +33,7 @@ class PlacedGrasp:
     `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
     where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
     and yet leaves it of use. `digest`: of its fields as they are in the file (tactile.recording_digest).
+    `plain_jaw`: whether one pad stands for a jaw without a gel (tactile.plain_jaw).
     """
 
     name: str
@@ -42,6 +44,7 @@ class PlacedGrasp:
     surface_sd_mm: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     digest: str = ""
+    plain_jaw: bool = False
 
     @property
     def touched_mm(self) -> dict[str, Float[np.ndarray, "_p 3"]]:
@@ -90,6 +93,7 @@ def place_grasp(
     _refuse_no_pose(recording, source)
     if checked is not None:
         findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
+    recording = with_plain_jaw(recording, vertices, source=source)
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     placed = PlacedGrasp(
@@ -100,6 +104,7 @@ def place_grasp(
         pads=pads,
         findings=findings,
         digest=recording_digest(recorded),
+        plain_jaw=has_plain_jaw(recorded),
     )
     if sd_mm is None:
         return placed

@@ -143,6 +143,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
             sensor_scale=sensor_scale_sd(placed),
+            plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
         )
         _refuse_implausible(task, found.modulus.E_MPa)
         facts.mismatch = in_words(used(task.settings.mismatch)) or None

@@ -50,7 +50,8 @@ from tactile.sensors import Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PAD_KEYS = {
-    "sensor", "pose", "frames", "second_frames", "reference", "reference_frames", "serial", "time_offset_s"
+    "sensor", "pose", "frames", "second_frames", "reference", "reference_frames", "serial", "time_offset_s",
+    "plain",
 }  # fmt: skip
 FRAME_TIMES = ("frame", "time_s")
 """Columns of a pad's times.csv."""
@@ -87,6 +88,14 @@ class RawPad:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlainJaw:
+    """A rigid jaw without a gel; its pose at the first pad's frames."""
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+
+
+@dataclass(frozen=True, kw_only=True)
 class RawGrasp:
     """A grasp before any frame is looked at; the log's values are at the first pad's frames."""
 
@@ -98,6 +107,7 @@ class RawGrasp:
     aperture_mm: Float[np.ndarray, " t"]
     wrench_N: Float[np.ndarray, "t 6"] | None
     pads: tuple[RawPad, ...]
+    plain_jaw: PlainJaw | None = None
 
 
 def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
@@ -118,12 +128,16 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     names = PADS_OF_LOADING[loading]
     pads_table.refuse_unknown(names)
     shared = _sensor_path(folder, top) if sensor is None and "sensor" in top.values else None
+    tables = {name: pads_table.table(name, needed=True) for name in names}
+    plain = [name for name, table in tables.items() if _is_plain(table)]
+    if len(plain) == len(names):
+        raise pads_table.refusal("plain", "true of every jaw", "one jaw with a gel at least")
     pads = tuple(
         _pad(
             folder, name, table, log, loading, at_mm, sensor or (None if "sensor" in table.values else shared)
         )
-        for name in names
-        for table in [pads_table.table(name, needed=True)]
+        for name, table in tables.items()
+        if name not in plain
     )
     _refuse_swapped(folder, pads_table, pads)
     when = pads[0].time_s
@@ -136,6 +150,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
         support=cast(
             Support, top.choice("support", ("free", "base")) if "support" in top.values else support
         ),
+        plain_jaw=_plain_jaw(plain[0], tables[plain[0]], log, when, at_mm) if plain else None,
         aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
         wrench_N=None if wrench is None else _interpolated(when, log.time_s, wrench),
         pads=pads,
@@ -178,12 +193,7 @@ def _pad(
             found = f"{len(second.pictures.numbers)} frames"
             raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
     time_s, aperture_mm = _times(folder, name, table, pictures, log)
-    pose = table.numbers("pose", (4, 4))
-    if not is_rigid(pose):
-        raise table.refusal("pose", "a matrix that is no rotation and shift", "a rigid motion, mm")
-    poses = np.broadcast_to(pose, (len(time_s), 4, 4)).copy()
-    share = -0.5 if loading == "grasp" else 1.0
-    poses[:, :3, 3] += (share * (aperture_mm - at_mm))[:, None] * pose[:3, 2]
+    poses = _poses(table, aperture_mm - at_mm, loading)
     return RawPad(
         name=name,
         sensor=described,
@@ -198,6 +208,33 @@ def _pad(
         pose=poses,
         described_in=description.name,
     )
+
+
+def _poses(table: Table, opened_mm: Float[np.ndarray, " t"], loading: Loading) -> Float[np.ndarray, "t 4 4"]:
+    """The pad's pose in each frame: it moves along its own z with the aperture."""
+    pose = table.numbers("pose", (4, 4))
+    if not is_rigid(pose):
+        raise table.refusal("pose", "a matrix that is no rotation and shift", "a rigid motion, mm")
+    poses = np.broadcast_to(pose, (len(opened_mm), 4, 4)).copy()
+    share = -0.5 if loading == "grasp" else 1.0
+    poses[:, :3, 3] += (share * opened_mm)[:, None] * pose[:3, 2]
+    return poses
+
+
+def _is_plain(table: Table) -> bool:
+    """Whether the jaw is said to have no gel."""
+    said = table.values.get("plain", False)
+    if not isinstance(said, bool):
+        raise table.refusal("plain", repr(said)[:40], "true for a rigid jaw without a gel, or nothing")
+    return said
+
+
+def _plain_jaw(
+    name: str, table: Table, log: GraspLog, when: Float[np.ndarray, " t"], at_mm: float
+) -> PlainJaw:
+    table.refuse_unknown({"plain", "pose"})
+    aperture = np.interp(when, log.time_s, log.aperture_mm)
+    return PlainJaw(name=name, pose=_poses(table, aperture - at_mm, "grasp"))
 
 
 def _sensor_path(folder: Path, table: Table) -> Path:

@@ -138,10 +138,10 @@ def test_an_indenter_that_travels_further_loads(injected):
     assert order.endswith("uuu")
 
 
-def test_a_bare_indenter_is_not_graded_yet(injected):
+def test_a_bare_indenter_has_no_markers_and_the_ways_out_are_said(injected):
     pose = injected.recording.pads[0].pose
     tip = IndenterPad(name="tip", pose=pose, force_z_N=np.ones(len(pose)), indenter="ball", radius_mm=3.0)
-    with pytest.raises(TactileFailure, match="not supported by grade") as caught:
+    with pytest.raises(TactileFailure, match=r"found a bare indenter.*give three diameters") as caught:
         find_contact(replace(injected.recording, loading="press", pads=(tip,)), source="x")
     assert caught.value.problem is TactileProblem.NO_MARKERS
 
