@@ -128,16 +128,16 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     names = PADS_OF_LOADING[loading]
     pads_table.refuse_unknown(names)
     shared = _sensor_path(folder, top) if sensor is None and "sensor" in top.values else None
-    tables = {name: pads_table.table(name, needed=True) for name in names}
-    plain = [name for name, table in tables.items() if _is_plain(table)]
+    plain = [name for name in names if _is_plain(pads_table.table(name, needed=False))]
     if len(plain) == len(names):
         raise pads_table.refusal("plain", "true of every jaw", "one jaw with a gel at least")
     pads = tuple(
         _pad(
             folder, name, table, log, loading, at_mm, sensor or (None if "sensor" in table.values else shared)
         )
-        for name, table in tables.items()
+        for name in names
         if name not in plain
+        for table in [pads_table.table(name, needed=True)]
     )
     _refuse_swapped(folder, pads_table, pads)
     when = pads[0].time_s
@@ -150,7 +150,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
         support=cast(
             Support, top.choice("support", ("free", "base")) if "support" in top.values else support
         ),
-        plain_jaw=_plain_jaw(plain[0], tables[plain[0]], log, when, at_mm) if plain else None,
+        plain_jaw=_plain_jaw(plain[0], pads_table, log, when, at_mm) if plain else None,
         aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
         wrench_N=None if wrench is None else _interpolated(when, log.time_s, wrench),
         pads=pads,
@@ -230,8 +230,9 @@ def _is_plain(table: Table) -> bool:
 
 
 def _plain_jaw(
-    name: str, table: Table, log: GraspLog, when: Float[np.ndarray, " t"], at_mm: float
+    name: str, pads: Table, log: GraspLog, when: Float[np.ndarray, " t"], at_mm: float
 ) -> PlainJaw:
+    table = pads.table(name, needed=True)
     table.refuse_unknown({"plain", "pose"})
     aperture = np.interp(when, log.time_s, log.aperture_mm)
     return PlainJaw(name=name, pose=_poses(table, aperture - at_mm, "grasp"))

@@ -72,7 +72,7 @@ def place(tmp_path, monkeypatch):
         settings=Settings(category="nectarine", poisson_ratio=0.45),
     )
     fruit = SimpleNamespace(
-        placed=(SimpleNamespace(name="grasp-1"), SimpleNamespace(name="grasp-2")),
+        placed=tuple(SimpleNamespace(name=name, plain_jaw=False) for name in ("grasp-1", "grasp-2")),
         mesh=MESH,
         poisson_ratio=0.45,
         budget=ErrorBudget(),
@@ -171,3 +171,11 @@ def test_a_fruit_that_was_not_graded_shows_no_screen():
     lost = graded_record(p_value=0.01).model_copy(update={"outcome": "implausible-modulus"})
     assert _screen(lost) is None
     assert _screen(graded_record(failure="too few.")).verdict == "not screened: too few"
+
+
+def test_a_plain_jaw_is_not_screened_and_it_is_said(place):
+    placed = (*place.fruit.placed[:1], SimpleNamespace(name="grasp-2", plain_jaw=True))
+    fruit = SimpleNamespace(**vars(place.fruit) | {"placed": placed})
+    said = stage.screened_fruit(place.task, fruit, graded(estimate(0.4), estimate(0.6)), {})
+    assert said.failure.startswith("one jaw has no gel (grasp-2)")
+    assert not place.asked
