@@ -235,10 +235,11 @@ def fields_of(
         if not mono:
             seen[t] = reader.completed(seen[t], contact.node_force_N)
         force[t], touching[t] = contact.force_N, contact.touching
-        force_sd[t] = solver.force_spread(contact.touching, contact.motion_mm)
         moved_sd[t], motion[t] = own_sd, contact.motion_mm
         if mono:
-            moved_sd[t, :, 2] = solver.slab_spread(contact.touching, contact.motion_mm)[:, 2]
+            force_sd[t], moved_sd[t, :, 2] = solver.spreads(contact.touching, contact.motion_mm)
+        else:
+            force_sd[t] = solver.force_spread(contact.touching, contact.motion_mm)
     placing = ForcePlacing(reader.rest_mm)
     return GelFields(
         rest_mm=reader.rest_mm,

@@ -7,24 +7,27 @@ prior of precision Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
 
 on the nodes in contact; t = 0 outside, and pressure is positive inside (an active set, from the unbound
-solution, with nodes dropped that would pull and neighbours added that want to push). G' W and L are made once
-per sensor. G is continued by smooth fields that no force makes (quadratics over the pad, a percent or two of
-the displacement): what free sides and a housing do to a slab that is not endless. They matter: an almost
-incompressible gel is so stiff against even pressure that 5 um of even depth are 5 % of a press of 3 N. The
-prior (tactile.gel.force_prior) is that of greatest marginal likelihood (tactile.gel.force_likelihood).
+solution, with nodes dropped that would pull and neighbours added that want to push). What frames share is
+computed once (tactile.gel.normal_equations). G is continued by smooth fields that no force makes (quadratics
+over the pad, a percent or two of the displacement): what free sides and a housing do to a slab that is not
+endless. They matter: an almost incompressible gel is so stiff against even pressure that 5 um of even depth
+are 5 % of a press of 3 N. The prior (tactile.gel.force_prior) is that of greatest marginal likelihood
+(tactile.gel.force_likelihood).
 
 Because t is linear in y, force and displacement share their noise: `InvertedForce.joint_covariance` has both.
 """
 
+from collections import OrderedDict
 from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cho_factor, cho_solve, cholesky, lapack
+from scipy.linalg import blas
 
 from tactile.gel.force_prior import (
     USUAL_MOTION_MM,
+    PriorDeterminant,
     PriorHyperparameters,
     displacement_by,
     dofs_of,
@@ -33,6 +36,7 @@ from tactile.gel.force_prior import (
     smooth_precision,
 )
 from tactile.gel.grid import GelGrid
+from tactile.gel.normal_equations import FreeFactor, NormalEquations, cholesky_of, rows_of
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
 """A node is in contact at first where it is pushed by so many standard deviations, or by such a share of the
@@ -47,6 +51,8 @@ MOST_ROUNDS = 40
 OF_PEAK = (0.15, 0.4)
 """Where depth is not seen: nodes with such a share of the greatest pressure are starts of the search too. Set
 by hand."""
+KEPT_VIEWS = 3
+"""Sets of markers in view whose equations are kept: frames that are solved in turn. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,25 +99,26 @@ class InvertedForce:
     ) -> None:
         self.grid = grid
         self.information = information_per_mm2 / hyperparameters.noise**2
-        self._observed_by = displacement_by(grid) if observed is None else observed
         self._moved_by = displacement_by(grid)
+        self._observed_by = self._moved_by if observed is None else observed
         per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
         self._weighted = np.matmul(self.information, per_marker).reshape(self._observed_by.shape)
         self._data = self._weighted.T @ self._observed_by
         self._size = 3 * len(grid.nodes_mm)
-        self._adjacent = grid.laplacian < 0
+        self._adjacent_nodes = _neighbours(grid.laplacian < 0)
         self.sees_depth = bool(np.linalg.matrix_rank(information_per_mm2[0], hermitian=True, rtol=1e-6) == 3)
         self._take(hyperparameters)
 
     def _take(self, hyperparameters: PriorHyperparameters) -> None:
         size = self._size
         self.hyperparameters = hyperparameters
-        self._prior = prior_precision(self.grid, hyperparameters)
-        self._normal = self._data.copy()
-        self._normal[:size, :size] += self._prior
-        loose = self._normal.copy()
-        loose[size:, size:] += np.diag(smooth_precision(self.grid, USUAL_MOTION_MM))
-        self._free = _factored(loose)
+        normal = self._data.copy()
+        normal[:size, :size] += prior_precision(self.grid, hyperparameters)
+        self._equations = NormalEquations(
+            normal, len(self.grid.nodes_mm), PriorDeterminant(self.grid, hyperparameters)
+        )
+        self._in_view = OrderedDict[bytes, NormalEquations]()
+        self._free = FreeFactor(normal, smooth_precision(self.grid, USUAL_MOTION_MM))
 
     def with_prior(self, hyperparameters: PriorHyperparameters) -> "InvertedForce":
         """The same gel and sensor with another prior of forces; the noise stays as it is."""
@@ -127,38 +134,29 @@ class InvertedForce:
         before: Bool[np.ndarray, " m"] | None = None,
     ) -> GelContact:
         """One frame; markers that are not `seen` (or NaN) are left out. `before`: what touched before."""
-        y, normal, right = self._observed(displacement_mm, seen)
+        y, equations, right = self._observed(displacement_mm, seen)
         motion_mm = motion_of(y)
-        found = self._solved_active_set(normal, right, motion_mm, before)
+        found = self._solved_active_set(equations, right, motion_mm, before)
         t = found.unknowns[: self._size].reshape(-1, 3)
+        at = self._at(found.touching)
         return GelContact(
             node_force_N=t,
             touching=found.touching,
             motion_mm=motion_mm,
             force_N=self.grid.to_markers @ t,
-            displacement_mm=(self._moved_by @ found.unknowns).reshape(y.shape),
+            displacement_mm=(self._moved_by[:, at] @ found.unknowns[at]).reshape(y.shape),
         )
 
     def active_set(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
     ) -> ActiveSet:
         """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
-        y, normal, right = self._observed(displacement_mm, seen)
-        return self._solved_active_set(normal, right, motion_of(y))
-
-    def _block(
-        self, touching: Bool[np.ndarray, " m"], motion_mm: float, normal: np.ndarray | None = None
-    ) -> Float[np.ndarray, "a a"]:
-        """The normal matrix of the unknowns in play, the smooth fields held in proportion to the motion."""
-        at = self._at(touching)
-        block = (self._normal if normal is None else normal)[np.ix_(at, at)]
-        end = np.arange(len(at) - (len(self._normal) - self._size), len(at))
-        block[end, end] += smooth_precision(self.grid, motion_mm)
-        return np.asarray(block)
+        y, equations, right = self._observed(displacement_mm, seen)
+        return self._solved_active_set(equations, right, motion_of(y))
 
     def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
         """Unknowns in play: the touching nodes' forces and the smooth fields."""
-        smooth = np.arange(3 * len(touching), len(self._normal))
+        smooth = np.arange(3 * len(touching), self._observed_by.shape[1])
         return np.concatenate([dofs_of(touching), smooth])
 
     def joint_covariance(
@@ -178,17 +176,17 @@ class InvertedForce:
         )
         noise[block] = np.linalg.pinv(self.information, hermitian=True, rcond=1e-9)
         linear = self.linear_map(touching, motion_mm)
-        at = self._at(touching)
-        spread = self._to_markers(touching, len(at))
-        posterior = spread @ cho_solve(cho_factor(self._block(touching, motion_mm)), spread.T)
+        root = self._root(touching, motion_mm)
+        half = root @ self._to_markers(touching, len(root)).T
+        posterior = half.T @ half
         cross = noise @ linear.T
         return np.block([[noise, cross], [cross.T, posterior]])
 
     def linear_map(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "d d"]:
         """K in force = K displacement, N/mm, while these nodes touch."""
         at = self._at(touching)
-        inner = cho_solve(cho_factor(self._block(touching, motion_mm)), self._weighted[:, at].T)
-        return np.asarray(self._to_markers(touching, len(at)) @ inner)
+        root = self._root(touching, motion_mm)
+        return np.asarray(self._to_markers(touching, len(at)) @ (root.T @ (root @ self._weighted[:, at].T)))
 
     def _to_markers(self, touching: Bool[np.ndarray, " m"], unknowns: int) -> Float[np.ndarray, "d a"]:
         forces = np.kron(self.grid.to_markers[:, touching], np.eye(3))
@@ -196,40 +194,58 @@ class InvertedForce:
 
     def force_spread(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "n 3"]:
         """Standard deviation that the frame's noise and the prior leave in marker force, N."""
+        return self._force_sd(touching, self._root(touching, motion_mm))
+
+    def spreads(
+        self, touching: Bool[np.ndarray, " m"], motion_mm: float
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+        """`force_spread`, and the same of the face's motion along its normal that the forces make, mm."""
+        root = self._root(touching, motion_mm)
+        moved = root @ self._moved_by[2::3, self._at(touching)].T
+        return self._force_sd(touching, root), np.asarray(np.sqrt((moved**2).sum(axis=0)))
+
+    def _force_sd(
+        self, touching: Bool[np.ndarray, " m"], root: Float[np.ndarray, "a a"]
+    ) -> Float[np.ndarray, "n 3"]:
         if not touching.any():
             return np.zeros(self.grid.rest_mm.shape)
-        root = self._root(touching, motion_mm)
-        nodal = root[:, : 3 * int(touching.sum())].reshape(len(root), -1, 3)
-        force = np.tensordot(nodal, self.grid.to_markers[:, touching], axes=(1, 1))
-        return np.asarray(np.sqrt((force**2).sum(axis=0)).T)
-
-    def slab_spread(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "n 3"]:
-        """The same of the displacement that the forces make, mm."""
-        moved = self._root(touching, motion_mm) @ self._moved_by[:, self._at(touching)].T
-        return np.asarray(np.sqrt((moved**2).sum(axis=0)).reshape(self.grid.rest_mm.shape))
+        end, shares = 3 * int(touching.sum()), self.grid.to_markers[:, touching].T
+        force = [root[:, k:end:3] @ shares for k in range(3)]
+        return np.asarray(np.sqrt(np.stack([(one**2).sum(axis=0) for one in force], axis=1)))
 
     def _root(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "a a"]:
         """A root of the covariance of the unknowns in play: R' R."""
-        factor = cholesky(self._block(touching, motion_mm), lower=True, check_finite=False)
-        return np.asarray(np.tril(lapack.dtrtri(factor, lower=1)[0]))
+        smooth = smooth_precision(self.grid, motion_mm)
+        return self._equations.factor(touching).covariance_root(smooth)
 
     def _observed(
         self, displacement_mm: np.ndarray, seen: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Displacement (0 where unknown), normal matrix and right side of the markers that are known."""
+    ) -> tuple[np.ndarray, NormalEquations, np.ndarray]:
+        """Displacement (0 where unknown), equations and right side of the markers that are known."""
         usable = np.isfinite(displacement_mm).all(axis=1)
         if seen is not None:
             usable &= seen
         y = np.where(usable[:, None], displacement_mm, 0.0)
-        normal = self._normal
-        if not usable.all():
-            lost = (3 * np.flatnonzero(~usable)[:, None] + np.arange(3)).ravel()
-            normal = normal - self._weighted[lost].T @ self._observed_by[lost]
-        return y, normal, self._weighted.T @ y.ravel()
+        weighted = np.matmul(self.information, y[:, :, None]).ravel()
+        return y, self._equations_of(usable), weighted @ self._observed_by
+
+    def _equations_of(self, usable: Bool[np.ndarray, " n"]) -> NormalEquations:
+        """The equations of these markers; those of the last few frames are kept."""
+        if usable.all():
+            return self._equations
+        key = usable.tobytes()
+        if (found := self._in_view.pop(key, None)) is None:
+            lost = np.flatnonzero(~usable)
+            rows = (3 * lost[:, None] + np.arange(3)).ravel()
+            found = self._equations.without(rows_of(self._observed_by[rows], self.information[lost]))
+        self._in_view[key] = found
+        if len(self._in_view) > KEPT_VIEWS:
+            self._in_view.popitem(last=False)
+        return found
 
     def _solved_active_set(
         self,
-        normal: np.ndarray,
+        equations: NormalEquations,
         right: np.ndarray,
         motion_mm: float,
         before: Bool[np.ndarray, " m"] | None = None,
@@ -239,32 +255,32 @@ class InvertedForce:
         Without depth there is more than one in which no node pulls and none outside pushes, some with a
         force twice too great: the search starts from several, and the most likely one is taken.
         """
-        information = self._push_information(normal)
-        first = self._first_touching(normal, right, motion_mm, information)
-        found = self._stationary(first, normal, right, motion_mm, information)
+        full = np.diag(self._data)[2 : self._size : 3]
+        information = np.maximum(full - equations.pressure_lost, 1e-9 * full)
+        first = self._first_touching(equations, right, motion_mm, information)
+        found = self._stationary(first, equations, right, motion_mm, information)
         if self.sees_depth or not first.any():
             return found
-        starts = [] if before is None or not before.any() else [before | (self._adjacent @ before)]
+        starts = [] if before is None or not before.any() else [before | self._adjacent(before)]
         pressure = np.maximum(found.unknowns[2 : self._size : 3], 0.0)
-        smoothed = pressure + self._adjacent @ pressure / self._adjacent.sum(axis=1)
+        around = np.append(pressure, 0.0)[self._adjacent_nodes].sum(axis=1)
+        smoothed = pressure + around / (self._adjacent_nodes < len(pressure)).sum(axis=1)
         starts += [smoothed > share * smoothed.max() for share in OF_PEAK]
-        others = [self._stationary(start, normal, right, motion_mm, information) for start in starts]
+        others = [self._stationary(start, equations, right, motion_mm, information) for start in starts]
         return max([found, *others], key=lambda one: one.log_likelihood)
 
+    def _adjacent(self, nodes: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """The nodes that have one of these beside them."""
+        return np.asarray(np.append(nodes, False)[self._adjacent_nodes].any(axis=1))
+
     def _first_touching(
-        self, normal: np.ndarray, right: np.ndarray, motion_mm: float, push_information: np.ndarray
+        self, equations: NormalEquations, right: np.ndarray, motion_mm: float, push_information: np.ndarray
     ) -> Bool[np.ndarray, " m"]:
         """Nodes that push where nothing binds them and that alone would be seen; none where none would be."""
-        normal_rows = slice(2, self._size, 3)
-        factor, sd = self._free
-        if normal is not self._normal:
-            loose = normal.copy()
-            loose[self._size :, self._size :] += np.diag(smooth_precision(self.grid, USUAL_MOTION_MM))
-            factor, sd = _factored(loose)
-        free = cho_solve(factor, right, check_finite=False)[normal_rows]
-        single_node_sd = self._single_node_sd(normal, right, motion_mm, push_information)
+        free, sd = self._free.pressures(right, equations.lost)
+        single_node_sd = self._single_node_sd(equations, right, motion_mm, push_information)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
-        sure = np.minimum(TOUCHES_AT_SD * sd[normal_rows], STARTS_AT * free.max())
+        sure = np.minimum(TOUCHES_AT_SD * sd, STARTS_AT * free.max())
         touching = (free > sure) & (single_node_sd > APPEARS_AT_SD)
         touching[np.argmax(single_node_sd)] |= single_node_sd.max() > APPEARS_AT_SD
         return np.asarray(touching)
@@ -272,7 +288,7 @@ class InvertedForce:
     def _stationary(
         self,
         touching: Bool[np.ndarray, " m"],
-        normal: np.ndarray,
+        equations: NormalEquations,
         right: np.ndarray,
         motion_mm: float,
         push_information: np.ndarray,
@@ -280,18 +296,16 @@ class InvertedForce:
         """The active set reached from here: nodes that pull leave, neighbours that push join; once a set
         comes back, nodes only leave.
         """
-        normal_rows = slice(2, self._size, 3)
+        smooth = smooth_precision(self.grid, motion_mm)
+        pushed, push_sd = right[2 : self._size : 3], np.sqrt(push_information)
         met, grows = set[bytes](), True
         while True:
-            at = self._at(touching)
-            factor = cho_factor(
-                self._block(touching, motion_mm, normal), lower=True, overwrite_a=True, check_finite=False
-            )
-            found = cho_solve(factor, right[at], check_finite=False)
-            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / np.sqrt(push_information)
+            factor = equations.factor(touching)
+            forces, fields, log_det_root = factor.solved(right, smooth)
+            push = (pushed - equations.resisted(factor.at, forces, fields)) / push_sd
             pulls = np.zeros_like(touching)
-            pulls[touching] = found[2 : 3 * int(touching.sum()) : 3] < 0
-            least = np.where(self._adjacent @ touching, GROWS_AT_SD, APPEARS_AT_SD)
+            pulls[touching] = forces[2::3] < 0
+            least = np.where(self._adjacent(touching), GROWS_AT_SD, APPEARS_AT_SD)
             joins = ~touching & (push > least) & (grows and touching.any())
             if not pulls.any() and not joins.any():
                 break
@@ -299,44 +313,31 @@ class InvertedForce:
             grows = grows and len(met) < MOST_ROUNDS and touching.tobytes() not in met
             met.add(touching.tobytes())
         unknowns = np.zeros(len(right))
-        unknowns[at] = found
-        forces = dofs_of(touching)
-        log_prior = np.linalg.slogdet(self._prior[np.ix_(forces, forces)])[1] if len(forces) else 0.0
-        log_likelihood = (right[at] @ found + log_prior) / 2 - np.log(np.diag(factor[0])).sum()
+        unknowns[factor.at], unknowns[self._size :] = forces, fields
         return ActiveSet(
             touching=touching,
             unknowns=unknowns,
             push_sd=np.where(touching, 0.0, push),
-            log_likelihood=float(log_likelihood),
+            log_likelihood=float((right @ unknowns + factor.log_det_prior) / 2 - log_det_root),
         )
-
-    def _push_information(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
-        """Diagonal of G' W G of the markers in view, pushes only: information without prior, 1/N^2."""
-        rows = slice(2, self._size, 3)
-        full = np.diag(self._data)[rows]
-        return np.asarray(np.maximum(full + (np.diag(normal) - np.diag(self._normal))[rows], 1e-9 * full))
 
     def _single_node_sd(
         self,
-        normal: np.ndarray,
+        equations: NormalEquations,
         right: np.ndarray,
         motion_mm: float,
         push_information: Float[np.ndarray, " m"],
     ) -> Float[np.ndarray, " m"]:
         """Each node's push in standard deviations, fitted as the only one besides the smooth fields."""
-        size = 3 * len(self.grid.nodes_mm)
-        rows = slice(2, size, 3)
-        smooth = cho_factor(
-            normal[size:, size:] + np.diag(smooth_precision(self.grid, motion_mm)), lower=True
-        )
-        across = normal[rows, size:]
-        left = right[rows] - across @ cho_solve(smooth, right[size:])
-        spread = push_information - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
-        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * push_information)))
+        smooth = cholesky_of(equations.fields + np.diag(smooth_precision(self.grid, motion_mm)))
+        across = blas.dtrsm(1.0, smooth, equations.fields_by_pressure.T, lower=1)
+        pushed = right[2 : self._size : 3] - blas.dtrsv(smooth, right[self._size :], lower=1) @ across
+        spread = push_information - (across**2).sum(axis=0)
+        return np.asarray(pushed / np.sqrt(np.maximum(spread, 1e-12 * push_information)))
 
 
-def _factored(matrix: Float[np.ndarray, "u u"]) -> tuple[tuple[np.ndarray, bool], Float[np.ndarray, " u"]]:
-    """Cholesky's factor, and the standard deviations that the inverse states."""
-    factor = cho_factor(matrix, lower=True)
-    inverse = lapack.dtrtri(factor[0], lower=1)[0]
-    return factor, np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
+def _neighbours(adjacent: Bool[np.ndarray, "m m"]) -> Int[np.ndarray, "m k"]:
+    """Of every node those beside it; where it has fewer than others, the number of nodes."""
+    most = int(adjacent.sum(axis=1).max())
+    first = np.argsort(~adjacent, axis=1, kind="stable")[:, :most]
+    return np.where(np.take_along_axis(adjacent, first, axis=1), first, len(adjacent))

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import cho_factor, cho_solve, cholesky
 
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_prior import (
     INITIAL_HYPERPARAMETERS,
+    PriorDeterminant,
     PriorHyperparameters,
     displacement_by,
     dofs_of,
@@ -24,6 +24,7 @@ from tactile.gel.force_prior import (
     smooth_precision,
 )
 from tactile.gel.grid import GelGrid
+from tactile.gel.normal_equations import TouchingFactor, factor_of
 
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
@@ -126,25 +127,28 @@ def _sufficient_statistics(
 def _evidence(
     grid: GelGrid, hyperparameters: PriorHyperparameters, statistics: Sequence[SufficientStatistics]
 ) -> float:
-    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
+    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor.
+
+    Frames of one contact and the same markers in view share the factor of their forces' block.
+    """
     total = 0.0
-    prior = prior_precision(grid, hyperparameters)
-    for frame in statistics:
-        at = dofs_of(frame.touching)
-        Q = prior[np.ix_(at, at)]
-        normal = frame.normal / hyperparameters.noise**2
-        normal[: len(at), : len(at)] += Q
-        normal[len(at) :, len(at) :] += np.diag(smooth_precision(grid, frame.motion_mm))
-        factor = cho_factor(normal, lower=True)
+    prior, log_det_prior = prior_precision(grid, hyperparameters), PriorDeterminant(grid, hyperparameters)
+    factor: TouchingFactor | None = None
+    for k, frame in enumerate(statistics):
+        before = statistics[k - 1]
+        if factor is None or not (
+            np.array_equal(frame.touching, before.touching) and np.array_equal(frame.normal, before.normal)
+        ):
+            normal = frame.normal / hyperparameters.noise**2
+            at = dofs_of(frame.touching)
+            normal[: len(at), : len(at)] += prior[np.ix_(at, at)]
+            factor = factor_of(normal, len(at), log_det_prior=log_det_prior(np.flatnonzero(frame.touching)))
         right = frame.right / hyperparameters.noise**2
-        smooth = Q[::3, ::3]
-        log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
-        sizes = np.log([Q[k, k] / Q[0, 0] for k in range(3)]).sum() * len(smooth) / 2
+        forces, fields, log_det_root = factor.solved(right, smooth_precision(grid, frame.motion_mm))
+        fitted = right[: len(forces)] @ forces + right[len(forces) :] @ fields
         total += float(
-            0.5 * (right @ cho_solve(factor, right) - frame.misfit / hyperparameters.noise**2)
-            - np.log(np.diag(factor[0])).sum()
-            + 3 * log_prior
-            + sizes
+            0.5 * (fitted - frame.misfit / hyperparameters.noise**2 + factor.log_det_prior)
+            - log_det_root
             - frame.directions * np.log(hyperparameters.noise)
         )
     return total

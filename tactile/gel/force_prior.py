@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import cholesky
 
 from tactile.gel.grid import GelGrid, with_smooth
 
@@ -35,14 +36,36 @@ by hand."""
 def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "d d"]:
     """Q of the nodal forces, 1/N^2; node by node x, y and z."""
     m = len(grid.nodes_mm)
-    smooth = np.eye(m) + hyperparameters.roughness**2 * grid.laplacian
-    area = grid.pitch_mm**2
+    smooth = _smoothness(grid, hyperparameters)
     out = np.zeros((m, 3, m, 3))
-    for k, sd in enumerate(
-        (hyperparameters.shear_MPa, hyperparameters.shear_MPa, hyperparameters.pressure_MPa)
-    ):
-        out[:, k, :, k] = smooth / (sd * area) ** 2
+    for k, scale in enumerate(_scales(grid, hyperparameters)):
+        out[:, k, :, k] = smooth * scale
     return out.reshape(3 * m, 3 * m)
+
+
+class PriorDeterminant:
+    """ln det of Q of some nodes."""
+
+    def __init__(self, grid: GelGrid, hyperparameters: PriorHyperparameters) -> None:
+        self._smooth = _smoothness(grid, hyperparameters)
+        self._log_scale = float(np.log(_scales(grid, hyperparameters)).sum())
+
+    def __call__(self, nodes: Int[np.ndarray, " k"]) -> float:
+        """0 of none."""
+        if not len(nodes):
+            return 0.0
+        root = cholesky(self._smooth[np.ix_(nodes, nodes)], lower=True, check_finite=False)
+        return float(6.0 * np.log(np.diag(root)).sum() + len(nodes) * self._log_scale)
+
+
+def _smoothness(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "m m"]:
+    return np.asarray(np.eye(len(grid.nodes_mm)) + hyperparameters.roughness**2 * grid.laplacian)
+
+
+def _scales(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "3"]:
+    """1 over the variance of one node's force along x, y and z, 1/N^2."""
+    sd_MPa = np.array([hyperparameters.shear_MPa, hyperparameters.shear_MPa, hyperparameters.pressure_MPa])
+    return np.asarray((sd_MPa * grid.pitch_mm**2) ** -2.0)
 
 
 def displacement_by(grid: GelGrid) -> Float[np.ndarray, "d u"]:

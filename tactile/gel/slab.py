@@ -19,6 +19,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy import fft
 from scipy.ndimage import map_coordinates, spline_filter
 
 from tactile.gel.gel_sides import GelOutline, side_response
@@ -145,14 +146,13 @@ def tent_compliance(
     axis = fine * np.fft.fftfreq(2 * half, 1.0 / (2 * half))
     tent = np.maximum(1.0 - np.abs(axis) / pitch_mm, 0.0) / pitch_mm
     load = tent[:, None] * tent
-    kernel = _tensor(layer, load.shape, fine)
-    table = np.real(np.fft.ifft2(kernel * np.fft.fft2(load)[:, :, None, None], axes=(0, 1)))
+    tables = _tables(layer, load, fine)
     place = (offset / fine % (2 * half)).reshape(-1, 2).T
     out = np.empty((len(at_mm), 3, len(nodes_mm), 3))
     for i in range(3):
         for j in range(i, 3):
-            smooth = spline_filter(table[:, :, i, j], order=3, mode="grid-wrap")
-            read = map_coordinates(smooth, place, order=3, mode="grid-wrap", prefilter=False)
+            smooth, where = (tables[i, j], place) if (i, j) in tables else (tables[0, 2 * j - 2], place[::-1])
+            read = map_coordinates(smooth, where, order=3, mode="grid-wrap", prefilter=False)
             out[:, i, :, j] = read.reshape(offset.shape[:2])
             if i != j:
                 # reciprocity: even under exchange in the face, odd where the normal takes part
@@ -161,6 +161,34 @@ def tent_compliance(
         sides = side_response(layer.thickness_mm, layer.nu, layer.outline)
         out += sides.between(at_mm, nodes_mm, pitch_mm=pitch_mm) / layer.E_MPa
     return out
+
+
+def _tables(
+    layer: GelLayer, load: Float[np.ndarray, "a a"], fine_mm: float
+) -> dict[tuple[int, int], Float[np.ndarray, "a a"]]:
+    """Splines of the response to tents, along i by force along j; (1, 1) and (1, 2) are the mirrored (0, 0)
+    and (0, 2), as x and y enter alike.
+
+    The kernel is that of `_tensor`, at half of the wave numbers as all is real; tents have nothing at the
+    highest one, which has no partner of opposite sign.
+    """
+    size = len(load)
+    kx = 2.0 * np.pi * fft.fftfreq(size, fine_mm)[:, None]
+    ky = 2.0 * np.pi * fft.rfftfreq(size, fine_mm)[None]
+    k = np.hypot(kx, ky)
+    x, y = kx / np.maximum(k, 1e-30), ky / np.maximum(k, 1e-30)
+    shear, cross, normal, across = layer.spectrum(k.ravel()).reshape(*k.shape, 4).transpose(2, 0, 1)
+    kernels = {
+        (0, 0): (shear - across) * x * x + across,
+        (0, 1): (shear - across) * x * y,
+        (0, 2): -1j * cross * x,
+        (2, 2): normal,
+    }
+    loaded = fft.rfft2(load)
+    return {
+        pair: spline_filter(fft.irfft2(kernel * loaded, s=load.shape), order=3, mode="grid-wrap")
+        for pair, kernel in kernels.items()
+    }
 
 
 def _tensor(layer: GelLayer, shape: tuple[int, ...], spacing_mm: float) -> Complex[np.ndarray, "a b 3 3"]:
