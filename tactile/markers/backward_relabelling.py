@@ -57,7 +57,7 @@ def _relabelled_frame(
     """The blobs labelled from where the markers are one frame later."""
     known = np.isfinite(after[:, 0])
     moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
-    moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known))
+    moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known, of=~known))
     best = match(lattice, [moved, np.zeros_like(moved)], blobs_px)
     return np.where(best.found[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
 

@@ -51,7 +51,7 @@ def find_blobs(shown: Float[np.ndarray, "h w"], look: MarkerLook, *, least: floa
     smooth = cv2.GaussianBlur(small, (0, 0), 0.5 * look.radius_px / step)
     side = 2 * int(np.ceil(look.radius_px / step)) + 1
     highest = cv2.dilate(smooth, np.ones((side, side), dtype=np.uint8))
-    rows, columns = np.nonzero((smooth >= highest) & (smooth >= least))
+    rows, columns = np.divmod(np.flatnonzero((smooth >= highest) & (smooth >= least)), small.shape[1])
     start = (np.stack([columns, rows], axis=1) + 0.5) * [
         width / small.shape[1],
         height / small.shape[0],

@@ -82,15 +82,23 @@ def _regular(
 
 
 def neighbours_say(
-    lattice: Lattice, displacement_px: Float[np.ndarray, "n 2"], known: Bool[np.ndarray, " n"]
+    lattice: Lattice,
+    displacement_px: Float[np.ndarray, "n 2"],
+    known: Bool[np.ndarray, " n"],
+    *,
+    of: Bool[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
     """Each marker's displacement as its known neighbours have it: an affine fit, a mean where they are few.
 
     Weights fall with distance; a marker's own value is not used. Without any known marker near, the mean of
-    all.
+    all. `of`: the markers that are asked for, zero for the others; None: all.
     """
-    near = lattice.nearest
-    offset = (lattice.rest_px[near] - lattice.rest_px[:, None]) / lattice.spacing_px
+    asked = np.arange(len(known)) if of is None else np.flatnonzero(of)
+    said = np.zeros((len(known), 2))
+    if not len(asked):
+        return said
+    near = lattice.nearest[asked]
+    offset = (lattice.rest_px[near] - lattice.rest_px[asked][:, None]) / lattice.spacing_px
     weight = known[near] / (0.5 + (offset**2).sum(axis=2))
     values = np.where(known[near][..., None], displacement_px[near], 0.0)
     total = weight.sum(axis=1)
@@ -101,7 +109,8 @@ def neighbours_say(
     normal = np.einsum("nk,nki,nkj->nij", weight, basis, basis) + np.diag([1e-6, 0.2, 0.2])
     right = np.einsum("nk,nki,nkc->nic", weight, basis, values - mean[:, None])
     fitted = mean + np.linalg.solve(normal, right)[:, 0]
-    return np.where((total > 0)[:, None], fitted, everyone)
+    said[asked] = np.where((total > 0)[:, None], fitted, everyone)
+    return said
 
 
 def voted(

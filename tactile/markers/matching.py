@@ -99,7 +99,7 @@ class _Sought:
         """px; of a marker without a blob what its neighbours say."""
         known = blob >= 0
         own = np.where(known[:, None], self.blobs_px[blob] - self.lattice.rest_px, 0.0)
-        return np.where(known[:, None], own, neighbours_say(self.lattice, own, known))
+        return np.where(known[:, None], own, neighbours_say(self.lattice, own, known, of=~known))
 
     def missing(self, blob: Int[np.ndarray, " n"]) -> tuple[int, int, int]:
         """Markers without a blob that should be in view, blobs without a marker that should have been in view

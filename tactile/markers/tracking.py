@@ -117,7 +117,7 @@ def follow(
         found = _markers_in(reference, frame, moved, speed)
         known = np.isfinite(found.position_px[:, 0])
         now = np.where(known[:, None], found.position_px - rest, 0.0)
-        now = np.where(known[:, None], now, neighbours_say(reference.lattice, now, known))
+        now = np.where(known[:, None], now, neighbours_say(reference.lattice, now, known, of=~known))
         moved, speed = now, now - moved
         yield found
 
@@ -187,7 +187,7 @@ def _look_for_lost(
     if known.all() or not known.any():
         return
     displacement = np.where(known[:, None], position - lattice.rest_px, 0.0)
-    start = (lattice.rest_px + neighbours_say(lattice, displacement, known))[~known]
+    start = (lattice.rest_px + neighbours_say(lattice, displacement, known, of=~known))[~known]
     tried = centred(shown, start, reference.look)
     radius = reference.disc_px
     tried = replace(tried, centre_px=uncut(tried.centre_px, reference.shape, radius))

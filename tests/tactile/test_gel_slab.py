@@ -84,3 +84,18 @@ def test_springs_give_way_alone() -> None:
     np.testing.assert_allclose(moved[3, 4], [0.2, 0.0, 0.2], atol=1e-12)
     moved[3, 4] = 0.0
     np.testing.assert_allclose(moved, 0.0, atol=1e-12)
+
+
+def test_one_tents_table_is_what_the_grid_of_wave_vectors_gives() -> None:
+    """All nine components at points off every axis, through the complex transforms of the whole plane."""
+    slab, pitch, fine = GelSlab(thickness_mm=1.5, E_MPa=0.3, nu=0.46), 0.8, 0.1
+    axis = fine * np.arange(-200, 200)
+    tent = np.maximum(1 - np.abs(axis) / pitch, 0) / pitch
+    at = np.array([[0.3, 1.1], [-0.7, 0.4], [1.9, -0.2], [-1.2, -2.3]])
+    C = tent_compliance(slab, at, np.zeros((1, 2)), pitch_mm=pitch)
+    rows, columns = (np.rint(at / fine).astype(int) + 200).T
+    for force in range(3):
+        traction = np.zeros((400, 400, 3))
+        traction[..., force] = tent[:, None] * tent
+        moved = traction_response(slab, traction, spacing_mm=fine)
+        np.testing.assert_allclose(C[:, :, 0, force], moved[rows, columns], atol=2e-4 * np.abs(C).max())
