@@ -115,10 +115,12 @@ class InvertedForce:
         normal = self._data.copy()
         normal[:size, :size] += prior_precision(self.grid, hyperparameters)
         self._equations = NormalEquations(
-            normal, len(self.grid.nodes_mm), PriorDeterminant(self.grid, hyperparameters)
+            normal,
+            len(self.grid.nodes_mm),
+            PriorDeterminant(self.grid, hyperparameters),
+            FreeFactor(normal, smooth_precision(self.grid, USUAL_MOTION_MM)),
         )
         self._in_view = OrderedDict[bytes, NormalEquations]()
-        self._free = FreeFactor(normal, smooth_precision(self.grid, USUAL_MOTION_MM))
 
     def with_prior(self, hyperparameters: PriorHyperparameters) -> "InvertedForce":
         """The same gel and sensor with another prior of forces; the noise stays as it is."""
@@ -277,7 +279,7 @@ class InvertedForce:
         self, equations: NormalEquations, right: np.ndarray, motion_mm: float, push_information: np.ndarray
     ) -> Bool[np.ndarray, " m"]:
         """Nodes that push where nothing binds them and that alone would be seen; none where none would be."""
-        free, sd = self._free.pressures(right, equations.lost)
+        free, sd = equations.free.pressures(right)
         single_node_sd = self._single_node_sd(equations, right, motion_mm, push_information)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
         sure = np.minimum(TOUCHES_AT_SD * sd, STARTS_AT * free.max())

@@ -86,31 +86,34 @@ class FreeFactor:
         self._corner = corner
         inverse = np.tril(lapack.dtrtri(corner, lower=1)[0])
         self._variance = (inverse**2).sum(axis=0)
+        self._added = np.zeros((0, len(normal)))
+
+    def without(self, lost: Float[np.ndarray, "l u"]) -> "FreeFactor":
+        """The same less V' V of these rows V, by Woodbury's identity."""
+        other = copy(self)
+        gone = blas.dtrsm(1.0, self._root, np.asfortranarray(lost[:, self._order].T), lower=1)
+        inner = cholesky_of(np.eye(len(lost)) - gone.T @ gone)
+        other._added = added = blas.dtrsm(1.0, inner, np.asfortranarray(gone.T), lower=1)
+        corner = np.asfortranarray(added[:, self._first :].T)
+        more = blas.dtrsm(1.0, self._corner, corner, lower=1, trans_a=1)
+        other._variance = self._variance + (more**2).sum(axis=1)
+        return other
 
     def pressures(
-        self, right: Float[np.ndarray, " u"], lost: Float[np.ndarray, "l u"] | None
+        self, right: Float[np.ndarray, " u"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Pressures (N) and their standard deviations, less the information of `lost` (`lost`' `lost`)."""
+        """Pressures of the nodes (N) and their standard deviations."""
         z = blas.dtrsv(self._root, right[self._order], lower=1)
-        variance = self._variance
-        if lost is not None:
-            gone = blas.dtrsm(1.0, self._root, np.asfortranarray(lost[:, self._order].T), lower=1)
-            inner = cholesky_of(np.eye(len(lost)) - gone.T @ gone)
-            share = blas.dtrsm(1.0, inner, np.asfortranarray(gone.T), lower=1)
-            z = z + share.T @ (share @ z)
-            more = blas.dtrsm(
-                1.0, self._corner, np.asfortranarray(share[:, self._first :].T), lower=1, trans_a=1
-            )
-            variance = variance + (more**2).sum(axis=1)
-        return blas.dtrsv(self._corner, z[self._first :], lower=1, trans=1), np.sqrt(variance)
+        z = z + (self._added @ z) @ self._added
+        return blas.dtrsv(self._corner, z[self._first :], lower=1, trans=1), np.sqrt(self._variance)
 
 
 class NormalEquations:
     """The equations of one gel and prior while some markers are in view.
 
-    `normal`: G' W G + Q of all markers; `lost`: rows V whose V' V is taken out of it (`without`). `fields`
-    and `fields_by_pressure`: the smooth fields' block, and theirs with the nodes' pressures. `log_det_prior`
-    gives ln det of the prior's precision of some nodes.
+    `normal`: G' W G + Q of all markers, `free` its factor; `lost`: rows V whose V' V is taken out of both
+    (`without`). `fields` and `fields_by_pressure`: the smooth fields' block, and theirs with the nodes'
+    pressures. `log_det_prior` gives ln det of the prior's precision of some nodes.
     """
 
     def __init__(
@@ -118,8 +121,10 @@ class NormalEquations:
         normal: Float[np.ndarray, "u u"],
         nodes: int,
         log_det_prior: Callable[[Int[np.ndarray, " k"]], float],
+        free: FreeFactor,
     ) -> None:
         size = 3 * nodes
+        self.free = free
         self._size, self._log_det_prior = size, log_det_prior
         self._normal = normal
         self._mixed = np.ascontiguousarray(normal[:size, size:])
@@ -138,6 +143,7 @@ class NormalEquations:
         other.lost, other._kept, other._kept_numbers = lost, OrderedDict(), 0
         other._lost_pressure = pressure = np.ascontiguousarray(lost[:, 2:size:3])
         fields = lost[:, size:]
+        other.free = self.free.without(lost)
         other._mixed = self._mixed - lost[:, :size].T @ fields
         other.fields = self.fields - fields.T @ fields
         other.fields_by_pressure = self.fields_by_pressure - pressure.T @ fields

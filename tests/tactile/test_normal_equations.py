@@ -32,6 +32,10 @@ def normal_of(observed: np.ndarray, information: np.ndarray, prior: np.ndarray) 
     return np.asarray(weighted.T @ observed + prior)
 
 
+def free_of(normal: np.ndarray) -> FreeFactor:
+    return FreeFactor(normal, np.ones(FIELDS))
+
+
 def log_det_prior(prior: np.ndarray, nodes: np.ndarray) -> float:
     at = (3 * nodes[:, None] + np.arange(3)).ravel()
     return float(np.linalg.slogdet(prior[np.ix_(at, at)])[1])
@@ -46,7 +50,7 @@ def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
     """Markers that are out of view too, and whatever number of nodes touch."""
     rng = np.random.default_rng(touched + 100 * gone)
     observed, information, prior, normal = drawn(rng, depth=depth)
-    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior))
+    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
     if gone:
         rows = rows_of(observed[: 3 * gone], information[:gone])
         assert len(rows) == (3 if depth else 2) * gone
@@ -83,9 +87,11 @@ def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inve
     rng = np.random.default_rng(gone)
     observed, information, prior, normal = drawn(rng)
     smooth, right = rng.uniform(1, 9, FIELDS), rng.normal(size=UNKNOWNS)
-    lost = rows_of(observed[: 3 * gone], information[:gone]) if gone else None
+    free = FreeFactor(normal, smooth)
+    if gone:
+        free = free.without(rows_of(observed[: 3 * gone], information[:gone]))
 
-    found, sd = FreeFactor(normal, smooth).pressures(right, lost)
+    found, sd = free.pressures(right)
 
     left = normal_of(observed[3 * gone :], information[gone:], prior)
     inverse = np.linalg.inv(left + np.diag(np.pad(smooth, (3 * NODES, 0))))
@@ -102,7 +108,7 @@ def test_factors_are_kept_up_to_a_bound_and_the_latest_stays(monkeypatch: pytest
         asked.append(len(nodes))
         return log_det_prior(prior, nodes)
 
-    equations = NormalEquations(normal, NODES, counted)
+    equations = NormalEquations(normal, NODES, counted, free_of(normal))
     sets = [np.arange(NODES) < count for count in (10, 11, 12)]
     monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 30**2 + 33**2)
     for touching in (sets[0], sets[1], sets[0]):
