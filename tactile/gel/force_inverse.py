@@ -316,11 +316,12 @@ class InvertedForce:
             met.add(touching.tobytes())
         unknowns = np.zeros(len(right))
         unknowns[factor.at], unknowns[self._size :] = forces, fields
+        log_det_prior = equations.log_det_prior(np.flatnonzero(touching))
         return ActiveSet(
             touching=touching,
             unknowns=unknowns,
             push_sd=np.where(touching, 0.0, push),
-            log_likelihood=float((right @ unknowns + factor.log_det_prior) / 2 - log_det_root),
+            log_likelihood=float((right @ unknowns + log_det_prior) / 2 - log_det_root),
         )
 
     def _single_node_sd(

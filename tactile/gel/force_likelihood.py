@@ -134,6 +134,7 @@ def _evidence(
     total = 0.0
     prior, log_det_prior = prior_precision(grid, hyperparameters), PriorDeterminant(grid, hyperparameters)
     factor: TouchingFactor | None = None
+    of_prior = 0.0
     for k, frame in enumerate(statistics):
         before = statistics[k - 1]
         if factor is None or not (
@@ -142,12 +143,12 @@ def _evidence(
             normal = frame.normal / hyperparameters.noise**2
             at = dofs_of(frame.touching)
             normal[: len(at), : len(at)] += prior[np.ix_(at, at)]
-            factor = factor_of(normal, len(at), log_det_prior=log_det_prior(np.flatnonzero(frame.touching)))
+            factor, of_prior = factor_of(normal, len(at)), log_det_prior(np.flatnonzero(frame.touching))
         right = frame.right / hyperparameters.noise**2
         forces, fields, log_det_root = factor.solved(right, smooth_precision(grid, frame.motion_mm))
         fitted = right[: len(forces)] @ forces + right[len(forces) :] @ fields
         total += float(
-            0.5 * (fitted - frame.misfit / hyperparameters.noise**2 + factor.log_det_prior)
+            0.5 * (fitted - frame.misfit / hyperparameters.noise**2 + of_prior)
             - log_det_root
             - frame.directions * np.log(hyperparameters.noise)
         )

@@ -31,7 +31,7 @@ class TouchingFactor:
     """The factor of the forces on some nodes: `root` (lower, Cholesky's) of their block, `across` = root^-1
     times their columns with the smooth fields, `left` what these leave of the smooth fields' block.
 
-    `log_det_root` and `log_det_prior`: ln det of the root and of the prior's precision of these nodes.
+    `log_det_root`: ln det of the root.
     """
 
     at: Int[np.ndarray, " a"]
@@ -39,7 +39,6 @@ class TouchingFactor:
     across: Float[np.ndarray, "a s"]
     left: Float[np.ndarray, "s s"]
     log_det_root: float
-    log_det_prior: float
 
     def solved(
         self, right: Float[np.ndarray, " u"], smooth: Float[np.ndarray, " s"]
@@ -125,7 +124,7 @@ class NormalEquations:
     ) -> None:
         size = 3 * nodes
         self.free = free
-        self._size, self._log_det_prior = size, log_det_prior
+        self._size, self.log_det_prior = size, log_det_prior
         self._normal = normal
         self._mixed = np.ascontiguousarray(normal[:size, size:])
         self._pressure_columns = np.ascontiguousarray(normal[:size, 2:size:3])
@@ -162,12 +161,12 @@ class NormalEquations:
         return found
 
     def _factor(self, touching: Bool[np.ndarray, " m"]) -> TouchingFactor:
-        nodes, at = np.flatnonzero(touching), dofs_of(touching)
+        at = dofs_of(touching)
         block = self._normal[np.ix_(at, at)]
         if self.lost is not None:
             own = self.lost[:, at]
             block -= own.T @ own
-        return _eliminated(at, block, self._mixed[at], self.fields, self._log_det_prior(nodes))
+        return _eliminated(at, block, self._mixed[at], self.fields)
 
     def resisted(
         self, at: Int[np.ndarray, " a"], forces: Float[np.ndarray, " a"], fields: Float[np.ndarray, " s"]
@@ -179,10 +178,10 @@ class NormalEquations:
         return np.asarray(found)
 
 
-def factor_of(normal: Float[np.ndarray, "b b"], forces: int, *, log_det_prior: float) -> TouchingFactor:
+def factor_of(normal: Float[np.ndarray, "b b"], forces: int) -> TouchingFactor:
     """The factor of equations whose first unknowns are forces, the others smooth fields."""
     block, mixed = normal[:forces, :forces].copy(), normal[:forces, forces:]
-    return _eliminated(np.arange(forces), block, mixed, normal[forces:, forces:], log_det_prior)
+    return _eliminated(np.arange(forces), block, mixed, normal[forces:, forces:])
 
 
 def _eliminated(
@@ -190,12 +189,9 @@ def _eliminated(
     block: Float[np.ndarray, "a a"],
     mixed: Float[np.ndarray, "a s"],
     fields: Float[np.ndarray, "s s"],
-    log_det_prior: float,
 ) -> TouchingFactor:
     if not len(at):
-        return TouchingFactor(
-            at=at, root=block, across=mixed, left=fields, log_det_root=0.0, log_det_prior=0.0
-        )
+        return TouchingFactor(at=at, root=block, across=mixed, left=fields, log_det_root=0.0)
     root = cholesky_of(block)
     across = blas.dtrsm(1.0, root, np.asfortranarray(mixed), lower=1)
     return TouchingFactor(
@@ -204,7 +200,6 @@ def _eliminated(
         across=across,
         left=fields - across.T @ across,
         log_det_root=float(np.log(np.diag(root)).sum()),
-        log_det_prior=log_det_prior,
     )
 
 

@@ -70,7 +70,6 @@ def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
     expected = np.linalg.solve(block, right[play])
     np.testing.assert_allclose(np.concatenate([forces, fields]), expected, rtol=1e-8, atol=1e-10)
     assert log_det_root == pytest.approx(np.linalg.slogdet(block)[1] / 2)
-    assert factor.log_det_prior == pytest.approx(log_det_prior(prior, np.flatnonzero(touching)))
     np.testing.assert_allclose(
         equations.resisted(factor.at, forces, fields),
         (whole[:, play] @ expected)[2 : 3 * NODES : 3],
@@ -78,7 +77,7 @@ def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
     )
     root = factor.covariance_root(smooth)
     np.testing.assert_allclose(root.T @ root, np.linalg.inv(block), rtol=1e-7, atol=1e-10)
-    other = factor_of(left[np.ix_(play, play)], len(at), log_det_prior=factor.log_det_prior)
+    other = factor_of(left[np.ix_(play, play)], len(at))
     np.testing.assert_allclose(other.solved(right[play], smooth)[0], forces, rtol=1e-8, atol=1e-10)
 
 
@@ -102,27 +101,20 @@ def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inve
 def test_factors_are_kept_up_to_a_bound_and_the_latest_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     _, _, prior, normal = drawn(rng)
-    asked: list[int] = []
-
-    def counted(nodes: np.ndarray) -> float:
-        asked.append(len(nodes))
-        return log_det_prior(prior, nodes)
-
-    equations = NormalEquations(normal, NODES, counted, free_of(normal))
+    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
     sets = [np.arange(NODES) < count for count in (10, 11, 12)]
     monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 30**2 + 33**2)
-    for touching in (sets[0], sets[1], sets[0]):
-        equations.factor(touching)
-    assert asked == [10, 11]
-    equations.factor(sets[2])  # the one of 11 nodes, asked for longest ago, goes
-    equations.factor(sets[0])
-    assert asked == [10, 11, 12, 10]
+    first, second = equations.factor(sets[0]), equations.factor(sets[1])
+    assert equations.factor(sets[0]) is first
+    third = equations.factor(sets[2])  # the one of 11 nodes, asked for longest ago, goes, and the other too
+    assert equations.factor(sets[2]) is third
+    assert equations.factor(sets[1]) is not second
     monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 1)
-    equations.factor(sets[1])
-    equations.factor(sets[1])
-    assert asked == [10, 11, 12, 10, 11]
+    only = equations.factor(sets[0])
+    assert only is not first
+    assert equations.factor(sets[0]) is only
 
 
 def test_equations_without_a_solution_are_an_error_and_no_numbers() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        factor_of(-np.eye(5), 3, log_det_prior=0.0)
+        factor_of(-np.eye(5), 3)
