@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from samples.gel_press import BallPose, GelBlock, Pressed, gel_block, pressed
 from tactile.gel.ball_press import ball_lookup, ball_print
-from tactile.gel.fields import GelFields, fields_of
+from tactile.gel.fields import DEPTH_ROUNDS, GelFields, fields_of
 from tactile.gel.gel_sides import GelOutline
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel_camera import on_face
@@ -209,8 +209,11 @@ def measured(
     if shape is not None:
         for image, pixels in zip(images, markers.position_px, strict=True):
             shape.at(image, pixels)
+    before = None
     for moved in chosen.displacement_mm:
-        found = chosen.solver.solve(moved)
+        for _ in range(1 + DEPTH_ROUNDS if kind == "markers-mono" else 1):
+            found = chosen.solver.solve(moved, before=before)
+            before = found.touching
         chosen.solver.force_spread(found.touching, found.motion_mm)
     return chosen, spent + (time.process_time() - began) / len(images)
 
