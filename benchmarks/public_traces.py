@@ -42,8 +42,8 @@ BALL_MM, FRUIT_MM, CYLINDER_MM = 5.0, 30.0, 8.0
 """Radius of the ball, radius that fruit are taken to have, diameter of the cylinders."""
 THINNEST_OVER_TRAVEL = 1.2
 """A gap this much thinner than the travel allows was not zeroed: it is no thickness."""
-SECONDS = 0.01
-"""Between the gripper's frames where its clock stands still."""
+GRIPPER_COLUMNS = {"time": "Time", "now_force": "Force", "now_pos": "Pos"}
+"""Names in the mangoes' tables, and in the others'."""
 UPPER = (0.2, 0.95)
 """Shares of the peak force between which the exponent of the loading is taken."""
 
@@ -75,9 +75,9 @@ def of_ball(folder: Path) -> Iterator[NamedTrace]:
 
 
 def of_gripper(folder: Path) -> Iterator[NamedTrace]:
-    """Tables with Time, Force and Pos, the jaws' distance in mm or a position that grows as they close."""
+    """Tables with a time, a force and the jaws' distance in mm or a position that grows as they close."""
     for path in sorted(folder.rglob("*.csv")):
-        table = pd.read_csv(path)
+        table = pd.read_csv(path).rename(columns=GRIPPER_COLUMNS)
         if not {"Time", "Force", "Pos"} <= set(table.columns):
             continue
         force_N, place = table["Force"].to_numpy(float), table["Pos"].to_numpy(float)

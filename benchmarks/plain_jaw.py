@@ -1,0 +1,119 @@
+"""E from one finger with a gel against a plain jaw, over the truth, on drawn fruit.
+
+    python benchmarks/plain_jaw.py FOLDER [--first 0] [--count 6] [--half even|odd|all]
+
+Fruit are drawn as field_bank.py draws them, each grasped once between a gel and a jaw that is a hundred times
+as stiff, with the elements of the shipped sample (about five minutes of processor time a fruit). Recordings
+are graded twice: with the stiff jaw's own markers, which no plain jaw has, and with its force alone as a
+plate. FOLDER keeps recordings and records; what is there is left as it is. The even half sets
+pipeline.fruit.elasticity's PLAIN_JAW_SD, the odd one is scored once.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from field_bank import Drawn, drawn
+from field_fruit import Fruit
+from field_mistakes import graded
+
+from samples.cubed_sphere import even_sphere
+from samples.gel_contact import DEFAULT_GEL, Gel
+from samples.grasp_plan import hold_along, two_cycles
+from samples.sample_failure import SampleFailure
+from samples.simulated_grasp import simulate
+from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+
+STIFF = Gel(kn_MPa_per_mm=20.0, kt_MPa_per_mm=8.0)
+"""A jaw that gives a hundredth of what the gel gives."""
+PIT_CELLS = 12
+
+
+def recorded(number: int, one: Drawn, folder: Path) -> Recording:
+    """The grasp of a drawn fruit, simulated unless it is there. Raises SampleFailure."""
+    path = folder / f"{number:03d}" / "grasp-1.h5"
+    if path.is_file():
+        return read_recording(path)
+    rng = np.random.default_rng([78, number])
+    hold = hold_along(one.fruit, azimuth_deg=float(rng.uniform(30, 60)), tilt_deg=float(rng.normal(0, 3)))
+    way = two_cycles(deepest_mm=float(rng.uniform(0.8, 1.2)), speed_mm_per_s=float(rng.uniform(0.8, 2.5)))
+    found = simulate(one.fruit, hold, way, rng=rng, gel=(DEFAULT_GEL, STIFF)).recording
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_recording(path, replace(found, category=one.category))
+    return read_recording(path)
+
+
+def with_plate(recording: Recording) -> Recording:
+    """The recording as a gel and a jaw without one give it: the force is the gel's."""
+    gel, stiff = recording.pads
+    assert isinstance(gel, GelPad)
+    assert isinstance(stiff, GelPad)
+    force_N = np.einsum("tij,tj->ti", gel.pose[:, :3, :3], gel.force_N.sum(axis=1))
+    pushed_N = -np.einsum("tj,tj->t", stiff.pose[:, :3, 2], force_N)
+    plate = IndenterPad(
+        name=stiff.name, pose=stiff.pose, force_z_N=pushed_N, indenter="plate", radius_mm=None
+    )
+    return replace(recording, pads=(gel, plate))
+
+
+def main() -> None:
+    """A line per fruit, then the spread."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=6)
+    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
+    options = parser.parse_args()
+    wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[options.half]
+    errors: list[tuple[float, ...]] = []
+    for number in range(options.first, options.first + options.count):
+        if number % 2 not in wanted:
+            continue
+        one = drawn(number, np.random.default_rng([77, number]))
+        try:
+            recording = recorded(number, one, options.folder)
+        except SampleFailure as failure:
+            sys.stderr.write(f"{number:03d}: {failure}; left out\n")
+            continue
+        pit = one.given_pit
+        sphere = even_sphere(PIT_CELLS)
+        fruit = Fruit(
+            name=one.fruit.fruit_id,
+            number=number,
+            category=one.category,
+            E_MPa=one.fruit.E_MPa,
+            vertices=one.mesh[0],
+            faces=one.mesh[1],
+            pit=None if pit is None else (pit.points_mm(sphere.directions), sphere.triangles()),
+            recordings=(recording,),
+        )
+        said = [
+            graded(replace(fruit, recordings=(way,)), options.folder / f"{number:03d}" / name)
+            for name, way in (("two", recording), ("plain", with_plate(recording)))
+        ]
+        line = f"{number:03d} {one.category:9s} {one.fruit.E_MPa:.3f} MPa"
+        for name, record in zip(("two", "plain"), said, strict=True):
+            if record.modulus is None:
+                line += f"  {name}: {record.reason}"
+                continue
+            ratio = record.modulus.E_MPa / fruit.E_MPa
+            line += f"  {name}: x {ratio:.3f} +- {record.modulus.E_sd_MPa / fruit.E_MPa:.3f}"
+        sys.stdout.write(line + "\n")
+        sys.stdout.flush()
+        if all(record.modulus is not None for record in said):
+            errors.append(
+                tuple(record.modulus.E_MPa / fruit.E_MPa for record in said if record.modulus is not None)
+            )
+    if errors:
+        two, plain = np.log(np.array(errors)).T
+        sys.stdout.write(f"{len(errors)} fruit, ln E over the truth\n")
+        for name, ln in (("two jaws' markers", two), ("plain jaw", plain), ("plain over two", plain - two)):
+            sys.stdout.write(f"  {name}: mean {ln.mean():+.3f}, rms {np.sqrt((ln**2).mean()):.3f}\n")
+
+
+if __name__ == "__main__":
+    main()
