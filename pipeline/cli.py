@@ -19,6 +19,7 @@ from pipeline.commands.check import check
 from pipeline.commands.convert import convert
 from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
+from pipeline.commands.history import history
 from pipeline.commands.mat import mat
 from pipeline.commands.sample import sample
 from pipeline.commands.sensor import sensor
@@ -63,7 +64,7 @@ def _root(
     pass
 
 
-for command in (grade, check, explain, convert, calibrate, sensor, mat, sample):
+for command in (grade, check, explain, history, convert, calibrate, sensor, mat, sample):
     app.command()(command)
 
 

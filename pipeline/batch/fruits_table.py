@@ -20,7 +20,9 @@ from tactile.io.specimen import Axis
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
 DIAMETERS = ("diameter_a_mm", "diameter_b_mm", "diameter_c_mm")
-MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm", *DIAMETERS)
+HARDNESS = ("shore_oo", "penetrometer_N")
+"""Readings of other instruments, which vary from fruit to fruit far more than sizes do."""
+MEASURES = ("height_mm", "mass_g", *HARDNESS, "diameter_mm", *DIAMETERS)
 REFERENCE_E_MPA = (0.0005, 60.0)
 """What a reference body's modulus can be: as phantoms' (recon/pit/priors/phantom.toml), from hydrogels to
 cast polyurethane."""
@@ -42,6 +44,7 @@ class FruitRow:
     height_mm: float | None = None
     mass_g: float | None = None
     shore_oo: float | None = None
+    penetrometer_N: float | None = None
     diameter_mm: float | None = None
     diameter_a_mm: float | None = None
     diameter_b_mm: float | None = None

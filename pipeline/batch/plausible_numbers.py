@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pipeline.batch.fruits_table import DIAMETERS, MEASURES, FruitRow
+from pipeline.batch.fruits_table import DIAMETERS, HARDNESS, MEASURES, FruitRow
 from pipeline.batch.settings import Grading
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, Plausible
 
@@ -32,18 +32,22 @@ MODULUS_SLIPS: Slips = (
 """The same into MPa; 1 psi is 0.006895 MPa."""
 SHORE_SLIPS: Slips = ((0.1, POINT), (100, "is it a share of 1"))
 """The same into degrees of Shore hardness, which end at 100."""
+FORCE_SLIPS: Slips = ((9.807, "is it in kg"), (4.448, "is it in pounds (lbf)"), (0.1, POINT))
+"""The same into N, of a penetrometer's force: kilograms-force, pounds-force."""
 LENGTHS = ("height_mm", "diameter_mm", *DIAMETERS)
 SLIPS: dict[str, Slips] = {
     **dict.fromkeys(LENGTHS, LENGTH_SLIPS),
     "mass_g": MASS_SLIPS,
     "shore_oo": SHORE_SLIPS,
+    "penetrometer_N": FORCE_SLIPS,
 }
-UNITS = {**dict.fromkeys(LENGTHS, "mm"), "mass_g": "g", "shore_oo": ""}
+UNITS = {**dict.fromkeys(LENGTHS, "mm"), "mass_g": "g", "shore_oo": "", "penetrometer_N": "N"}
 WORDS = {
     "height_mm": "high",
     "diameter_mm": "wide",
     "mass_g": "in mass",
     "shore_oo": "on the Shore OO scale",
+    "penetrometer_N": "to the penetrometer",
     **dict.fromkeys(DIAMETERS, "in size"),
 }
 FLATTER = 1.8
@@ -151,7 +155,7 @@ def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: PlausibleRange) ->
             wrong.add(name)
             slip = _meant(value, SLIPS[name], limits, UNITS[name], like=_middle(name, row, rows))
             yield f"{name} {value:g}: {_range(name, kind)}{slip}"
-    for name in [one for one in own if one != "shore_oo" and one not in wrong]:
+    for name in [one for one in own if one not in HARDNESS and one not in wrong]:
         said = _apart(name, own[name], _middle(name, row, rows), kind)
         if said:
             wrong.add(name)
@@ -284,7 +288,7 @@ def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
         if diameter is not None and height is not None and _swapped(mass, height, diameter, kind, limits):
             yield f"height_mm {height:g} and mass_g {mass:g}: are the two exchanged?"
             return
-        said = ", ".join(f"{name} {value:g}" for name, value in own.items() if name != "shore_oo")
+        said = ", ".join(f"{name} {value:g}" for name, value in own.items() if name not in HARDNESS)
         density = mass / least if mass / least < limits[0] else mass / greatest
         yield (
             f"{said}: together they make {density:.2g} g per cm3, and {kind.a_fruit} has {limits[0]:g} to "

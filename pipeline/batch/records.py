@@ -26,6 +26,7 @@ class Given(_Record):
     height_mm: float | None = None
     mass_g: float | None = None
     shore_oo: float | None = None
+    penetrometer_N: float | None = None
     diameter_mm: float | None = None
     diameter_a_mm: float | None = None
     diameter_b_mm: float | None = None

@@ -205,6 +205,10 @@ class Settings(Strict):
     harvest_date: (
         Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
     ) = None
+    measured_on: (
+        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
+    ) = None
+    """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None

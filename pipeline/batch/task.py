@@ -14,7 +14,7 @@ from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from recon.cameras.printed_mat import Mat
 from recon.pit.priors import PitBody, PitPrior
 
-IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}
+IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "measured_on", "notes", "reference"}
 """Settings that change no fruit's result."""
 
 

@@ -22,6 +22,7 @@ class Plausible:
     diameter_mm: Range | None = None
     mass_g: Range | None = None
     shore_oo: Range | None = None
+    penetrometer_N: Range | None = None
     density_g_per_cm3: Range | None = None
     E_MPa: Range | None = None
 

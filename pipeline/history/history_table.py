@@ -1,0 +1,54 @@
+"""History as CSV: a row per fruit and day, with predicted readings of other instruments where asked for."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from pipeline.history.scale_conversion import ScaleConversion
+from pipeline.history.stored_batch import StoredBatch
+from reports.tables import safe_cell
+
+COLUMNS = (
+    "measured_on", "category", "cultivar", "lot", "fruit_id", "E_MPa", "E_sd_MPa", "doubted",
+    "reference_E_MPa", "shore_oo", "penetrometer_N",
+)  # fmt: skip
+"""Of every table; a conversion adds SCALE_predicted, SCALE_low, SCALE_high (90 %) and SCALE_version."""
+
+
+def history_csv(
+    batches: Sequence[StoredBatch], conversions: Mapping[tuple[str, str], ScaleConversion]
+) -> str:
+    """The table, oldest day first. `conversions`: by scale and group, those that were asked for."""
+    scales = sorted({scale for scale, _ in conversions})
+    added = [f"{scale}_{part}" for scale in scales for part in ("predicted", "low", "high", "version")]
+    rows = []
+    for batch in batches:
+        for one in batch.fruit:
+            row: dict[str, object] = {
+                "measured_on": batch.measured.isoformat(),
+                "category": safe_cell(batch.category),
+                "cultivar": safe_cell(batch.cultivar),
+                "lot": safe_cell(batch.lot),
+                "fruit_id": safe_cell(one.fruit_id),
+                "E_MPa": float(f"{one.E_MPa:.4g}"),
+                "E_sd_MPa": float(f"{one.E_sd_MPa:.3g}"),
+                "doubted": "true" if one.doubted else None,
+                "reference_E_MPa": one.E_known_MPa,
+                "shore_oo": one.shore_oo,
+                "penetrometer_N": one.penetrometer_N,
+            }
+            for scale in scales:
+                conversion = conversions.get((scale, batch.group))
+                if conversion is None or one.E_known_MPa is not None:
+                    continue
+                if (found := conversion.predicted(one.E_MPa)) is not None:
+                    middle, half = found
+                    row |= {
+                        f"{scale}_predicted": round(middle, 2),
+                        f"{scale}_low": round(middle - half, 2),
+                        f"{scale}_high": round(middle + half, 2),
+                        f"{scale}_version": conversion.version,
+                    }
+            rows.append(row)
+    table = pd.DataFrame(rows, columns=[*COLUMNS, *added], dtype=object)
+    return table.to_csv(index=False, lineterminator="\n", na_rep="")

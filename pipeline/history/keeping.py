@@ -1,0 +1,162 @@
+"""`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.whole_file import put
+from pipeline.history.history_store import HistoryStore, history_store
+from pipeline.history.history_table import COLUMNS, history_csv
+from pipeline.history.lot_history import fruit_of, history_entry
+from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
+from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
+from pipeline.problem import BatchRefused, Problem
+from recon.plain_file import NotReadable, read_text
+from reports.history_entries import HistoryEntry
+from reports.history_page import PAGE_TITLE, history_html
+
+MOST_BYTES = 100_000_000
+"""Of a page or table that is looked at before it is replaced: ten thousand batches."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryWanted:
+    """What is asked for. `fit`: scales whose conversions are fitted anew and kept; `convert`: a scale whose
+    readings are predicted, "shore_oo" by the last version or "shore_oo@2".
+    """
+
+    store: Path | None = None
+    html: Path | None = None
+    csv: Path | None = None
+    fit: tuple[str, ...] = ()
+    convert: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryMade:
+    """The page's entry, how many batches are new, and what is to be said of conversions."""
+
+    entry: HistoryEntry
+    new: int
+    said: tuple[str, ...]
+
+
+def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) -> HistoryMade:
+    """Reads the results, adds them to the store, and writes what is wanted.
+
+    Raises BatchRefused where results or store cannot be read or a place cannot be written to, before anything
+    is; and NotWritten.
+    """
+    _require_sound(outs, wanted)
+    own = [stored_batch(out) for out in outs]
+    with history_store(wanted.store) as store:
+        new = sum([store.add(one) for one in own])
+        batches = store.batches()
+        if not batches:
+            raise BatchRefused(
+                [
+                    Problem(
+                        str(wanted.store or "drupe history"), "holds no batch yet; name folders of results."
+                    )
+                ]
+            )
+        said = [_fitted(store, scale, batches, now) for scale in wanted.fit]
+        used = [one for text in wanted.convert for one in _asked(store, text, batches)]
+        entry = history_entry(batches, conversions=store.conversions(), used=used, now=now)
+    if wanted.csv is not None:
+        table = history_csv(batches, {(one.scale, one.group): one for one in used})
+        put(wanted.csv, table.encode())
+    if wanted.html is not None:
+        put(wanted.html, history_html(entry).encode())
+    return HistoryMade(
+        entry=entry, new=new, said=(*(line for lines in said for line in lines), *map(_applied, used))
+    )
+
+
+def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now: datetime) -> list[str]:
+    """Conversions of one scale for every cultivar that has enough fruit, kept as new versions; in words."""
+    groups = sorted({one.group for one in batches})
+    said = []
+    for group in groups:
+        pairs = [
+            (one.E_MPa, reading)
+            for batch in batches
+            if batch.group == group
+            for one in fruit_of(batch)
+            if (reading := getattr(one, scale)) is not None
+        ]
+        versions = [one.version for one in store.conversions() if (one.scale, one.group) == (scale, group)]
+        try:
+            found = fitted_conversion(
+                [E for E, _ in pairs],
+                [reading for _, reading in pairs],
+                scale=scale,
+                group=group,
+                version=max(versions, default=0) + 1,
+                fitted_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            )
+        except NotFitted as reason:
+            said.append(f"{scale}, {group}: not fitted: {reason}.")
+            continue
+        store.add_conversion(found)
+        said.append(f"{scale}, {group}: version {found.version} fitted to {found.fruit} fruit and kept.")
+    return said
+
+
+def _asked(store: HistoryStore, text: str, batches: Sequence[StoredBatch]) -> list[ScaleConversion]:
+    """The conversion of every cultivar; the version named, or the last one. Raises BatchRefused."""
+    scale, _, version = text.partition("@")
+    kept = [one for one in store.conversions() if one.scale == scale]
+    if version:
+        kept = [one for one in kept if str(one.version) == version]
+    if not kept:
+        known = ", ".join(f"{one.scale}@{one.version} ({one.group})" for one in store.conversions())
+        sentence = f'knows no conversion "{text}" ({known or "it has none"}); fit one with --fit {scale}.'
+        raise BatchRefused([Problem(str(store.path or "drupe history"), sentence)])
+    last = {one.group: one for one in sorted(kept, key=lambda one: one.version)}
+    return [last[group] for group in sorted({one.group for one in batches}) if group in last]
+
+
+def _applied(one: ScaleConversion) -> str:
+    return f"{one.scale} of {one.group} is predicted by version {one.version}, of {one.fitted_utc[:10]}."
+
+
+def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
+    """Raises BatchRefused where what is asked for cannot be done."""
+    if not outs and wanted.store is None:
+        sentence = "needs folders of results, or a store with --store."
+        raise BatchRefused([Problem("drupe history", sentence)])
+    for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):
+        if text not in SCALES:
+            known = ", ".join(SCALES)
+            raise BatchRefused([Problem("drupe history", f'knows no scale "{text}"; known: {known}.')])
+    if wanted.store is None and wanted.fit:
+        sentence = "--fit keeps what it fits: name a store with --store."
+        raise BatchRefused([Problem("drupe history", sentence)])
+    if wanted.store is not None:
+        require_file_apart(wanted.store, inputs=[], folders=outs)
+    for target, is_ours, what in (
+        (wanted.html, _is_page, "a page of drupe history"),
+        (wanted.csv, _is_table, "a table of drupe history"),
+    ):
+        if target is None:
+            continue
+        if not target.absolute().parent.is_dir():
+            raise BatchRefused([Problem(str(target.parent), "there is no such folder; make it first.")])
+        require_file_apart(target, inputs=[wanted.store] if wanted.store else [], folders=outs)
+        require_new_or_ours(target, is_ours, what)
+
+
+def _is_page(path: Path) -> bool:
+    with suppress(NotReadable):
+        return f"<title>{PAGE_TITLE}</title>" in read_text(path, most_bytes=MOST_BYTES)[:2000]
+    return False
+
+
+def _is_table(path: Path) -> bool:
+    with suppress(NotReadable):
+        return read_text(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))
+    return False

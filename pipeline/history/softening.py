@@ -1,0 +1,166 @@
+"""How fast a lot softens: exponential decay of its mean modulus over days, and when it reaches a limit.
+
+    ln E_ij = a - k t_i + d_i + e_ij        fruit j on day t_i
+
+k is the softening rate per day, d_i (standard deviation tau) what fruit of one day have in common beyond the
+law: another part of the lot, another temperature, the gripper of that day. e_ij is the spread of single
+fruit. Few days say little of tau; it has a half-normal prior (Gelman, Bayesian Analysis 1, 2006, 515) and is
+averaged over, a and k being normal for each tau with flat priors: a random-effects regression. All intervals
+are quantiles of that mixture. The limit L is reached by day t with the probability that a - k t is below ln
+L; without the average this is Fieller's interval (J. R. Stat. Soc. B 16, 1954, 175).
+
+Exponential decay describes the first part of softening; of kiwifruit it was found too firm in the middle
+(Benge et al., Postharvest Biol. Technol. 19, 2000, 211). Predictions therefore end at FARTHEST observed
+spans.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+
+FARTHEST = 2.0
+"""Times the observed span of days up to which the law is followed beyond the last day. Set by hand."""
+COVERAGE = 0.9
+"""Of all intervals here."""
+DAY_SD = 0.1
+"""Scale of tau's prior, of ln E: samples and sensors of two days differ by some 5 to 10 %. Set by hand."""
+_TAU = np.linspace(0.0, 4.0 * DAY_SD, 41)
+"""Values of tau that are averaged over: the prior beyond has 6e-5."""
+_BISECTIONS = 60
+"""Of 24 standard deviations: 2e-17 of one is left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Softening:
+    """The fitted law, for each tau with its weight: a and k (1/day), and their covariance.
+
+    `first`, `last`: days between which fruit were measured; `days`: their number; `fruit_sd`: spread of ln E
+    of single fruit; `day_sd`: mean of tau.
+    """
+
+    first: float
+    last: float
+    days: int
+    fruit_sd: float
+    day_sd: float
+    weights: Float[np.ndarray, " m"]
+    a: Float[np.ndarray, " m"]
+    k: Float[np.ndarray, " m"]
+    covariance: Float[np.ndarray, "m 2 2"]
+
+    def rate(self, share: float = 0.5) -> float:
+        """Quantile of k, 1/day."""
+        sd = np.sqrt(self.covariance[:, 1, 1])
+        return float(_quantile(share, self.k[None], sd[None], self.weights)[0])
+
+    @property
+    def softens(self) -> bool:
+        """Whether the interval of k lies above zero."""
+        return self.rate(0.5 - COVERAGE / 2) > 0
+
+    @property
+    def farthest_day(self) -> float:
+        """The last day that is predicted."""
+        return self.last + FARTHEST * (self.last - self.first)
+
+    def ln_E(self, day: Float[np.ndarray, " t"], share: float = 0.5) -> Float[np.ndarray, " t"]:
+        """Quantile of the lot's mean ln E on these days."""
+        return _quantile(share, *self.on(day), self.weights)
+
+    def on(self, day: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "t m"], Float[np.ndarray, "t m"]]:
+        """The lot's mean ln E on these days for each tau, and its standard deviation."""
+        terms = np.stack([np.ones_like(day), -day], axis=1)
+        variance = np.einsum("ti,mij,tj->tm", terms, self.covariance, terms)
+        return self.a - day[:, None] * self.k, np.sqrt(variance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """The day by which the mean is at a limit with even chance, and with 5 and 95 %.
+
+    None where that is beyond what is predicted, or never.
+    """
+
+    day: float | None
+    earliest: float | None
+    latest: float | None
+
+
+def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) -> Softening | None:
+    """The law of fruit by day (days since any start); None for fewer than two days.
+
+    `single_sd`: standard deviation of one fruit's ln E, where no day has two fruit.
+    """
+    days = sorted(day for day, fruit in E_MPa.items() if fruit)
+    if len(days) < 2:
+        return None
+    logs = [np.log(np.asarray(E_MPa[day], dtype=float)) for day in days]
+    fruit_sd = _pooled_sd(logs) or single_sd
+    t, means = np.array(days), np.array([one.mean() for one in logs])
+    variance = fruit_sd**2 / np.array([len(one) for one in logs])
+    fits = [_weighted(t, means, variance + tau**2) for tau in _TAU]
+    ln_weights = np.array([fit[2] for fit in fits]) - 0.5 * (_TAU / DAY_SD) ** 2
+    weights = np.exp(ln_weights - ln_weights.max())
+    weights /= weights.sum()
+    return Softening(
+        first=days[0],
+        last=days[-1],
+        days=len(days),
+        fruit_sd=fruit_sd,
+        day_sd=float(weights @ _TAU),
+        weights=weights,
+        a=np.array([fit[0][0] for fit in fits]),
+        k=np.array([fit[0][1] for fit in fits]),
+        covariance=np.array([fit[1] for fit in fits]),
+    )
+
+
+def reached(law: Softening, limit_MPa: float) -> Reached:
+    """When the mean falls to the limit."""
+    days = np.linspace(law.first, law.farthest_day, 2001)
+    mean, sd = law.on(days)
+    below = np.maximum.accumulate(ndtr((math.log(limit_MPa) - mean) / sd) @ law.weights)
+
+    def by(share: float) -> float | None:
+        return float(np.interp(share, below, days)) if below[-1] >= share else None
+
+    return Reached(day=by(0.5), earliest=by(0.5 - COVERAGE / 2), latest=by(0.5 + COVERAGE / 2))
+
+
+def _pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
+    """Standard deviation of single fruit within their days; 0 where no day has two."""
+    degrees = sum(len(one) - 1 for one in logs)
+    squares = sum(float(((one - one.mean()) ** 2).sum()) for one in logs)
+    return math.sqrt(squares / degrees) if degrees else 0.0
+
+
+def _weighted(
+    t: Float[np.ndarray, " d"], mean: Float[np.ndarray, " d"], variance: Float[np.ndarray, " d"]
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"], float]:
+    """a and k, their covariance, and ln of the marginal likelihood with flat priors of both."""
+    design = np.stack([np.ones_like(t), -t], axis=1)
+    precision = design.T @ (design / variance[:, None])
+    covariance = np.linalg.inv(precision)
+    found = covariance @ (design.T @ (mean / variance))
+    left = mean - design @ found
+    ln_likelihood = -0.5 * float((left**2 / variance).sum() + np.log(variance).sum())
+    return found, covariance, ln_likelihood - 0.5 * float(np.linalg.slogdet(precision)[1])
+
+
+def _quantile(
+    share: float,
+    mean: Float[np.ndarray, "t m"],
+    sd: Float[np.ndarray, "t m"],
+    weights: Float[np.ndarray, " m"],
+) -> Float[np.ndarray, " t"]:
+    """Of mixtures of normals, by bisection."""
+    low, high = (mean - 12 * sd).min(axis=1), (mean + 12 * sd).max(axis=1)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        under = ndtr((middle[:, None] - mean) / sd) @ weights < share
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return np.asarray((low + high) / 2)

@@ -1,0 +1,33 @@
+"""The page of a history: one HTML file that shows all it holds, with no network and no scripts."""
+
+from __future__ import annotations
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from reports.charts_batch import control_chart
+from reports.history_charts import softening_chart
+from reports.history_entries import HistoryEntry
+from reports.words import number, percent
+
+PAGE_TITLE = "History of graded batches"
+"""By which a page of an earlier run is known."""
+
+
+def history_html(history: HistoryEntry) -> str:
+    """The whole page, the same text for the same entry; all text of the batches is escaped."""
+    environment = Environment(
+        loader=PackageLoader("reports", package_path=""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "control_chart": control_chart,
+        "number": number,
+        "percent": percent,
+        "softening_chart": softening_chart,
+    }
+    return environment.get_template("templates/history.html.j2").render(
+        history=history, made=f"{history.made_utc:%Y-%m-%d %H:%M} UTC", title=PAGE_TITLE
+    )

@@ -1,0 +1,46 @@
+"""Folders of results as `drupe grade` leaves them, made of numbers alone."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pipeline.batch.layout import Results
+from pipeline.batch.provenance import write_provenance
+from pipeline.batch.records import FruitRecord, Given, ModulusRecord, write_record
+
+
+def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:
+    """A fruit that is graded."""
+    return FruitRecord(
+        fruit_id=fruit_id,
+        outcome="graded",
+        key="k",
+        given=Given(**given),
+        modulus=ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd * E_MPa),
+        doubts=tuple(doubts),
+    )
+
+
+def results_of(
+    out: Path, records, *, day="2026-08-10", status: int | None = 0, inputs=None, **settings
+) -> Path:
+    """Results of one batch, graded at noon of `day`."""
+    results = Results(out)
+    results.claim()
+    for record in records:
+        folder = results.fruit(record.fruit_id)
+        folder.root.mkdir(parents=True, exist_ok=True)
+        folder.claim()
+        write_record(folder.record, record)
+    at = datetime.fromisoformat(f"{day}T12:00:00").replace(tzinfo=UTC)
+    write_provenance(
+        results.provenance,
+        batch=str(out.parent),
+        settings={"category": "nectarine", **settings},
+        inputs=inputs
+        or {f"fruits/{one.fruit_id}/grasps/a.h5": f"{day}{out}{one.fruit_id}" for one in records},
+        started=at,
+        finished=at,
+        exit_status=status,
+        outcomes={one.fruit_id: one.outcome for one in records},
+    )
+    return out

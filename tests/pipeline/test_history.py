@@ -1,0 +1,268 @@
+"""Lots over days: the fitted law against simulated lots and closed forms; store, page and table."""
+
+import csv
+import math
+import sqlite3
+from dataclasses import replace
+from datetime import UTC, date, datetime
+
+import numpy as np
+import pytest
+from graded_results import graded, results_of
+from scipy.stats import linregress
+
+from pipeline.batch.records import FruitRecord, Given
+from pipeline.history.history_store import history_store
+from pipeline.history.lot_history import history_entry
+from pipeline.history.scale_conversion import NotFitted, fitted_conversion
+from pipeline.history.softening import DAY_SD, reached, softening_of
+from pipeline.history.stored_batch import stored_batch
+from pipeline.problem import BatchRefused
+
+NOW = datetime(2026, 8, 20, 12, tzinfo=UTC)
+CLASSES = {"classes": [{"name": "ready", "E_max_MPa": 0.5}, {"name": "firm", "E_max_MPa": None}]}
+
+
+def lot(rng, *, days, k, fruit=12, spread=0.15, day_sd=0.0, E0=1.2):
+    return {
+        float(day): list(E0 * np.exp(-k * day + day_sd * rng.normal() + spread * rng.normal(size=fruit)))
+        for day in days
+    }
+
+
+def test_fruit_without_spread_give_the_law_back():
+    law = softening_of({t: [1.2 * math.exp(-0.1 * t)] * 3 for t in (0.0, 2.0, 5.0, 9.0)}, single_sd=0.05)
+    assert law.rate() == pytest.approx(0.1, rel=1e-6)
+    assert reached(law, 0.6).day == pytest.approx(math.log(2) / 0.1, abs=0.01)
+
+
+def test_equal_days_are_least_squares_by_another_library():
+    rng = np.random.default_rng(3)
+    E = lot(rng, days=(0, 2, 4, 7), k=0.08, day_sd=0.1)
+    days = np.array(sorted(E))
+    other = linregress(days, [np.log(E[day]).mean() for day in days])
+    assert softening_of(E, single_sd=0.1).rate() == pytest.approx(-other.slope, rel=1e-6)
+
+
+def test_one_tau_is_fieller():
+    law = softening_of(lot(np.random.default_rng(8), days=(0, 2, 5), k=0.1), single_sd=0.1)
+    one = replace(law, weights=np.ones(1), a=law.a[:1], k=law.k[:1], covariance=law.covariance[:1], last=20.0)
+    (a,), (k,), ((Vaa, Vak), (_, Vkk)) = one.a, one.k, one.covariance[0]
+    away, q = a - math.log(0.5), 1.6448536
+    ends = np.roots([k**2 - q**2 * Vkk, -2 * (away * k - q**2 * Vak), away**2 - q**2 * Vaa])
+    found = reached(one, 0.5)
+    assert [found.earliest, found.latest] == pytest.approx(sorted(ends), abs=0.01)
+
+
+@pytest.mark.parametrize("days", [(0, 3), (0, 2, 4), (0, 1, 2, 4, 7)])
+def test_nine_intervals_in_ten_hold_the_rate_and_the_day(days):
+    rng = np.random.default_rng(11)
+    k, held, on_day, known = 0.12, 0, 0, 0
+    true_day = math.log(1.2 / 0.5) / k
+    for _ in range(300):
+        drawn = lot(rng, days=days, k=k, day_sd=abs(rng.normal(scale=DAY_SD)))
+        law = softening_of(drawn, single_sd=0.15)
+        held += law.rate(0.05) <= k <= law.rate(0.95)
+        found = reached(law, 0.5)
+        known += found.latest is not None
+        low = np.inf if found.earliest is None else found.earliest
+        high = np.inf if found.latest is None else found.latest
+        on_day += min(low, law.farthest_day) <= true_day <= high
+    assert 0.85 <= held / 300 <= 0.95
+    assert on_day / 300 >= 0.85
+    assert known >= (0 if len(days) == 2 else 60)
+
+
+def test_a_lot_that_does_not_soften_has_no_day():
+    rng = np.random.default_rng(5)
+    law = softening_of(lot(rng, days=(0, 2, 5), k=0.0), single_sd=0.1)
+    assert not law.softens
+    assert reached(law, 0.5).day is None
+
+
+def test_the_law_is_not_followed_for_ever():
+    law = softening_of({t: [1.2 * math.exp(-0.1 * t)] * 3 for t in (0.0, 1.0, 2.0)}, single_sd=0.1)
+    assert law.farthest_day == 6.0
+    assert reached(law, 0.3).day is None
+
+
+def test_one_day_has_no_law():
+    assert softening_of({0.0: [1.0, 1.1]}, single_sd=0.1) is None
+
+
+def conversion(E, reading, **changes):
+    said = {"scale": "shore_oo", "group": "nectarine A", "version": 1, "fitted_utc": "2026-08-20T12:00:00Z"}
+    return fitted_conversion(E, reading, **{**said, **changes})
+
+
+def test_a_conversion_is_the_line_of_another_library():
+    rng = np.random.default_rng(2)
+    E = np.exp(rng.uniform(-1.5, 0.3, 30))
+    reading = 60 + 12 * np.log(E) + rng.normal(0, 2, 30)
+    ours, other = conversion(E, reading), linregress(np.log(E), reading)
+    assert (ours.slope, ours.intercept) == pytest.approx((other.slope, other.intercept), rel=1e-9)
+    assert ours.slope_sd == pytest.approx(other.stderr, rel=1e-9)
+
+
+def test_nine_of_ten_new_readings_lie_in_the_interval():
+    rng = np.random.default_rng(4)
+    inside = total = 0
+    for _ in range(300):
+        E = np.exp(rng.uniform(-1.5, 0.3, 12))
+        found = conversion(E, 60 + 12 * np.log(E) + rng.normal(0, 2, 12))
+        one = math.exp(rng.uniform(-1.2, 0.0))
+        if (predicted := found.predicted(one)) is None:
+            continue
+        total += 1
+        inside += abs(60 + 12 * math.log(one) + rng.normal(0, 2) - predicted[0]) <= predicted[1]
+    assert 0.85 <= inside / total <= 0.95
+
+
+def test_nothing_is_predicted_beyond_the_fruit_fitted_nor_fitted_to_few_or_equal_ones():
+    E = np.exp(np.linspace(-1, 0, 10))
+    found = conversion(E, 60 + 12 * np.log(E))
+    assert found.predicted(1.5) is None
+    assert found.predicted(0.5)[0] == pytest.approx(60 + 12 * math.log(0.5))
+    with pytest.raises(NotFitted, match="5 fruit of nectarine A have both E and shore_oo; at least 8"):
+        conversion(E[:5], E[:5])
+    with pytest.raises(NotFitted, match=r"spans a factor of 1\.01"):
+        conversion(np.linspace(1, 1.01, 10), E)
+
+
+@pytest.fixture
+def three_days(tmp_path):
+    """A lot of two cultivars' one over three days, each with a reference body; readings of Shore OO."""
+    outs = []
+    rng = np.random.default_rng(1)
+    for k, day in enumerate(("2026-08-10", "2026-08-12", "2026-08-15")):
+        E = 1.1 * np.exp(-0.12 * (0, 2, 5)[k] + rng.normal(0, 0.12, 6))
+        fruit = [
+            graded(f"N{j}", float(one), shore_oo=float(55 + 14 * np.log(one) + rng.normal(0, 0.8)))
+            for j, one in enumerate(E)
+        ]
+        body = graded("ball", 0.9 * (1, 1, 1.5)[k], sd=0.04, reference=True, reference_E_MPa=0.9)
+        odd = graded("odd", 40.0, doubts=["a gram for a newton"])
+        lost = FruitRecord(fruit_id="lost", outcome="no-photos", key="k", given=Given())
+        outs.append(
+            results_of(
+                tmp_path / day,
+                [*fruit, body, odd, lost],
+                day=day,
+                cultivar="Big Top",
+                lot="<script>alert(1)</script>",
+                grading=CLASSES,
+            )
+        )
+    return outs
+
+
+def test_results_become_days_of_a_lot(three_days):
+    batches = [stored_batch(out) for out in three_days]
+    entry = history_entry(batches, conversions=(), now=NOW)
+    (series,) = entry.series
+    assert [one.day for one in series.days] == [date(2026, 8, 10), date(2026, 8, 12), date(2026, 8, 15)]
+    assert [(one.fruit, one.left_out) for one in series.days] == [(6, 2)] * 3
+    assert series.days[-1].E_MPa < 0.8
+    assert "E falls by" in series.softening.words
+    (ready,) = series.limits
+    assert "2026-08-" in ready.words
+    assert len(entry.alarms) == 1
+    assert "ball: the last batch is beyond 3" in entry.alarms[0]
+
+
+def test_measured_on_takes_the_place_of_the_day_of_grading(tmp_path):
+    out = results_of(tmp_path / "late", [graded("A", 1.0)], day="2026-08-19", measured_on="2026-08-11")
+    assert stored_batch(out).measured == date(2026, 8, 11)
+
+
+def test_the_command_keeps_days_and_says_them_again(drupe, three_days, tmp_path):
+    store, page, table = tmp_path / "lots.sqlite", tmp_path / "h.html", tmp_path / "h.csv"
+    first = drupe("history", *three_days[:2], "--store", store)
+    assert first.status == 0
+    assert "2 batches (2 new), 1 lots" in first.out
+    again = drupe("history", *three_days, "--store", store, "--html", page, "--csv", table)
+    assert again.status == 4  # the ball reads half too much
+    assert "3 batches (1 new)" in again.out
+    assert "reference body ball" in again.out
+    said = page.read_text()
+    assert "<script>" not in said
+    assert "&lt;script&gt;" in said
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert len(rows) == 3 * 8
+    assert {row["measured_on"] for row in rows} == {"2026-08-10", "2026-08-12", "2026-08-15"}
+    once_more = drupe("history", "--store", store, "--html", page)
+    assert "3 batches (0 new)" in once_more.out
+
+
+def test_a_conversion_is_kept_by_version_and_applied_only_when_asked_for(drupe, three_days, tmp_path):
+    store, table = tmp_path / "lots.sqlite", tmp_path / "h.csv"
+    drupe("history", *three_days, "--store", store, "--fit", "shore_oo")
+    fitted = drupe("history", "--store", store, "--fit", "shore_oo")
+    assert "shore_oo, nectarine Big Top: version 2 fitted to 18 fruit and kept." in fitted.out
+    drupe("history", "--store", store, "--csv", table)
+    assert "shore_oo_predicted" not in table.read_text()
+    asked = drupe("history", "--store", store, "--csv", table, "--convert", "shore_oo@1")
+    assert "predicted by version 1" in asked.out
+    rows = [row for row in csv.DictReader(table.read_text().splitlines()) if row["shore_oo"]]
+    inside = [
+        float(row["shore_oo_low"]) <= float(row["shore_oo"]) <= float(row["shore_oo_high"]) for row in rows
+    ]
+    assert sum(inside) >= 15
+    assert {row["shore_oo_version"] for row in rows} == {"1"}
+    few = drupe("history", "--store", store, "--fit", "penetrometer_N")
+    assert "not fitted: 0 fruit of nectarine Big Top have both E and penetrometer_N" in few.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "needs folders of results, or a store with --store"),
+        (("nowhere",), "holds no results of drupe grade (batch.json); give the folder that --out named"),
+        (("OUT", "--fit", "shore_oo"), "--fit keeps what it fits: name a store"),
+        (("OUT", "--store", "S", "--fit", "brix"), 'knows no scale "brix"; known: shore_oo, penetrometer_N'),
+        (("OUT", "--store", "S", "--convert", "shore_oo"), 'knows no conversion "shore_oo" (it has none)'),
+        (("OUT", "--store", "notes.txt"), "is no store of drupe history, and is not overwritten"),
+        (("OUT", "--store", "other.sqlite"), "is another program's database, and is not written to"),
+        (("OUT", "--store", "link"), "is a link, and is not written through"),
+        (("OUT", "--html", "notes.txt"), "exists and is not a page of drupe history"),
+        (("OUT", "--store", "OUT/lots.sqlite"), "lies in"),
+        (("OUT", "--csv", "none/h.csv"), "there is no such folder; make it first"),
+        (("running",), "is of a run that has not ended"),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_nothing_is_touched(drupe, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    results_of(tmp_path / "OUT", [graded("A", 1.0)])
+    results_of(tmp_path / "running", [graded("A", 1.0)], status=None)
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "link").symlink_to("notes.txt")
+    with sqlite3.connect(tmp_path / "other.sqlite") as other:
+        other.execute("CREATE TABLE mine (a)")
+    other.close()
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    ran = drupe("history", *arguments)
+    assert ran.status == 2
+    assert said in ran.err
+    after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert {path: data for path, data in after.items() if path in before} == before
+    assert {path.name for path in after if path not in before} <= {"S"}
+
+
+def test_nothing_of_a_failed_run_is_kept(drupe, three_days, tmp_path):
+    store = tmp_path / "lots.sqlite"
+    drupe("history", three_days[0], "--store", store)
+    failed = drupe("history", three_days[1], "--store", store, "--convert", "shore_oo")
+    assert failed.status == 2
+    with history_store(store) as one:
+        assert len(one.batches()) == 1
+
+
+def test_a_damaged_store_is_said(three_days, tmp_path):
+    store = tmp_path / "lots.sqlite"
+    with history_store(store) as one:
+        one.add(stored_batch(three_days[0]))
+    data = bytearray(store.read_bytes())
+    data[4096:] = b"\xff" * len(data[4096:])
+    store.write_bytes(bytes(data))
+    with pytest.raises(BatchRefused, match="is damaged"), history_store(store) as one:
+        one.batches()
