@@ -26,11 +26,14 @@ from reports.svg import (
     marker,
     padded,
     polyline,
+    ticks,
 )
 from reports.words import NO_BREAK, number, percent, with_sd
 
 _ROW_PX = 24.0
 """Height of a fruit's row, px: a line of text of 12 px and as much air."""
+_BARS = 40
+"""Most bars of a distribution: 20 px each on a desk, 8 px on a phone."""
 _MOST_POINTS = 60
 """Of a control chart: beyond it the marks run together."""
 UNKNOWN_LOT = "unknown"
@@ -77,6 +80,52 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
             f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded
         )
         or "No fruit has a modulus",
+    )
+
+
+def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
+    """How many fruit have which modulus: bars over E, coloured by the class that their middle falls in.
+
+    Dashed lines are the limits of classes. ``width_px`` as of `ranking_chart`.
+    """
+    E_MPa = [fruit.E_MPa for fruit in without_references(batch.fruits) if fruit.E_MPa is not None]
+    limits = [(name, limit) for name, limit in batch.classes if limit is not None]
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    highest = max([*E_MPa, *(limit for _, limit in limits if limit < 1.4 * max(E_MPa))])
+    edges = ticks(0.0, 1.05 * highest, at_most=_BARS)
+    step = edges[1] - edges[0]
+    counts = [0] * (len(edges) + 1)
+    for value in E_MPa:
+        counts[min(int(value / step), len(counts) - 1)] += 1
+    last = max(k for k, count in enumerate(counts) if count) + 1
+    x = AxisScale(lowest=0.0, highest=max(last * step, 1.02 * highest), start_px=44.0, end_px=width_px - 12.0)
+    top, bottom = 30.0, 230.0
+    y = AxisScale(lowest=0.0, highest=1.05 * max(counts), start_px=bottom, end_px=top)
+    parts = [
+        axis_x(x, label="E, modulus of the flesh (MPa)", top=top, bottom=bottom, at_most=width_px // 80),
+        axis_y(y, label="fruits", left=44.0, right=width_px - 12.0, at_most=6),
+    ]
+    for k, count in enumerate(counts[:last]):
+        middle = (k + 0.5) * step
+        name = next((name for name, limit in batch.classes if limit is None or middle <= limit), "")
+        colour, _ = marks.get(name, UNKNOWN)
+        words = f"{k * step:g} to {(k + 1) * step:g} MPa: {count} fruits"
+        left, right = x(k * step) + 0.5, x((k + 1) * step) - 0.5
+        bar = {"x": left, "y": y(count), "width": right - left, "height": bottom - y(count), "fill": colour}
+        parts.append(element("rect", element("title", words), **bar))
+    for name, limit in limits:
+        if limit <= x.highest:
+            title = element("title", f"up to {limit:g} MPa: {name}")
+            at = x(limit)
+            parts.append(element("line", title, x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit"))
+    return drawing(
+        *parts,
+        width=float(width_px),
+        height=bottom + 44,
+        title="Distribution of moduli",
+        description="; ".join(
+            f"{k * step:g} to {(k + 1) * step:g} MPa: {count}" for k, count in enumerate(counts) if count
+        ),
     )
 
 

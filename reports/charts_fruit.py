@@ -12,9 +12,10 @@ from reports.entries import ForceCurve, FruitEntry, GraspEstimate
 from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
 from reports.words import number, with_sd
 
-_MOST_POINTS = 160
-"""Marks of one pad's curve: on a drawing 360 px wide more would lie less than 2 px apart."""
-_PAD_MARKS = ("circle", "square", "triangle", "diamond")
+_MOST_POINTS = 80
+"""Marks of one pad's curve: on a drawing 360 px wide more would lie less than 4 px apart."""
+_PAD_MARKS = ("circle", "square", "circle", "square")
+_PAD_DOTS = ("round", "cornered")
 
 
 def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
@@ -50,7 +51,6 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
 def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     """One pad's points of force over travel, and a line through them or of the model."""
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
-    shape = _PAD_MARKS[k % len(_PAD_MARKS)]
     parts = []
     if curve.model_force_N is not None:
         parts += _lines(
@@ -58,13 +58,14 @@ def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
         )
     else:
         parts += _lines(x, y, curve.travel_mm[::every], curve.force_N[::every], class_=f"joined pad{k % 4}")
-    for travel, force in zip(curve.travel_mm[::every], curve.force_N[::every], strict=True):
-        if math.isfinite(travel) and math.isfinite(force):
-            parts.append(
-                marker(
-                    shape, x(float(travel)), y(float(force)), size=3.2 - 0.8 * min(k, 1), class_=f"pad{k % 4}"
-                )
-            )
+    points = zip(curve.travel_mm[::every], curve.force_N[::every], strict=True)
+    dots = "".join(
+        f"M{x(float(travel)):.1f} {y(float(force)):.1f}h0"
+        for travel, force in points
+        if math.isfinite(travel) and math.isfinite(force)
+    )
+    # a stroke without length is a round or square dot: a tenth of the bytes of an element for each
+    parts.append(element("path", d=dots, class_=f"dots {_PAD_DOTS[k % 2]} pad{k % 4}"))
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 

@@ -57,6 +57,20 @@ class ShoreCorrelation:
     p: float | None = None
 
 
+SHIP, HOLD, LOOK = "ship", "hold", "look"
+"""Lists that a fruit may be on: to be shipped, to be held back, to be grasped again or looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture that the page holds: its bytes as WebP, and the file of it at full size, as a path from the
+    page's folder (empty: there is none). Without bytes the page only links to the file.
+    """
+
+    webp: bytes = b""
+    file: str = ""
+
+
 OR = "|"
 """Between effects of which one is there."""
 
@@ -122,6 +136,13 @@ class FruitEntry:
     maturity_probability: float | None = None
     class_withheld: bool = False
     """Whether it has no class because its E is in doubt."""
+    other_class: str | None = None
+    other_class_probability: float | None = None
+    """The class that it may have as well, where its own is less than 90 % certain."""
+    decision: str = ""
+    """SHIP, HOLD or LOOK; empty where nothing parts the fruit."""
+    decision_reason: str = ""
+    """Why it is to be looked at, to complete a sentence."""
     p_softer_than_next: float | None = None
     height_mm: float | None = None
     volume_mm3: float | None = None
@@ -144,14 +165,14 @@ class FruitEntry:
     """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
     forced: tuple[str, ...] = ()
     """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
-    photo_jpeg: bytes | None = None
-    mesh_png: bytes | None = None
+    photo: Picture | None = None
+    mesh_picture: Picture | None = None
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
-    coverage_png: bytes | None = None
-    views_png: bytes | None = None
+    coverage: Picture | None = None
+    views: Picture | None = None
     """Where photos were taken, and where more are needed, of a fruit that lacks views."""
-    surface_sd_png: bytes | None = None
+    surface_sd: Picture | None = None
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
@@ -196,21 +217,39 @@ class ReferenceEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Unfinished:
+    """How far a run is that has not come to its end: fruit done and in all; whether it was interrupted."""
+
+    done: int
+    total: int
+    interrupted: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class BatchEntry:
-    """All that a report says of one batch: its fruits in any order, and where the figures come from."""
+    """All that a report says of one batch: its fruits in any order, and where the figures come from.
+
+    Of an `unfinished` run: the fruits that are done, and no exit status.
+    """
 
     name: str
     category: str
     fruits: tuple[FruitEntry, ...]
     started_utc: datetime
     finished_utc: datetime
-    exit_status: int
+    """Of an unfinished run, the time of these figures."""
+    exit_status: int | None
+    unfinished: Unfinished | None = None
     cultivar: str | None = None
     lot: str | None = None
     harvest_date: date | None = None
     pulp_temperature_C: float | None = None
     classes: tuple[tuple[str, float | None], ...] = ()
     """(name, highest modulus of the class in MPa), softest first; the last has no limit."""
+    ships: tuple[str, ...] = ()
+    """The classes whose fruit are shipped; empty where nothing parts the fruit."""
+    ships_by_default: bool = False
+    """Whether no class of the settings says whether it is shipped."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

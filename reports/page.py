@@ -1,18 +1,39 @@
-"""The report of a batch: one HTML file that shows all it holds, with no network and no scripts."""
+"""The report of a batch: one HTML file that shows all it holds, with no network.
+
+Its one script sorts and searches the table of fruit and is named in the page's content policy by its hash;
+without scripts the page shows the same.
+"""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 from datetime import UTC, datetime
+from importlib import resources
 from itertools import groupby
 from typing import NamedTuple
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from reports.charts_batch import control_chart, correlation_words, ranking_chart, shore_chart
+from reports.batch_overview import (
+    MOST_LISTED,
+    class_counts,
+    class_words,
+    decision_lists,
+    failures,
+    numbered,
+)
+from reports.charts_batch import (
+    control_chart,
+    correlation_words,
+    distribution_chart,
+    ranking_chart,
+    shore_chart,
+)
 from reports.charts_fruit import force_chart, grasps_chart
-from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked, without_references
+from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, Picture, without_references
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import UNKNOWN as UNKNOWN_WORD
@@ -38,11 +59,21 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (README)."""
 
 
-def report_html(batch: BatchEntry) -> str:
+MOST_ROWS = 40
+"""Fruit up to which the ranking's chart has a row for each; beyond it the distribution is drawn."""
+
+
+MOST_IN_FULL = 500
+"""Fruit up to which the facts of each are a table; beyond it they are lines of text, which browsers lay out
+in a tenth of the time."""
+
+
+def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
     """The whole report as one self-contained HTML page, the same text for the same records.
 
     All text of the batch is escaped; pictures are data URIs; a content security policy in the page
-    forbids scripts and every outside source.
+    forbids every outside source and every script but the page's own. `provenance`: whether the checksums of
+    all inputs are listed.
     """
     marks = class_marks(tuple(name for name, _ in batch.classes))
     environment = Environment(
@@ -54,11 +85,13 @@ def report_html(batch: BatchEntry) -> str:
     )
     environment.filters |= {
         "advice": advice,
+        "class_words": class_words,
         "class_mark": lambda fruit: _dot(*marks.get(fruit.maturity or "", UNKNOWN)),
         "control_chart": control_chart,
         "curves_by_grasp": _curves_by_grasp,
-        "data_uri": _data_uri,
+        "image": _image,
         "effect": effect_name,
+        "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
         "facts": _facts,
         "force_chart": force_chart,
@@ -71,25 +104,35 @@ def report_html(batch: BatchEntry) -> str:
         "utc": _utc,
         "with_sd": with_sd,
     }
-    fruits = list(enumerate(ranked(batch.fruits), start=1))
+    fruits = numbered(batch)
     alone = without_references(batch.fruits)
+    script = resources.files("reports").joinpath("static/table.js").read_text(encoding="utf-8")
+    many = sum(fruit.E_MPa is not None for fruit in alone) > MOST_ROWS
     both = [fruit for fruit in alone if fruit.E_MPa is not None and fruit.shore_oo is not None]
     return environment.get_template("templates/page.html.j2").render(
         about=_about(batch),
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
         batch=batch,
+        brief=len(fruits) > MOST_IN_FULL,
         classes=_legend(batch, marks),
-        failed=[(index, fruit) for index, fruit in fruits if not fruit.ok],
+        counts=class_counts(batch, fruits),
+        failed=failures(fruits),
+        failed_count=sum(not fruit.ok for fruit in alone),
+        lists=decision_lists(batch, fruits),
+        many=many,
+        most_listed=MOST_LISTED,
+        script=Markup(script),  # the page's own, not the batch's
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in alone),
         limits_drawn=any(limit is not None for _, limit in batch.classes),
-        provenance=_provenance(batch),
-        ranking_narrow=ranking_chart(batch, width_px=360),
-        ranking_wide=ranking_chart(batch, width_px=900),
+        provenance=_provenance(batch, inputs=provenance),
+        ranking_narrow=(distribution_chart if many else ranking_chart)(batch, width_px=360),
+        ranking_wide=(distribution_chart if many else ranking_chart)(batch, width_px=900),
         shore_chart=shore_chart(batch) if len(both) > 1 else None,
         shore_words=correlation_words(batch.shore) if batch.shore else "",
-        status_words=_EXIT_STATUS.get(batch.exit_status, ""),
+        status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
         verdict=verdict(alone),
     )
@@ -161,12 +204,16 @@ def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
     return facts
 
 
-def _provenance(batch: BatchEntry) -> list[tuple[str, tuple[tuple[str, str], ...], bool]]:
+def _provenance(batch: BatchEntry, *, inputs: bool) -> list[tuple[str, tuple[tuple[str, str], ...], bool]]:
     """(summary, rows, whether the cells are hashes) of each part that is not empty."""
     parts = (
         ("Settings in force", batch.settings, False),
         ("Versions", batch.versions, False),
-        (f"Inputs: {len(batch.inputs)} files and their SHA-256", batch.inputs, True),
+        (
+            f"Inputs: {len(batch.inputs)} files and their SHA-256",
+            batch.inputs if inputs else (),
+            True,
+        ),
     )
     return [part for part in parts if part[1]]
 
@@ -175,8 +222,13 @@ def _curves_by_grasp(fruit: FruitEntry) -> list[tuple[ForceCurve, ...]]:
     return [tuple(curves) for _, curves in groupby(fruit.curves, key=lambda curve: curve.grasp)]
 
 
-def _data_uri(content: bytes, media_type: str) -> str:
-    return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"
+def _image(picture: Picture, alt: str) -> Markup:
+    """The picture inside the page, leading to its file at full size; where it has no bytes, words that do."""
+    shown: Markup | str = "Picture in its own file"
+    if picture.webp:
+        content = base64.b64encode(picture.webp).decode("ascii")
+        shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)
+    return element("a", shown, href=quote(picture.file)) if picture.file else Markup(shown)
 
 
 def _utc(at: datetime) -> str:

@@ -33,6 +33,8 @@ RANKING_COLUMNS = (
     "mismatch_by",
     "screen",
     "screen_p",
+    "decision",
+    "decision_reason",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -79,6 +81,8 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "mismatch_by": _said_by(fruit),
         "screen": safe_cell(fruit.screen.verdict) if fruit.screen else None,
         "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
+        "decision": fruit.decision or None,
+        "decision_reason": safe_cell(fruit.decision_reason.replace("\u00a0", " ")),
     }
 
 

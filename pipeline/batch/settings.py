@@ -58,10 +58,14 @@ class Strict(BaseModel):
 
 
 class GradingClass(Strict):
-    """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
+    """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken.
+
+    `ship`: whether its fruit are shipped now; None: not said (`Grading.shipped`).
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     E_max_MPa: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
+    ship: bool | None = None
 
 
 class Grading(Strict):
@@ -87,6 +91,17 @@ class Grading(Strict):
         if len(set(names)) != len(names):
             raise ValueError(f"class names must differ, found {names}")
         return self
+
+    @property
+    def shipped(self) -> tuple[bool, ...] | None:
+        """Of each class whether its fruit are shipped: those that say so, or where none says anything all
+        but the firmest; None where nothing parts the fruit.
+        """
+        if any(c.ship is not None for c in self.classes):
+            return tuple(bool(c.ship) for c in self.classes)
+        if len(self.classes) < 2:
+            return None
+        return (*(True for _ in self.classes[1:]), False)
 
 
 NO_PIT = "none"

@@ -30,6 +30,10 @@ def grade(
         bool,
         typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
     ] = True,
+    provenance: Annotated[
+        bool,
+        typer.Option("--provenance", help="List the checksums of all inputs in the report (for an annex)."),
+    ] = False,
 ) -> None:
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
@@ -51,6 +55,7 @@ def grade(
             console=Console(stderr=True),
             force=force,
             screen=screen,
+            checksums=provenance,
         )
     except KeyboardInterrupt:
         typer.echo(

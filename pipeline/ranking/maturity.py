@@ -1,5 +1,6 @@
 """From moduli with error bars to maturity classes and a ranking with probabilities."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ class Rank:
     p_softer_than_next: float | None
     maturity: str | None
     maturity_probability: float | None
+    class_probabilities: tuple[float, ...] = ()
+    """Of each class of the batch, softest first; they add up to 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +75,7 @@ def standings(
             j = order[rank[i]]
             softer = _phi(mean[j] - mean[i], math.hypot(spread[i], spread[j]))
         name, probability = maturity(mean[i], whole[i], classes)
+        shares = class_probabilities(mean[i], whole[i], classes)
         result.append(
             Rank(
                 rank=int(rank[i]),
@@ -81,6 +85,7 @@ def standings(
                 p_softer_than_next=softer,
                 maturity=name,
                 maturity_probability=probability,
+                class_probabilities=shares,
             )
         )
     return result
@@ -88,14 +93,27 @@ def standings(
 
 def maturity(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tuple[str | None, float | None]:
     """The class that E falls in, and the probability that the true modulus does; None without classes."""
-    below = 0.0
-    for grade in classes:
-        top = math.inf if grade.E_max_MPa is None else math.log(grade.E_max_MPa)
-        above = _phi(top - log_E, log_sd)
-        if log_E <= top:
-            return grade.name, above - below
-        below = above
+    shares = class_probabilities(log_E, log_sd, classes)
+    for grade, share in zip(classes, shares, strict=True):
+        if log_E <= _log_limit(grade):
+            return grade.name, share
     return None, None
+
+
+def class_probabilities(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tuple[float, ...]:
+    """The probability of each class, softest first: with upper limits b_k,
+
+        P_k = Phi((log b_k - log E) / s) - Phi((log b_(k-1) - log E) / s),      s = sd/E
+
+    which is the chance that the true modulus lies between the class's limits, its error lognormal.
+    """
+    up_to = [0.0, *(_phi(_log_limit(grade) - log_E, log_sd) for grade in classes)]
+    return tuple(above - below for below, above in itertools.pairwise(up_to))
+
+
+def _log_limit(grade: GradingClass) -> float:
+    """log of the class's highest modulus; infinity where it has none."""
+    return math.inf if grade.E_max_MPa is None else math.log(grade.E_max_MPa)
 
 
 def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> Agreement | None:

@@ -13,9 +13,12 @@ from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord, read_diagnosis
+from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
+from pipeline.ranking.decisions import decide
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
+from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.ranking.run_summary import decimals
 from reports.entries import (
     OR,
@@ -29,6 +32,7 @@ from reports.entries import (
     ScreenEntry,
     ShoreCorrelation,
     Suspect,
+    Unfinished,
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
@@ -56,15 +60,19 @@ def batch_entry(
     inputs: Mapping[str, str],
     started: datetime,
     finished: datetime,
-    exit_status: int,
+    exit_status: int | None,
     finding: ReferenceFinding | None = None,
     chart: ControlChart | None = None,
     faults: Sequence[BatchFault] = (),
+    unfinished: Unfinished | None = None,
+    pictures: ReportPictures | None = None,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first.
 
-    `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any.
+    `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any;
+    `unfinished`: how far a run is whose `records` are not all; `pictures`: those that the run has made.
     """
+    shown = pictures or ReportPictures(results, fruits=len(batch.rows))
     graded = [r for r in records if r.graded and not r.given.reference]
     E, sd, common = (
         np.array(
@@ -92,12 +100,22 @@ def batch_entry(
         started_utc=started,
         finished_utc=finished,
         exit_status=exit_status,
+        unfinished=unfinished,
+        ships=_ships(settings.grading),
+        ships_by_default=all(c.ship is None for c in settings.grading.classes),
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
         faults=tuple(one.sentence for one in faults),
         screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
-        fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
+        fruits=tuple(
+            _fruit_entry(r, place_of.get(r.fruit_id), results, settings.grading, shown) for r in records
+        ),
     )
+
+
+def _ships(grading: Grading) -> tuple[str, ...]:
+    """Names of the classes that are shipped."""
+    return tuple(c.name for c, goes in zip(grading.classes, grading.shipped or (), strict=False) if goes)
 
 
 def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
@@ -124,10 +142,15 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
     )
 
 
-def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> FruitEntry:
+def _fruit_entry(
+    record: FruitRecord, place: Rank | None, results: Results, grading: Grading, pictures: ReportPictures
+) -> FruitEntry:
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
+    mismatch = record.mismatch or _explained(record, files)
+    decision = decide(record, place, grading, mismatch=mismatch)
+    shown = pictures.of(files, measured=mesh is not None, graded=record.graded)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -146,7 +169,11 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
         volume_mm3=_volume_mm3(record),
         grasps=sum(g.failure is None for g in record.grasps),
-        mismatch=record.mismatch or _explained(record, files),
+        other_class=decision.other_class if not record.doubts else None,
+        other_class_probability=decision.other_probability if not record.doubts else None,
+        decision=decision.list_name,
+        decision_reason=decision.why,
+        mismatch=mismatch,
         mismatch_taken=record.mismatch is not None,
         screen=_screen(record),
         reference=record.given.reference,
@@ -155,12 +182,12 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
-        mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
+        photo=shown.photo,
+        mesh_picture=shown.mesh,
         has_pit=record.pit is not None,
-        coverage_png=files.coverage.read_bytes() if mesh and files.coverage.is_file() else None,
-        views_png=files.views.read_bytes() if not record.graded and files.views.is_file() else None,
-        surface_sd_png=files.surface_sd.read_bytes() if mesh and files.surface_sd.is_file() else None,
+        coverage=shown.coverage,
+        views=shown.views,
+        surface_sd=shown.surface_sd,
         estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
         curves=tuple(_curves(record.grasps)),
         facts=tuple(_facts(record, place)),

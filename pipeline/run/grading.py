@@ -4,52 +4,33 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.control_chart import (
-    ControlChart,
-    chart_path,
-    read_chart,
-    require_chart_place,
-    update_chart,
-    with_points,
-)
+from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.provenance import input_hashes, write_provenance
-from pipeline.batch.records import FruitRecord, write_record
+from pipeline.batch.provenance import input_hashes
+from pipeline.batch.records import FruitRecord
 from pipeline.batch.task import FruitTask, fruit_task
-from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
-from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
+from pipeline.batch.write_guard import require_results_apart, require_temporary_apart
+from pipeline.exit_status import INTERRUPTED
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
-from pipeline.ranking.batch_faults import BatchFault, batch_faults
-from pipeline.ranking.reference_ratio import (
-    ReferenceFinding,
-    against_references,
-    as_measured,
-    drift,
-    own_points,
-)
-from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.run_summary import cause, decimals
+from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import implausible_batch, implausible_fruit
-from pipeline.run.former_results import batch_folder, identity, require_same_batch
 from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.progress import BatchProgress
+from pipeline.run.reporting import ReportSoFar, report
 from pipeline.run.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from reports.entries import BatchEntry
-from reports.page import report_html
-from reports.tables import ranking_csv
 
 
 def utc_now() -> datetime:
@@ -66,6 +47,7 @@ def grade(
     console: Console,
     force: bool = False,
     screen: bool = True,
+    checksums: bool = False,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
@@ -79,7 +61,13 @@ def grade(
     """
     started, since_s = now(), time.monotonic()
     run = _placed(
-        open_batch(root, force=force), out, started=started, since_s=since_s, force=force, screen=screen
+        open_batch(root, force=force),
+        out,
+        started=started,
+        since_s=since_s,
+        force=force,
+        screen=screen,
+        checksums=checksums,
     )
     if not is_held(run.results.root):
         run.require_ours()
@@ -89,70 +77,30 @@ def grade(
         records, todo, forced = _sorted_out(run, console)
         with suppress(NotWritten):
             run.write_provenance(records, None)
+        so_far = ReportSoFar(run, records)
         try:
             jobs = _jobs([task for _, task in todo], jobs, console)
-            _work(todo, records, jobs=jobs, time_limit_s=time_limit_s, console=console)
+            _work(todo, records, so_far, jobs=jobs, time_limit_s=time_limit_s, console=console)
         except KeyboardInterrupt:
             with suppress(NotWritten):
                 run.write_provenance(records, INTERRUPTED)
+            so_far.write(interrupted=True)
             raise
         for fruit_id, record in records.items():
             records[fruit_id] = with_forced(record, forced.get(fruit_id, ()), run.results)
-        return _reported(run, records)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Run:
-    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began."""
-
-    batch: Batch
-    results: Results
-    chart: Path | None
-    inputs: Mapping[str, str]
-    force: bool
-    screen: bool
-    started: datetime
-    since_s: float
-
-    @property
-    def fruits(self) -> list[FruitResults]:
-        return [self.results.fruit(row.fruit_id) for row in self.batch.rows]
-
-    def until_now(self) -> datetime:
-        return self.started + timedelta(seconds=time.monotonic() - self.since_s)
-
-    def require_ours(self) -> None:
-        """Raises BatchRefused where the results hold files of others, or another batch's."""
-        require_free(self.results, self.fruits, "--out")
-        require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
-
-    def write_provenance(
-        self,
-        records: Mapping[str, FruitRecord],
-        status: int | None,
-        finding: ReferenceFinding | None = None,
-        faults: Sequence[BatchFault] = (),
-    ) -> None:
-        """batch.json, with the outcomes so far; `status` is None before the end. Raises NotWritten."""
-        write_provenance(
-            self.results.provenance,
-            batch=batch_folder(self.batch),
-            settings=self.batch.settings.model_dump(mode="json"),
-            inputs=self.inputs,
-            started=self.started,
-            finished=None if status is None else self.until_now(),
-            exit_status=status,
-            outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
-            reference=None if finding is None else asdict(finding),
-            force=self.force,
-            screened=self.screen,
-            faults=[asdict(one) for one in faults],
-        )
+        return report(run, records)
 
 
 def _placed(
-    batch: Batch, out: Path | None, *, started: datetime, since_s: float, force: bool, screen: bool
-) -> _Run:
+    batch: Batch,
+    out: Path | None,
+    *,
+    started: datetime,
+    since_s: float,
+    force: bool,
+    screen: bool,
+    checksums: bool,
+) -> BatchRun:
     """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
     results = Results(out or batch.folder.default_results)
     require_results_apart(results, batch.folder, read_files(batch), "--out")
@@ -161,20 +109,21 @@ def _placed(
     chart = None if named is None else chart_path(batch.folder, named)
     if chart is not None:
         require_chart_place(chart, batch.folder, results, read_files(batch))
-    return _Run(
+    return BatchRun(
         batch=batch,
         results=results,
         chart=chart,
         inputs=input_hashes(batch.folder.root, _inputs(batch)),
         force=force,
         screen=screen,
+        checksums=checksums,
         started=started,
         since_s=since_s,
     )
 
 
 def _sorted_out(
-    run: _Run, console: Console
+    run: BatchRun, console: Console
 ) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
     """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
     tasks = {
@@ -194,63 +143,6 @@ def _sorted_out(
     for fruit_id, sentence in implausible.items():
         records[fruit_id] = refused_record(tasks[fruit_id], sentence)
     return records, todo, forced
-
-
-def _reported(run: _Run, records: Mapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
-    """Fruit held against each other and the reference bodies; ranking, report, provenance and chart written.
-
-    The exit status and what the report says; raises NotWritten.
-    """
-    settings = run.batch.settings
-    measured = [records[row.fruit_id] for row in run.batch.rows]
-    compared = copies_doubted(measured, run.batch.folder)
-    in_order, finding = against_references(compared, correct=settings.reference.correct)
-    _keep_comparisons(measured, in_order, run.results)
-    chart, own = ControlChart(), []
-    if run.chart is not None and finding is not None:
-        own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
-        chart = with_points(read_chart(run.chart), own)
-        finding = drift(chart, finding)
-    faults = batch_faults(in_order)
-    status = _status(in_order, finding)
-    entry = batch_entry(
-        run.batch,
-        in_order,
-        results=run.results,
-        inputs=run.inputs,
-        started=run.started,
-        finished=run.until_now(),
-        exit_status=status,
-        finding=finding,
-        chart=chart,
-        faults=faults,
-    )
-    write_whole(run.results.ranking, ranking_csv(entry))
-    write_whole(run.results.report, report_html(entry))
-    run.write_provenance(records, status, finding, faults)
-    if run.chart is not None and own:
-        update_chart(run.chart, own)
-    return status, entry
-
-
-def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
-    """The exit status of a run that went to its end; what staff must look into is no 0."""
-    if not all(one.graded for one in records):
-        return UNUSABLE
-    alarm = finding is not None and finding.alarm
-    return DOUBTED if alarm or any(one.doubts for one in records) else DONE
-
-
-def _keep_comparisons(
-    measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
-) -> None:
-    """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
-    fruit have too, beside what was measured.
-    """
-    for record, one in zip(measured, compared, strict=True):
-        kept = with_copies(as_measured(record, one), one.copied)
-        if kept != record:
-            write_record(results.fruit(record.fruit_id).record, kept)
 
 
 def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
@@ -294,12 +186,15 @@ def _kind(task: FruitTask) -> str:
 def _work(
     todo: list[tuple[str, FruitTask]],
     records: dict[str, FruitRecord],
+    so_far: ReportSoFar,
     *,
     jobs: int,
     time_limit_s: float,
     console: Console,
 ) -> None:
-    """Grades what is to do, shows how far it is, and puts each record into `records` as it comes."""
+    """Grades what is to do, shows how far it is, and puts each record into `records` as it comes; ranking and
+    report of those that are done are written between.
+    """
     tasks = dict(todo)
     with (
         BatchProgress(console, total=len(todo), jobs=jobs) as progress,
@@ -312,6 +207,7 @@ def _work(
             record = _record_of(event, tasks[event.fruit_id], time_limit_s)
             records[event.fruit_id] = record
             progress.done(event.fruit_id, _in_a_line(record), whole=record.graded)
+            so_far.write_when_due()
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:

@@ -4,11 +4,14 @@ import csv
 import html
 import json
 import math
+import shutil
+from datetime import UTC, datetime
 
 import pytest
 from rich.console import Console
 
-from pipeline.batch.layout import write_whole
+from pipeline.batch.layout import Results, write_whole
+from pipeline.batch.opening import open_batch
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import (
     FruitRecord,
@@ -22,6 +25,9 @@ from pipeline.batch.records import (
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
+from pipeline.run import reporting
+from pipeline.run.batch_run import BatchRun
+from pipeline.run.reporting import ReportSoFar
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
@@ -67,7 +73,7 @@ def run(batch, monkeypatch):
     """Grades the batch; the work on a fruit is replaced by one that writes a modulus and files at once."""
     worked = []
 
-    def work(todo, records, **_):
+    def work(todo, records, _so_far, **_):
         for fruit_id, task in todo:
             worked.append(fruit_id)
             task.results.claim()
@@ -248,10 +254,61 @@ def test_a_fault_of_the_whole_batch_stands_in_report_and_provenance(batch, run, 
         effect="sensor_gain", pad="left", parameter="gain", value=0.04, sd=0.001, between_sd=0.0,
         p_value=1e-6, shown_by=("A", "B"), fruit=2, sentence="The left pad reads 4 % too much force.",
     )  # fmt: skip
-    monkeypatch.setattr(grading, "batch_faults", lambda records: (fault,))
+    monkeypatch.setattr(reporting, "batch_faults", lambda records: (fault,))
     run()
     page = (batch / "results" / "report.html").read_text()
     assert page.count(fault.sentence) == 1
     assert page.index(fault.sentence) < page.index("Ranking, softest first")
     (kept,) = json.loads((batch / "results" / "batch.json").read_text())["faults"]
     assert (kept["effect"], kept["pad"], kept["shown_by"]) == ("sensor_gain", "left", ["A", "B"])
+
+
+class Clock:
+    """Seconds that are set by hand; each reading moves on by `step`."""
+
+    def __init__(self):
+        self.now, self.step = 100.0, 0.0
+
+    def __call__(self):
+        self.now += self.step
+        return self.now
+
+
+def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(batch):
+    (batch / "fruits" / "C").mkdir()
+    shutil.copy(batch / "fruits" / "A" / "fruit.ply", batch / "fruits" / "C")
+    (batch / "fruits.csv").write_text("fruit_id\nA\nB\nC\n")
+    opened, results = open_batch(batch), Results(batch / "results")
+    run = BatchRun(
+        batch=opened, results=results, chart=None, inputs={}, force=False, screen=True, checksums=False,
+        started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
+    )  # fmt: skip
+    results.claim()
+    records, clock = {}, Clock()
+    so_far = ReportSoFar(run, records, clock=clock)
+    so_far.write_when_due()
+    assert not results.report.exists()
+
+    def graded(name, E_MPa):
+        modulus = ModulusRecord(E_MPa=E_MPa, E_sd_MPa=0.01)
+        records[name] = FruitRecord(fruit_id=name, outcome="graded", key="k", given=Given(), modulus=modulus)
+
+    graded("B", 0.4)
+    clock.now, clock.step = 200.0, 0.05  # so long does a report take
+    so_far.write_when_due()
+    page = results.report.read_text()
+    assert "Still running:</b> 1 of 3 fruit are done" in page
+    assert [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())] == ["B"]
+    graded("A", 0.2)
+    clock.step = 0.0
+    for later, written in ((1.0, 1), (4.0, 1), (6.0, 2)):  # 0.05 s are 1 % of 5 s
+        clock.now = 200.1 + later
+        so_far.write_when_due()
+        assert len(list(csv.DictReader(results.ranking.read_text().splitlines()))) == written
+    so_far.write(interrupted=True)
+    assert "Interrupted:</b> 2 of 3" in results.report.read_text()
+    graded("C", 0.6)
+    clock.now += 1e6
+    before = results.report.read_text()
+    so_far.write_when_due()  # the end writes that one
+    assert results.report.read_text() == before

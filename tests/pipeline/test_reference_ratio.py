@@ -23,7 +23,7 @@ from pipeline.ranking.reference_ratio import (
 )
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.run_summary import print_summary
-from pipeline.run.grading import _status
+from pipeline.run.reporting import _status
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from reports.page import report_html

@@ -13,12 +13,12 @@ from reports.entries import (
     ForceCurve,
     FruitEntry,
     GraspEstimate,
+    Picture,
     ShoreCorrelation,
 )
 
 HOSTILE = "<script>alert('x')</script>&\"q\" {{ 7*7 }}"
-TINY_JPEG = cv2.imencode(".jpg", np.full((8, 8, 3), 90, np.uint8))[1].tobytes()
-TINY_PNG = cv2.imencode(".png", np.full((8, 8, 3), 90, np.uint8))[1].tobytes()
+TINY_WEBP = cv2.imencode(".webp", np.full((8, 8, 3), 90, np.uint8))[1].tobytes()
 
 
 def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None = "ripe") -> FruitEntry:
@@ -38,10 +38,10 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         volume_mm3=104123.5,
         grasps=1,
         shore_oo=30.0 + 20.0 * E_MPa,
-        photo_jpeg=TINY_JPEG,
-        mesh_png=TINY_PNG,
-        coverage_png=TINY_PNG,
-        surface_sd_png=TINY_PNG,
+        photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
+        mesh_picture=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
+        coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
+        surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
         estimates=(
             GraspEstimate(
                 grasp="grasp-1",

@@ -1,0 +1,137 @@
+"""The pictures of a fruit as the report holds them: small ones inside the page, the files beside it."""
+
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.layout import FruitResults, Results
+from pipeline.batch.stage_record import StageRecord
+from pipeline.files.whole_file import NotWritten
+from reports.entries import Picture
+from reports.inline_picture import webp_within
+
+MANY = 500
+"""Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB."""
+
+
+class _Room(NamedTuple):
+    """What a picture may take in the page: bytes as WebP, and its longer side."""
+
+    most_bytes: int
+    longest_px: int
+
+
+_ROOMS: dict[str, _Room] = {
+    "photo": _Room(8_500, 420),
+    "mesh": _Room(7_000, 640),
+    "coverage": _Room(5_500, 420),
+    "surface_sd": _Room(5_500, 420),
+    "views": _Room(9_500, 420),
+}
+"""Bytes and pixels by picture. A graded fruit has at most the first four: 26 500 bytes, in a page (base64,
+four characters for three bytes) 35 kB. `views` is of a fruit that was not graded."""
+_ROOMS_OF_MANY: dict[str, _Room] = {
+    "photo": _Room(2_500, 220),
+    "mesh": _Room(3_500, 360),
+    "coverage": _Room(0, 0),
+    "surface_sd": _Room(0, 0),
+    "views": _Room(3_500, 300),
+}
+"""The same beyond MANY fruit: 2000 of them take 16 MB; the maps are links to their files alone."""
+
+
+class _Thumbnails(StageRecord):
+    """WebP bytes by picture, empty where there is none."""
+
+    photo: UInt8[np.ndarray, " a"]
+    mesh: UInt8[np.ndarray, " b"]
+    coverage: UInt8[np.ndarray, " c"]
+    surface_sd: UInt8[np.ndarray, " d"]
+    views: UInt8[np.ndarray, " e"]
+
+
+class FruitPictures(NamedTuple):
+    """Those that a fruit has."""
+
+    photo: Picture | None = None
+    mesh: Picture | None = None
+    coverage: Picture | None = None
+    surface_sd: Picture | None = None
+    views: Picture | None = None
+
+
+class ReportPictures:
+    """Small pictures of fruit, made once: kept here while a run lasts, and with the fruit's stages."""
+
+    def __init__(self, results: Results, *, fruits: int) -> None:
+        self._root = results.root
+        self._rooms = _ROOMS_OF_MANY if fruits > MANY else _ROOMS
+        self._made: dict[tuple[str, tuple[tuple[str, int, int], ...]], FruitPictures] = {}
+
+    def of(self, files: FruitResults, *, measured: bool, graded: bool) -> FruitPictures:
+        """Pictures of one fruit; of one without a mesh (not `measured`) or graded those that fit it."""
+        wanted = {
+            "photo": files.photo,
+            "mesh": files.picture,
+            "coverage": files.coverage,
+            "surface_sd": files.surface_sd,
+        }
+        paths = wanted if measured else {}
+        if not graded:
+            paths = paths | {"views": files.views}
+        there = {name: path for name, path in paths.items() if path.is_file()}
+        if not there:
+            return FruitPictures()
+        state = tuple((name, *_state(path)) for name, path in there.items())
+        found = (str(files.root), state)
+        if found not in self._made:
+            self._made[found] = self._pictures(files, there)
+        return self._made[found]
+
+    def _pictures(self, files: FruitResults, there: dict[str, Path]) -> FruitPictures:
+        key = stage_key(
+            "report-pictures",
+            files=there.values(),
+            settings={name: list(self._rooms[name]) for name in there},
+            rooms=("reports",),
+        )
+        made: list[_Thumbnails] = []
+
+        def compute() -> _Thumbnails:
+            made.append(self._thumbnails(there))
+            return made[-1]
+
+        with suppress(NotWritten):
+            made.append(cached(files.cache, "report-pictures", key, compute, record=_Thumbnails))
+        small = made[-1]
+        return FruitPictures(
+            **{
+                name: Picture(webp=getattr(small, name).tobytes(), file=_from(self._root, path))
+                for name, path in there.items()
+            }
+        )
+
+    def _thumbnails(self, there: dict[str, Path]) -> _Thumbnails:
+        empty = np.zeros(0, np.uint8)
+        made = dict.fromkeys(_ROOMS, empty)
+        for name, path in there.items():
+            room = self._rooms[name]
+            if room.most_bytes:
+                coded = webp_within(path.read_bytes(), most_bytes=room.most_bytes, longest_px=room.longest_px)
+                made[name] = np.frombuffer(coded, np.uint8)
+        return _Thumbnails(**made)
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What changes when a file is written anew: time (ns) and size (bytes)."""
+    said = path.stat()
+    return said.st_mtime_ns, said.st_size
+
+
+def _from(root: Path, path: Path) -> str:
+    """The path from the page's folder, with forward slashes."""
+    return path.absolute().relative_to(root.absolute()).as_posix()

@@ -1,0 +1,71 @@
+"""What one run of `drupe grade` knows of its batch and of its places."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from pipeline.batch.layout import FruitResults, Results
+from pipeline.batch.opening import Batch
+from pipeline.batch.provenance import write_provenance
+from pipeline.batch.records import FruitRecord
+from pipeline.batch.write_guard import require_free
+from pipeline.ranking.batch_faults import BatchFault
+from pipeline.ranking.reference_ratio import ReferenceFinding
+from pipeline.run.former_results import batch_folder, identity, require_same_batch
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchRun:
+    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began.
+
+    `checksums`: whether the report lists those SHA-256.
+    """
+
+    batch: Batch
+    results: Results
+    chart: Path | None
+    inputs: Mapping[str, str]
+    force: bool
+    screen: bool
+    checksums: bool
+    started: datetime
+    since_s: float
+
+    @property
+    def fruits(self) -> list[FruitResults]:
+        """Where the results of each fruit go."""
+        return [self.results.fruit(row.fruit_id) for row in self.batch.rows]
+
+    def until_now(self) -> datetime:
+        """The time now, by the monotonic clock."""
+        return self.started + timedelta(seconds=time.monotonic() - self.since_s)
+
+    def require_ours(self) -> None:
+        """Raises BatchRefused where the results hold files of others, or another batch's."""
+        require_free(self.results, self.fruits, "--out")
+        require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
+
+    def write_provenance(
+        self,
+        records: Mapping[str, FruitRecord],
+        status: int | None,
+        finding: ReferenceFinding | None = None,
+        faults: Sequence[BatchFault] = (),
+    ) -> None:
+        """batch.json, with the outcomes so far; `status` is None before the end. Raises NotWritten."""
+        write_provenance(
+            self.results.provenance,
+            batch=batch_folder(self.batch),
+            settings=self.batch.settings.model_dump(mode="json"),
+            inputs=self.inputs,
+            started=self.started,
+            finished=None if status is None else self.until_now(),
+            exit_status=status,
+            outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
+            reference=None if finding is None else asdict(finding),
+            force=self.force,
+            screened=self.screen,
+            faults=[asdict(one) for one in faults],
+        )

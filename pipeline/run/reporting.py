@@ -1,0 +1,143 @@
+"""Ranking and report of a run: at its end, and of what is done while it goes on."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+
+from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
+from pipeline.batch.layout import Results, write_whole
+from pipeline.batch.records import FruitRecord, write_record
+from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
+from pipeline.files.whole_file import NotWritten
+from pipeline.fruit.same_recording import copies_doubted, with_copies
+from pipeline.ranking.batch_faults import batch_faults
+from pipeline.ranking.reference_ratio import (
+    ReferenceFinding,
+    against_references,
+    as_measured,
+    drift,
+    own_points,
+)
+from pipeline.ranking.report_entries import batch_entry
+from pipeline.ranking.report_pictures import ReportPictures
+from pipeline.run.batch_run import BatchRun
+from reports.entries import BatchEntry, Unfinished
+from reports.page import report_html
+from reports.tables import ranking_csv
+
+LEAST_S = 2.0
+"""Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
+SHARE = 0.01
+"""Of the run's time that reports may take while it goes on: after one that took t, t over this is waited."""
+
+
+def report(run: BatchRun, records: Mapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
+    """Fruit held against each other and the reference bodies; ranking, report, provenance and chart written.
+
+    The exit status and what the report says; raises NotWritten.
+    """
+    settings = run.batch.settings
+    measured = [records[row.fruit_id] for row in run.batch.rows]
+    compared = copies_doubted(measured, run.batch.folder)
+    in_order, finding = against_references(compared, correct=settings.reference.correct)
+    _keep_comparisons(measured, in_order, run.results)
+    chart, own = ControlChart(), []
+    if run.chart is not None and finding is not None:
+        own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
+        chart = with_points(read_chart(run.chart), own)
+        finding = drift(chart, finding)
+    faults = batch_faults(in_order)
+    status = _status(in_order, finding)
+    entry = batch_entry(
+        run.batch,
+        in_order,
+        results=run.results,
+        inputs=run.inputs,
+        started=run.started,
+        finished=run.until_now(),
+        exit_status=status,
+        finding=finding,
+        chart=chart,
+        faults=faults,
+    )
+    _write(entry, run)
+    run.write_provenance(records, status, finding, faults)
+    if run.chart is not None and own:
+        update_chart(run.chart, own)
+    return status, entry
+
+
+class ReportSoFar:
+    """ranking.csv and report.html of the fruit that are done, from the first one on, while a run goes on.
+
+    They are replaced as a whole. A run with nothing to do writes none. What cannot be written now is left to
+    the end of the run, which says so.
+    """
+
+    def __init__(
+        self,
+        run: BatchRun,
+        records: Mapping[str, FruitRecord],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._run, self._records, self._clock = run, records, clock
+        self._ended_s, self._took_s = -float("inf"), 0.0
+        self._pictures = ReportPictures(run.results, fruits=len(run.batch.rows))
+
+    def write_when_due(self) -> None:
+        """Writes unless the last report is too near, or all fruit are done, which the end writes."""
+        since = self._clock() - self._ended_s
+        if len(self._records) < len(self._run.batch.rows) and since >= max(LEAST_S, self._took_s / SHARE):
+            self.write()
+
+    def write(self, *, interrupted: bool = False) -> None:
+        """Writes the report of the records there are."""
+        run, began = self._run, self._clock()
+        measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
+        if measured:
+            compared = copies_doubted(measured, run.batch.folder)
+            in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
+            entry = batch_entry(
+                run.batch,
+                in_order,
+                results=run.results,
+                inputs=run.inputs,
+                started=run.started,
+                finished=run.until_now(),
+                exit_status=None,
+                finding=finding,
+                faults=batch_faults(in_order),
+                unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
+                pictures=self._pictures,
+            )
+            with suppress(NotWritten):
+                _write(entry, run)
+        self._ended_s = self._clock()
+        self._took_s = self._ended_s - began
+
+
+def _write(entry: BatchEntry, run: BatchRun) -> None:
+    """ranking.csv and report.html; raises NotWritten."""
+    write_whole(run.results.ranking, ranking_csv(entry))
+    write_whole(run.results.report, report_html(entry, provenance=run.checksums))
+
+
+def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
+    """The exit status of a run that went to its end; what staff must look into is no 0."""
+    if not all(one.graded for one in records):
+        return UNUSABLE
+    alarm = finding is not None and finding.alarm
+    return DOUBTED if alarm or any(one.doubts for one in records) else DONE
+
+
+def _keep_comparisons(
+    measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
+) -> None:
+    """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
+    fruit have too, beside what was measured.
+    """
+    for record, one in zip(measured, compared, strict=True):
+        kept = with_copies(as_measured(record, one), one.copied)
+        if kept != record:
+            write_record(results.fruit(record.fruit_id).record, kept)

@@ -1,0 +1,103 @@
+"""The first screen of a report: how many fruit of each class, what to ship, hold and look at, and why."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import NamedTuple
+
+from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ranked
+from reports.words import NO_BREAK, advice, percent
+
+Indexed = tuple[int, FruitEntry]
+"""A fruit with its number on the page."""
+MOST_LISTED = 120
+"""Fruit of one list that are named on a printed certificate: more do not fit on its page."""
+
+
+class DecisionList(NamedTuple):
+    """One of the three lists: its key, title, what is done with its fruit, and the fruit by reason."""
+
+    key: str
+    title: str
+    words: str
+    groups: tuple[tuple[str, tuple[Indexed, ...]], ...]
+
+    @property
+    def fruits(self) -> tuple[Indexed, ...]:
+        """All of them."""
+        return tuple(one for _, group in self.groups for one in group)
+
+
+class Failures(NamedTuple):
+    """Fruit that were not graded for one cause: the outcome's code, its advice, the fruit."""
+
+    outcome: str
+    advice: str
+    fruits: tuple[Indexed, ...]
+    same_reason: str
+    """The reason, where all have the same but for numbers in it."""
+
+
+def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionList, ...]:
+    """Ship, hold, look; the first two only where classes say what is shipped."""
+    by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], LOOK: []}
+    for one in fruits:
+        if one[1].decision:
+            by_list[one[1].decision].append(one)
+    shown = ", ".join(batch.ships)
+    parted = bool(batch.ships)
+    titles = (
+        (SHIP, "Ship", f"certain (90{NO_BREAK}% or more) to be {shown}"),
+        (HOLD, "Hold", f"certain (90{NO_BREAK}% or more) not to be {shown}"),
+        (LOOK, "Grasp again or look at", "not graded, in doubt, or not certain either way"),
+    )
+    return tuple(
+        DecisionList(key, title, words, _by_reason(by_list[key]))
+        for key, title, words in titles
+        if parted or (key == LOOK and by_list[key])
+    )
+
+
+def _by_reason(fruits: list[Indexed]) -> tuple[tuple[str, tuple[Indexed, ...]], ...]:
+    """Those that share a reason together, the commonest first; a borderline's percentage is left out."""
+    groups: dict[str, list[Indexed]] = {}
+    for one in fruits:
+        groups.setdefault(one[1].decision_reason.partition(":")[0], []).append(one)
+    return tuple(
+        (reason, tuple(group)) for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    )
+
+
+def failures(fruits: list[Indexed]) -> tuple[Failures, ...]:
+    """Fruit that were not graded, those of one outcome and advice together, the commonest first."""
+    groups: dict[tuple[str, str], list[Indexed]] = {}
+    for index, fruit in fruits:
+        if not fruit.ok:
+            groups.setdefault((fruit.outcome, advice(fruit)), []).append((index, fruit))
+    found = []
+    for (outcome, what_to_do), group in groups.items():
+        plain = {re.sub(r"\d+(\.\d+)?", "#", fruit.reason.replace(fruit.fruit_id, "@")) for _, fruit in group}
+        same = group[0][1].reason if len(plain) == 1 else ""
+        found.append(Failures(outcome, what_to_do, tuple(group), same))
+    return tuple(sorted(found, key=lambda one: -len(one.fruits)))
+
+
+def class_counts(batch: BatchEntry, fruits: list[Indexed]) -> tuple[tuple[str, int, int], ...]:
+    """(class, its fruit, those of them less than 90 % certain) of every class, softest first."""
+    alone = [fruit for _, fruit in fruits if fruit.maturity]
+    counts = Counter(fruit.maturity for fruit in alone)
+    unsure = Counter(fruit.maturity for fruit in alone if fruit.other_class)
+    return tuple((name, counts[name], unsure[name]) for name, _ in batch.classes)
+
+
+def class_words(fruit: FruitEntry) -> str:
+    """The class that a borderline fruit may have as well; empty where its own is certain."""
+    if not fruit.other_class:
+        return ""
+    return f"or {fruit.other_class} ({percent(fruit.other_class_probability)})"
+
+
+def numbered(batch: BatchEntry) -> list[Indexed]:
+    """All fruit in reading order, with the numbers by which the page links to them."""
+    return list(enumerate(ranked(batch.fruits), start=1))

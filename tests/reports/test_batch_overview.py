@@ -1,0 +1,81 @@
+"""The first screen: lists, classes, and failures that share a cause."""
+
+from dataclasses import replace
+
+from reports.batch_overview import MOST_LISTED, class_counts, decision_lists, failures, numbered
+from reports.entries import BatchEntry, FruitEntry
+from reports.page import MOST_ROWS, report_html
+
+
+def lost(fruit_id: str, reason: str, outcome: str = "never-touches") -> FruitEntry:
+    return FruitEntry(
+        fruit_id=fruit_id,
+        ok=False,
+        outcome=outcome,
+        reason=reason,
+        decision="look",
+        decision_reason="not graded",
+    )
+
+
+def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_batch: BatchEntry) -> None:
+    fruits = (
+        lost("A", "grasp-1 of A misses it by 3.2 mm."),
+        lost("B", "grasp-1 of B misses it by 14 mm."),
+        lost("C", "Two photos.", "too-few-views"),
+        lost("D", "One is black.", "too-few-views"),
+        lost("E", "None.", "too-few-views"),
+    )
+    found = failures(numbered(replace(empty_batch, fruits=fruits)))
+    assert [(one.outcome, len(one.fruits)) for one in found] == [("too-few-views", 3), ("never-touches", 2)]
+    assert found[0].same_reason == ""
+    assert found[1].same_reason == "grasp-1 of A misses it by 3.2 mm."
+    page = report_html(replace(empty_batch, fruits=fruits))
+    assert "2 fruit <code>never-touches</code>" in page
+    assert page.count("Check that the gripper closed on the fruit") == 1 + 2  # once, and in each fruit's part
+    assert "One is black." in page
+
+
+def test_lists_name_their_fruit_and_why(empty_batch: BatchEntry, graded) -> None:
+    fruits = (
+        replace(graded("S", rank=1, E_MPa=0.2), decision="ship"),
+        replace(graded("H", rank=3, E_MPa=0.9, maturity="unripe"), decision="hold"),
+        replace(
+            graded("B", rank=2, E_MPa=0.34),
+            decision="look",
+            decision_reason="borderline: to be shipped with 63 %",
+            other_class="unripe",
+            other_class_probability=0.37,
+        ),
+        lost("L", "No."),
+    )
+    batch = replace(empty_batch, fruits=fruits, classes=(("ripe", 0.35), ("unripe", None)), ships=("ripe",))
+    lists = decision_lists(batch, numbered(batch))
+    assert [[fruit.fruit_id for _, fruit in one.fruits] for one in lists] == [["S"], ["H"], ["B", "L"]]
+    assert [reason for reason, _ in lists[2].groups] == ["borderline", "not graded"]
+    assert class_counts(batch, numbered(batch)) == (("ripe", 2, 1), ("unripe", 1, 0))
+    page = report_html(batch)
+    assert "or unripe (37" in page
+    assert '<option value="hold">Hold</option>' in page
+
+
+def test_nothing_is_said_to_be_shipped_without_classes(empty_batch: BatchEntry, graded) -> None:
+    batch = replace(empty_batch, fruits=(replace(graded("S", rank=1, E_MPa=0.2)),))
+    assert decision_lists(batch, numbered(batch)) == ()
+    assert "What to ship" not in report_html(batch)
+
+
+def test_of_many_fruit_the_distribution_is_drawn_and_long_lists_are_folded(
+    large_batch: BatchEntry, graded
+) -> None:
+    count = MOST_LISTED + 10
+    fruits = tuple(
+        replace(graded(f"N-{k:03d}", rank=k + 1, E_MPa=0.2 + 0.002 * k), decision="ship")
+        for k in range(count)
+    )
+    page = report_html(replace(large_batch, fruits=fruits, ships=("ripe",)))
+    assert count > MOST_ROWS
+    assert "Distribution of moduli" in page
+    assert "Ranking, softest first</title>" not in page
+    assert f"<summary>{count} fruit</summary>" in page
+    assert "Named in the table of all fruits." in page
