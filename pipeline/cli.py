@@ -16,12 +16,17 @@ import typer
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
+from pipeline.commands.clean import clean
 from pipeline.commands.convert import convert
+from pipeline.commands.doctor import doctor
 from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
 from pipeline.commands.history import history
 from pipeline.commands.mat import mat
+from pipeline.commands.new import new
+from pipeline.commands.report import report
 from pipeline.commands.sample import sample
+from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
@@ -34,7 +39,6 @@ app = typer.Typer(
     name="drupe",
     help="How ripe stone fruit is, without cutting it: photos and a grasp per fruit become a ranking.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -64,7 +68,11 @@ def _root(
     pass
 
 
-for command in (grade, check, explain, history, convert, calibrate, sensor, mat, sample):
+COMMANDS = (
+    new, grade, check, explain, report, history, convert, calibrate, sensor, mat, sample, schema, clean,
+    doctor,
+)  # fmt: skip
+for command in COMMANDS:
     app.command()(command)
 
 

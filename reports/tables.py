@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Callable
 
 import pandas as pd
 
@@ -41,6 +43,15 @@ RANKING_COLUMNS = (
 _STARTS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
+def ranking_json(batch: BatchEntry) -> str:
+    """The same table for programs: a list of one object per fruit, keys as the columns, unknown values null,
+    text as it is (no apostrophe before what a spreadsheet would run).
+    """
+    rows = [_row(fruit, safe=_plain) for fruit in ranked(batch.fruits)]
+    table = [{name: row[name] for name in RANKING_COLUMNS} for row in rows]
+    return json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
 def ranking_csv(batch: BatchEntry) -> str:
     """Table of the batch, softest fruit first, those without a modulus last, reference bodies after them, as
     CSV (RFC 4180, LF).
@@ -52,38 +63,6 @@ def ranking_csv(batch: BatchEntry) -> str:
     rows = [_row(fruit) for fruit in ranked(batch.fruits)]
     table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
     return table.to_csv(index=False, lineterminator="\n", na_rep="")
-
-
-def _row(fruit: FruitEntry) -> dict[str, object]:
-    """A fruit's cells by column."""
-    return {
-        "rank": fruit.rank,
-        "fruit_id": safe_cell(fruit.fruit_id),
-        "outcome": safe_cell(fruit.outcome),
-        "E_MPa": _significant(fruit.E_MPa, figures=4),
-        "E_sd_MPa": _significant(fruit.E_sd_MPa, figures=3),
-        "maturity": safe_cell(fruit.maturity),
-        "maturity_probability": _decimals(fruit.maturity_probability, places=4),
-        "p_softer_than_next": _decimals(fruit.p_softer_than_next, places=4),
-        "height_mm": _decimals(fruit.height_mm, places=2),
-        "volume_mm3": _decimals(fruit.volume_mm3, places=0),
-        "grasps": fruit.grasps,
-        "shore_oo": _decimals(fruit.shore_oo, places=2),
-        "mismatch": safe_cell(fruit.mismatch or (fruit.screen.verdict if fruit.screen else None)),
-        "reason": safe_cell(fruit.reason),
-        "rank_probability": _decimals(fruit.rank_probability, places=4),
-        "rank_low": fruit.rank_low,
-        "rank_high": fruit.rank_high,
-        "warnings": safe_cell("; ".join([*fruit.doubts, *fruit.warnings])),
-        "doubts": safe_cell("; ".join(fruit.doubts)),
-        "reference": "true" if fruit.reference else None,
-        "E_uncorrected_MPa": _significant(fruit.E_uncorrected_MPa, figures=4),
-        "mismatch_by": _said_by(fruit),
-        "screen": safe_cell(fruit.screen.verdict) if fruit.screen else None,
-        "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
-        "decision": fruit.decision or None,
-        "decision_reason": safe_cell(fruit.decision_reason.replace("\u00a0", " ")),
-    }
 
 
 def _said_by(fruit: FruitEntry) -> str | None:
@@ -104,6 +83,43 @@ def safe_cell(text: str | None) -> str | None:
     line = " ".join(text.replace("\x00", "").splitlines())
     runs = text.startswith(_STARTS_A_FORMULA) or line.lstrip().startswith(_STARTS_A_FORMULA)
     return f"'{line}" if runs else line
+
+
+def _plain(text: str | None) -> str | None:
+    """Text on one line; None where there is none."""
+    return " ".join(text.replace("\x00", "").splitlines()) if text else None
+
+
+def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
+    """A fruit's cells by column."""
+    return {
+        "rank": fruit.rank,
+        "fruit_id": safe(fruit.fruit_id),
+        "outcome": safe(fruit.outcome),
+        "E_MPa": _significant(fruit.E_MPa, figures=4),
+        "E_sd_MPa": _significant(fruit.E_sd_MPa, figures=3),
+        "maturity": safe(fruit.maturity),
+        "maturity_probability": _decimals(fruit.maturity_probability, places=4),
+        "p_softer_than_next": _decimals(fruit.p_softer_than_next, places=4),
+        "height_mm": _decimals(fruit.height_mm, places=2),
+        "volume_mm3": _decimals(fruit.volume_mm3, places=0),
+        "grasps": fruit.grasps,
+        "shore_oo": _decimals(fruit.shore_oo, places=2),
+        "mismatch": safe(fruit.mismatch or (fruit.screen.verdict if fruit.screen else None)),
+        "reason": safe(fruit.reason),
+        "rank_probability": _decimals(fruit.rank_probability, places=4),
+        "rank_low": fruit.rank_low,
+        "rank_high": fruit.rank_high,
+        "warnings": safe("; ".join([*fruit.doubts, *fruit.warnings])),
+        "doubts": safe("; ".join(fruit.doubts)),
+        "reference": "true" if fruit.reference else None,
+        "E_uncorrected_MPa": _significant(fruit.E_uncorrected_MPa, figures=4),
+        "mismatch_by": _said_by(fruit),
+        "screen": safe(fruit.screen.verdict) if fruit.screen else None,
+        "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
+        "decision": fruit.decision or None,
+        "decision_reason": safe(fruit.decision_reason.replace("\u00a0", " ")),
+    }
 
 
 def _significant(value: float | None, *, figures: int) -> float | None:

@@ -16,6 +16,10 @@ from fem.mesh.flesh_mesh import FleshMesh
 _QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 _T6_NODES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 """Reference coordinates of a T6's nodes, in their order."""
+GAUSS_NEWTON_STEPS = 6
+"""Steps from a place in a face's middle or better; faces are nearly flat, the error is squared by each."""
+BORDER = 1e-12
+"""Reference coordinates nearer than this to a face's edge lie on it: round-off of a clamped place."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ def locate(
 ) -> SurfacePoints:
     """The points of the skin closest to the given ones.
 
-    Found on the faces cut in four flat triangles, then moved to the curved face by Gauss-Newton steps.
+    Found on the faces cut in four flat triangles, then moved to the curved face by Gauss-Newton steps; of a
+    point that ends on a face's border, the faces that share a corner with it are tried too.
     Raises OFF_SURFACE where a point is not finite or farther than within_mm.
     """
     if not np.isfinite(points_mm).all():
@@ -81,15 +86,19 @@ def locate(
     near = closest_on_triangles(points_mm, mesh.nodes_mm, flat)
     face_nodes = mesh.outer_faces[near.face // 4]
     reference = np.einsum("pk,pkd->pd", near.barycentric, _T6_NODES[_QUARTERS[near.face % 4]])
-    x = mesh.nodes_mm[face_nodes]
-    for _ in range(4):
-        tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
-        gap = points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x)
-        metric = np.einsum("pix,pjx->pij", tangent, tangent)
-        step = np.linalg.solve(metric, np.einsum("pix,px->pi", tangent, gap)[..., None])[..., 0]
-        reference = _into_triangle(reference + step)
-    place, normal, _ = _place_and_normal(reference, x)
-    distance = np.linalg.norm(points_mm - place, axis=1)
+    reference, distance = _closest_on_faces(points_mm, mesh.nodes_mm[face_nodes], reference)
+    on_border = np.flatnonzero((reference.min(axis=1) <= 0) | (reference.sum(axis=1) >= 1 - BORDER))
+    if len(on_border):
+        owner, tried = _faces_around(mesh.outer_faces, near.face[on_border] // 4)
+        owner = on_border[owner]
+        others = mesh.outer_faces[tried]
+        start = np.full((len(owner), 2), 1 / 3)
+        there, reach = _closest_on_faces(points_mm[owner], mesh.nodes_mm[others], start)
+        for one in np.lexsort((tried, reach, owner)):
+            if reach[one] < distance[owner[one]]:
+                at = owner[one]
+                face_nodes[at], reference[at], distance[at] = others[one], there[one], reach[one]
+    place, normal, _ = _place_and_normal(reference, mesh.nodes_mm[face_nodes])
     if within_mm is not None and len(distance) and distance.max() > within_mm:
         worst = int(distance.argmax())
         where = ", ".join(f"{x:.1f}" for x in points_mm[worst])
@@ -124,6 +133,30 @@ def _place_and_normal(
     normal = np.cross(tangent[:, 0], tangent[:, 1])
     stretch = np.linalg.norm(normal, axis=1)
     return place, normal / stretch[:, None], stretch
+
+
+def _closest_on_faces(
+    points_mm: Float[np.ndarray, "p 3"], x: Float[np.ndarray, "p 6 3"], reference: Float[np.ndarray, "p 2"]
+) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, " p"]]:
+    """Where each point falls on its own curved face, from a first place in it, and how far off (mm)."""
+    for _ in range(GAUSS_NEWTON_STEPS):
+        tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
+        gap = points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x)
+        metric = np.einsum("pix,pjx->pij", tangent, tangent)
+        step = np.linalg.solve(metric, np.einsum("pix,px->pi", tangent, gap)[..., None])[..., 0]
+        reference = _into_triangle(reference + step)
+    return reference, np.linalg.norm(points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x), axis=1)
+
+
+def _faces_around(
+    faces: Int[np.ndarray, "f 6"], of: Int[np.ndarray, " p"]
+) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
+    """Pairs (index in `of`, face) of each face of `of` and those that share a corner with it."""
+    row = np.repeat(np.arange(len(faces)), 3)
+    entries = (np.ones(len(row), dtype=np.int64), (row, faces[:, :3].ravel()))
+    holds = coo_array(entries, shape=(len(faces), int(faces.max()) + 1)).tocsr()
+    pairs = (holds[of] @ holds.T).tocoo()
+    return np.asarray(pairs.row, dtype=np.int64), np.asarray(pairs.col, dtype=np.int64)
 
 
 def _into_triangle(reference: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:

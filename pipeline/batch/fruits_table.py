@@ -4,6 +4,7 @@ import csv
 import difflib
 import io
 import re
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisso
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
 NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
-SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
+SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
+"""Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark, no sign."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +123,8 @@ Record = tuple[int, dict[str, str]]
 
 
 def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]]:
-    """The cells as text. Cells parted by something else than commas are a problem, and are read on all the
-    same, so that what else is wrong is said too.
+    """The cells as text. Where semicolons or tabs part them, as spreadsheets of many countries write them, a
+    comma in a number is its decimal point.
     """
     if not path.is_symlink() and not path.exists():
         raise BatchRefused(
@@ -135,10 +137,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     first, separator = text.partition("\n")[0], ","
-    for other, name in ((";", "semicolons"), ("\t", "tabs")):
+    for other in (";", "\t"):
         if other in first and first.count(other) >= first.count(","):
-            points = _decimal_commas(text, other)
-            problems.append(Problem(str(path), f"separates cells by {name}; save it with commas{points}."))
             separator = other
     if separator != ",":
         text = _with_commas(text, separator)
@@ -177,12 +177,6 @@ def _torn_number(names: list[str], cells: list[str]) -> str:
     return f"if a number has a decimal comma, write {' or '.join(torn)}" if torn else ""
 
 
-def _decimal_commas(text: str, separator: str) -> str:
-    """What else to change in a table whose numbers have decimal commas, by the first of them."""
-    found = re.search(rf"{separator}[ ]*(-?\d+),(\d+)[ ]*(?={separator}|\n|\Z)", text)
-    return f" and with decimal points ({found[1]},{found[2]}: write {found[1]}.{found[2]})" if found else ""
-
-
 def _rows(text: str) -> list[tuple[int, list[str]]]:
     """Each row's first line and its cells; blank lines are no rows, and a cell may go over several lines."""
     lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
@@ -195,7 +189,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 def _with_commas(text: str, separator: str) -> str:
-    """The same table as it should have been saved; decimal commas become points."""
+    """The same table with commas between cells; decimal commas become points."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     try:
@@ -233,7 +227,7 @@ def _misread(text: str) -> str:
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
     """One row of fruits.csv; what is wrong in it is added to `problems`."""
-    fruit_id = record["fruit_id"].strip()
+    fruit_id = unicodedata.normalize("NFC", record["fruit_id"].strip())
     if not SAFE_ID.fullmatch(fruit_id):
         problems.append(
             Problem(

@@ -1,6 +1,7 @@
 """Where things lie in a batch and in its results."""
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -150,8 +151,10 @@ class BatchFolder:
         return self.root / "results"
 
     def fruit(self, fruit_id: str) -> FruitFolder:
-        """The folder of one fruit."""
-        return FruitFolder(self.root / "fruits" / fruit_id)
+        """The folder of one fruit; its name may be decomposed (NFD), as some systems write accents."""
+        composed = self.root / "fruits" / fruit_id
+        apart = self.root / "fruits" / unicodedata.normalize("NFD", fruit_id)
+        return FruitFolder(apart if apart.is_dir() and not composed.is_dir() else composed)
 
 
 @dataclass(frozen=True)
@@ -280,6 +283,11 @@ class Results:
         return self.root / "ranking.csv"
 
     @property
+    def ranking_json(self) -> Path:
+        """ranking.json."""
+        return self.root / "ranking.json"
+
+    @property
     def report(self) -> Path:
         """report.html."""
         return self.root / "report.html"
@@ -297,7 +305,7 @@ class Results:
     @property
     def files(self) -> tuple[Path, ...]:
         """The files of the batch as a whole."""
-        return (self.ranking, self.report, self.provenance)
+        return (self.ranking, self.ranking_json, self.report, self.provenance)
 
     def claim(self) -> None:
         """Begins the list of what is written here."""

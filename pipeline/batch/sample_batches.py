@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.files.scratch import scratch
+from pipeline.files.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 
@@ -33,22 +33,11 @@ def write_sample(
                     photos=photos,
                     progress=lambda line: console.print(line, highlight=False, markup=False),
                 )
-            _moved(unfinished / "batch", target)
+            moved_in(unfinished / "batch", target)
         except SampleFailure as failure:
             raise BatchRefused([Problem(str(folder), str(failure))]) from None
         except OSError as error:
             raise NotWritten(folder, error) from error
-
-
-def _moved(batch: Path, target: Path) -> None:
-    """An empty folder stays the one it is: a shell may be in it. batch.toml, which makes it a batch, comes
-    last.
-    """
-    if not target.is_dir():
-        batch.rename(target)
-        return
-    for path in sorted(batch.iterdir(), key=lambda path: path.name == "batch.toml"):
-        path.rename(target / path.name)
 
 
 def _copied(folder: Path, name: str) -> None:

@@ -22,6 +22,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.coin import Coin, coin_named
+from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure
@@ -241,14 +242,29 @@ class Settings(Strict):
     mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
 
 
+def settings_schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of batch.toml, as the reader itself has it."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Settings.model_json_schema(),
+        "title": "batch.toml of drupe",
+    }
+
+
 def read_settings(path: Path) -> Settings:
     """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
     if path.parent.exists() and not path.parent.is_dir():
         raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")])
     if not path.parent.is_dir():
         raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")])
-    case = path.with_name("case.toml").is_file()
-    return read_toml(path, Settings, missing=_A_CASE if case else _MISSING)
+    if path.with_name("case.toml").is_file():
+        return read_toml(path, Settings, missing=_A_CASE)
+    photos = _PHOTOS if photo_paths(path.parent) or any(map(photo_paths, _folders(path.parent))) else ""
+    return read_toml(path, Settings, missing=photos.format(folder=path.parent) or _MISSING)
+
+
+def _folders(root: Path) -> list[Path]:
+    return [place for one in root.iterdir() if one.is_dir() for place in (one, one / "photos")]
 
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
@@ -270,6 +286,10 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
 _MISSING = (
     "there is no batch.toml in this folder; write one with at least the line "
     'category = "nectarine", or make an example with `drupe sample DIR`.'
+)
+_PHOTOS = (
+    "there is no batch.toml in this folder, only photos; make a batch of them with "
+    "`drupe new BATCH --photos {folder}` and grade that."
 )
 _A_CASE = "there is no batch.toml but a case.toml: this is a case of its own, which `drupe explain` takes."
 

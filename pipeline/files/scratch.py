@@ -84,3 +84,14 @@ def _sweep(place: Path, prefix: str) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
             finally:
                 os.close(lock)
+
+
+def moved_in(made: Path, target: Path) -> None:
+    """A folder made elsewhere comes to its place. An empty folder there stays the one it is: a shell may be
+    in it. batch.toml, which makes it a batch, comes last.
+    """
+    if not target.is_dir():
+        made.rename(target)
+        return
+    for path in sorted(made.iterdir(), key=lambda path: path.name == "batch.toml"):
+        path.rename(target / path.name)

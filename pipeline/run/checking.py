@@ -1,5 +1,6 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
+import unicodedata
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -371,7 +372,8 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
 def _folders(batch: Survey) -> list[str]:
     """The names of the fruit that have a folder."""
     fruits = batch.folder.root / "fruits"
-    found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
+    folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
+    found = sorted(unicodedata.normalize("NFC", name) for name in folders)
     return [name for name in found if SAFE_ID.fullmatch(name)]
 
 

@@ -23,7 +23,7 @@ from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
-from reports.tables import ranking_csv
+from reports.tables import ranking_csv, ranking_json
 
 LEAST_S = 2.0
 """Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
@@ -120,6 +120,7 @@ class ReportSoFar:
 def _write(entry: BatchEntry, run: BatchRun) -> None:
     """ranking.csv and report.html; raises NotWritten."""
     write_whole(run.results.ranking, ranking_csv(entry))
+    write_whole(run.results.ranking_json, ranking_json(entry))
     write_whole(run.results.report, report_html(entry, provenance=run.checksums))
 
 

@@ -216,13 +216,19 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
 
 
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
+    """The two pads differ too little in the linear round for its choice to be the same on every machine."""
     forward, _ = plain_forward_model(injected_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
     linear = screened(
         forward,
         [GraspEquations.of(forward, recording) for recording in forward.base.grasps],
         [pose_error.EFFECT],
     )
-    assert linear.best[0].signature.variant == OfPad(pad="right")
+    assert {one.signature.variant for one in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
+    other = max(
+        (one for one in linear.linear_fits if one.signature.variant == OfPad(pad="right")),
+        key=lambda one: one.gain,
+    )
+    linear = replace(linear, best=(other,))
     null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
     best = select_model(forward, linear, detected=True, null_case=null_case).ranking[0].refit
     assert best is not None

@@ -21,7 +21,7 @@ IDS = ("01", "02", "03", "04", "05")
 def grade(monkeypatch):
     """Grades a batch; the work on a fruit is replaced by one that gives a modulus at once."""
 
-    def work(todo, records, **_):
+    def work(todo, records, _so_far, **_):
         for fruit_id, task in todo:
             task.results.claim()
             modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.02)

@@ -180,7 +180,6 @@ def test_category_table_and_numbers_are_said_in_one_go(batch):
     for words in (
         "is it in Fahrenheit (20.0 C)?",
         "is it in kPa (0.3 MPa)?",
-        "separates cells by semicolons",
         "A: height_mm 5.59: a nectarine is 25 to 105 mm high; is it in cm",
         "B/fruit.ply is broken",
     ):
@@ -204,7 +203,7 @@ def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, mon
     """What the work itself does is not asked here: it is replaced by a failure that says it was reached."""
     reached = []
 
-    def work(todo, records, **_):
+    def work(todo, records, _so_far, **_):
         for fruit_id, task in todo:
             reached.append(fruit_id)
             records[fruit_id] = ended_record(task, Outcome.NO_GRASP, "")

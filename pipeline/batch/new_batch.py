@@ -1,0 +1,167 @@
+"""`drupe new`: a batch's folder from folders of photos and recordings, and what is still missing in it."""
+
+import csv
+import io
+import shutil
+import unicodedata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.batch.batch_template import TEMPLATE
+from pipeline.batch.fruits_table import SAFE_ID
+from pipeline.batch.layout import BatchFolder, in_order
+from pipeline.files.scratch import moved_in, scratch
+from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused, Problem
+from recon.cameras.photos import photo_paths
+from recon.pit.priors import known_categories
+from recon.plain_file import not_plain
+
+COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
+"""Of the table that is written: those that staff fill in for fruit with photos."""
+
+
+FEW = 12
+"""Photos below which a fruit is asked for more: half of what the guide asks for."""
+SHOWN = 5
+"""Ids that a sentence names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitSource:
+    """What is copied for one fruit: its photos, ready mesh and recordings."""
+
+    fruit_id: str
+    photos: tuple[Path, ...]
+    mesh: tuple[Path, ...]
+    recordings: tuple[Path, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewBatch:
+    """What was made, and what staff must still do, a sentence each."""
+
+    root: Path
+    fruits: tuple[FruitSource, ...]
+    missing: tuple[str, ...]
+
+
+def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatch:
+    """Writes the batch; photos and recordings are copied, and nothing is changed where they lie.
+
+    A folder is one fruit where it holds photos, fruit.ply, grasps/ or recordings, or a photos/ of its own;
+    else each folder in it is one. `root` must not be there yet, or be empty. Raises BatchRefused with every
+    fault, before anything is written, and NotWritten.
+    """
+    known = known_categories()
+    problems = []
+    if category not in known and not category.endswith(".toml"):
+        said = f'knows no category "{category}"; known: {", ".join(known)}, or name a file of your own.'
+        problems.append(Problem("drupe new", said))
+    if root.is_symlink() or (root.exists() and (not root.is_dir() or any(root.iterdir()))):
+        problems.append(Problem(str(root), "is there already and not empty; name a new folder."))
+    fruits = []
+    for folder in folders:
+        if not folder.is_dir():
+            problems.append(Problem(str(folder), "is no folder; name a folder of photos."))
+            continue
+        found = list(_sources(folder))
+        if not found:
+            sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings, nor does a folder in it."
+            problems.append(Problem(str(folder), sentence))
+        fruits += found
+    for one in fruits:
+        if not SAFE_ID.fullmatch(one.fruit_id):
+            sentence = f'"{one.fruit_id}" is no fruit_id (letters, digits, . _ - and spaces); rename it.'
+            problems.append(Problem("a folder's name", sentence))
+    names = [one.fruit_id for one in fruits]
+    problems += [
+        Problem("drupe new", f'two folders are named "{name}"; rename one, every fruit needs its own id.')
+        for name in sorted({name for name in names if names.count(name) > 1})
+    ]
+    if problems:
+        raise BatchRefused(problems)
+    fruits.sort(key=lambda one: in_order(Path(one.fruit_id)))
+    target = root.resolve()
+    with scratch(near=target) as unfinished:
+        try:
+            _write(unfinished / "batch", fruits, category, known)
+            moved_in(unfinished / "batch", target)
+        except OSError as error:
+            raise NotWritten(root, error) from error
+    return NewBatch(root=root, fruits=tuple(fruits), missing=tuple(_missing(root, fruits)))
+
+
+def _sources(folder: Path) -> Iterator[FruitSource]:
+    """The fruit of one folder: itself, or the folders in it."""
+    own = _source(folder)
+    if own is not None:
+        yield own
+        return
+    for inside in sorted((p for p in folder.iterdir() if p.is_dir() and not p.is_symlink()), key=in_order):
+        if (one := _source(inside)) is not None:
+            yield one
+
+
+def _source(folder: Path) -> FruitSource | None:
+    """The folder as one fruit, where it holds anything of one."""
+    photos = photo_paths(folder / "photos") or photo_paths(folder)
+    mesh = tuple(path for name in ("fruit.ply", "pit.ply") if not not_plain(path := folder / name))
+    grasps = folder / "grasps"
+    recordings = sorted(
+        (p for place in (folder, grasps) for p in place.glob("[!.]*.h5") if not not_plain(p)), key=in_order
+    )
+    if not photos and not mesh and not recordings:
+        return None
+    name = unicodedata.normalize("NFC", folder.resolve().name)
+    return FruitSource(fruit_id=name, photos=tuple(photos), mesh=mesh, recordings=tuple(recordings))
+
+
+def _write(batch: Path, fruits: Sequence[FruitSource], category: str, known: Sequence[str]) -> None:
+    folder = BatchFolder(batch)
+    batch.mkdir()
+    folder.settings.write_text(TEMPLATE.format(category=category, known=", ".join(known)), encoding="utf-8")
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([one.fruit_id, *[""] * (len(COLUMNS) - 1)] for one in fruits)
+    folder.table.write_text(table.getvalue(), encoding="utf-8")
+    for one in fruits:
+        own = folder.fruit(one.fruit_id)
+        for place, files in (
+            (own.photos, one.photos),
+            (own.root, one.mesh),
+            (own.root / "grasps", one.recordings),
+        ):
+            place.mkdir(parents=True, exist_ok=True)
+            for path in files:
+                shutil.copyfile(path, place / path.name)
+
+
+def _missing(root: Path, fruits: Sequence[FruitSource]) -> Iterator[str]:
+    """What grading needs and these folders did not have."""
+    photographed = [one for one in fruits if one.photos and not one.mesh]
+    if photographed:
+        yield (
+            "scale: write height_mm of each fruit into fruits.csv, or put the mat.json of the marker mat "
+            f"into {root}, or name the coin beside the fruit under [photos] in batch.toml"
+        )
+    few = [one.fruit_id for one in photographed if len(one.photos) < FEW]
+    if few:
+        yield f"photos: {_named(few)} fewer than {FEW}; 20 to 36 from all round and two heights are asked for"
+    bare = [one.fruit_id for one in fruits if not one.photos and not one.mesh]
+    if bare:
+        yield f"shape: {_named(bare)} no photos and no fruit.ply"
+    ungrasped = [one.fruit_id for one in fruits if not one.recordings]
+    if ungrasped:
+        yield (
+            f"grasps: {_named(ungrasped)} no recording; put .h5 files or folders of frames into "
+            f"{root}/fruits/<fruit_id>/grasps (`drupe convert` reads what sensors write)"
+        )
+
+
+def _named(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:SHOWN])
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return f"{shown}{more} {'has' if len(names) == 1 else 'have'}"

@@ -1,0 +1,84 @@
+"""`drupe clean`: removes what drupe wrote into a folder of results, and nothing else."""
+
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
+from pipeline.files.manifest import MANIFEST, is_claimed, is_ours, json_in
+from pipeline.files.results_lock import LOCK, results_lock
+from pipeline.files.whole_file import MARK
+from pipeline.problem import BatchRefused, Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cleaned:
+    """Files that were removed (or would be) and their bytes, and files that stayed because drupe did not
+    write them or somebody has changed them.
+    """
+
+    removed: tuple[Path, ...]
+    size_bytes: int
+    left: tuple[Path, ...]
+
+
+def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
+    """Removes the kept stages of every fruit, or `everything` that drupe wrote.
+
+    No link is followed. Raises BatchRefused where `out` holds no results, or a run is writing there.
+    """
+    results = Results(out)
+    said = json_in(results.provenance)
+    if out.is_symlink() or not (is_claimed(out) or isinstance(said, dict)):
+        sentence = "is no folder of results of drupe grade; give the folder that --out named."
+        raise BatchRefused([Problem(str(out), sentence)])
+    with nullcontext() if dry else results_lock(out):
+        fruits = [FruitResults(path) for path in _folders(out / "fruits")]
+        stages = [path for fruit in fruits for path in _stages(fruit.cache)]
+        whole = [path for fruit in fruits for path in fruit.files]
+        wanted = [*stages, *whole, *results.files] if everything else stages
+        there = [path for path in wanted if path.is_symlink() or path.exists()]
+        removed = [path for path in there if path in stages or is_ours(path)]
+        left = [path for path in there if path not in set(removed)]
+        size = sum(path.lstat().st_size for path in removed)
+        if not dry:
+            for path in removed:
+                path.unlink(missing_ok=True)
+            if everything and not left:
+                _lists(results, fruits)
+    return Cleaned(removed=tuple(removed), size_bytes=size, left=tuple(left))
+
+
+def _folders(place: Path) -> list[Path]:
+    if place.is_symlink() or not place.is_dir():
+        return []
+    return sorted(path for path in place.iterdir() if path.is_dir() and not path.is_symlink())
+
+
+def _stages(cache: Path) -> Iterator[Path]:
+    """What stages keep in a folder that drupe keeps for them, and unfinished files of killed runs."""
+    if cache.is_symlink() or not is_claimed(cache):
+        return
+    for path in sorted(cache.iterdir()):
+        plain = path.is_file() and not path.is_symlink() and path.name != MANIFEST
+        if plain and (CACHE_FILE.fullmatch(path.name) or MARK in path.name):
+            yield path
+
+
+def _lists(results: Results, fruits: list[FruitResults]) -> None:
+    """The lists of what was written go last, and folders that are empty then."""
+    for fruit in fruits:
+        for folder in (fruit.cache, fruit.root):
+            _emptied(folder)
+    _emptied(results.root / "fruits")
+    (results.root / LOCK).unlink(missing_ok=True)
+    _emptied(results.root)
+
+
+def _emptied(folder: Path) -> None:
+    if not folder.is_dir() or folder.is_symlink():
+        return
+    if {path.name for path in folder.iterdir()} <= {MANIFEST}:
+        (folder / MANIFEST).unlink(missing_ok=True)
+        folder.rmdir()

@@ -1,0 +1,101 @@
+"""`drupe doctor`: what a run needs of the machine, and a small computation whose answer is known."""
+
+import importlib
+import os
+import shutil
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_info
+
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mesh.surface_points import skin_quadrature
+from fem.solid.closed_forms import cored_sphere_shrinkage_mm
+from fem.solid.linear_solid import UnitModulusSolid
+from pipeline.batch.provenance import versions
+from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB
+from pipeline.system_libraries import missing_libraries
+from recon.silhouettes.hull import ball
+
+IMPORTED = ("cv2", "pycolmap", "open3d", "pymeshlab", "manifold3d", "pytetwild", "onnxruntime", "h5py")
+"""Libraries with native code, each of which may be missing what it loads."""
+SKIN_MM, CORE_MM, RATIO, EDGE_MM = 25.0, 10.0, 0.45, 7.0
+"""The ball of the computation: radii of its skin and its rigid core, Poisson's ratio, elements' edges."""
+WITHIN = 0.01
+"""Relative error of the computation that is taken as right: half a per cent is the facets' own."""
+LEAST_DISK_MB = 500.0
+"""Free disk below which it is said: stages of one fruit take 20 MB, photos' scratch files 200. Assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineCheck:
+    """Lines to read, what is missing (sentences), and what is wrong with the computation; empty: nothing."""
+
+    lines: tuple[str, ...]
+    missing: tuple[str, ...]
+    wrong: str
+
+
+def machine_check(folder: Path, *, cores: int) -> MachineCheck:
+    """Looks at libraries, threads, memory and the disks of `folder` and of temporary files, and computes."""
+    lines = [", ".join(f"{name} {value}" for name, value in versions().items())]
+    missing = list(missing_libraries())
+    for name in IMPORTED:
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # noqa: BLE001 - whatever a native wheel raises where it cannot be loaded
+            missing.append(f"{name} cannot be loaded ({error}); install drupe again in a new environment.")
+    pools = sorted({f"{one['internal_api']} {one['num_threads']}" for one in threadpool_info()})
+    lines.append(f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}")
+    free_MiB = free_memory_MiB()
+    need_MiB = PER_FRUIT_MIB["photos"]
+    if free_MiB is None:
+        lines.append("memory: the system does not tell")
+    else:
+        lines.append(f"memory: {free_MiB:.0f} MiB free, one fruit with photos takes {need_MiB:.0f} MiB")
+        if free_MiB < LEAST_MIB:
+            missing.append(f"memory: {free_MiB:.0f} MiB are free, at least {LEAST_MIB:.0f} are needed.")
+    for what, place in (("results", folder), ("temporary files", Path(tempfile.gettempdir()))):
+        place = next(one for one in (place.absolute(), *place.absolute().parents) if one.is_dir())
+        free_MB = shutil.disk_usage(place).free / 1e6
+        lines.append(f"disk for {what} ({place}): {free_MB / 1e3:.1f} GB free")
+        if free_MB < LEAST_DISK_MB:
+            missing.append(f"disk for {what} ({place}): {free_MB:.0f} MB are free; free some of it.")
+        if not os.access(place, os.W_OK):
+            missing.append(f"the right to write into {place}, for {what}; choose another folder.")
+    if missing:
+        return MachineCheck(lines=tuple(lines), missing=tuple(missing), wrong="")
+    began = time.perf_counter()
+    off = known_answer_error()
+    lines.append(
+        f"a ball round a rigid core under even pressure: {100 * off:+.2f} % off the closed form, in "
+        f"{time.perf_counter() - began:.1f} s"
+    )
+    wrong = (
+        ""
+        if abs(off) < WITHIN
+        else (
+            f"finite elements are {100 * off:+.1f} % off a closed form, expected less than "
+            f"{100 * WITHIN:g} %; install drupe again in a new environment, and report it if that stays."
+        )
+    )
+    return MachineCheck(lines=tuple(lines), missing=(), wrong=wrong)
+
+
+def known_answer_error() -> float:
+    """Relative error of the shrinkage of a ball round a rigid core against Lame's closed form: meshed by
+    TetWild, factorised by the multifrontal solver.
+    """
+    (skin, skin_faces), (core, core_faces) = ball(3), ball(2)
+    mesh = tetrahedralise(SKIN_MM * skin, skin_faces, CORE_MM * core, core_faces, edge_mm=EDGE_MM)
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=RATIO, support="free")
+    points, area_mm2 = skin_quadrature(mesh)
+    moved = solid.displacement(points.point_load((-area_mm2[:, None] * points.normal)[None]))
+    inward = -(points.sample(moved)[0] * points.normal).sum(axis=1)
+    exact = cored_sphere_shrinkage_mm(
+        E_MPa=1.0, poisson_ratio=RATIO, core_radius_mm=CORE_MM, radius_mm=SKIN_MM, pressure_MPa=1.0
+    )
+    return float(np.average(inward, weights=area_mm2) / exact - 1.0)

@@ -1,0 +1,76 @@
+"""`drupe report`: ranking and report anew from what a run kept, without computing any fruit."""
+
+import time
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from pipeline.batch.layout import Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.records import FruitRecord, read_record
+from pipeline.files.manifest import json_in
+from pipeline.files.results_lock import results_lock
+from pipeline.problem import BatchRefused, Problem
+from pipeline.run.batch_run import BatchRun
+from pipeline.run.reporting import ReportSoFar, report
+from recon.plain_file import printable
+from reports.entries import BatchEntry
+
+
+def report_again(out: Path, batch: Path | None, *, checksums: bool) -> BatchEntry | None:
+    """Writes ranking and report of the records in `out`, by the batch.toml of now; what the report says.
+
+    `batch`: the batch's folder, where it is no longer where it was graded. None where fruit are still missing
+    and the page says so. Raises BatchRefused where there is nothing to report, and NotWritten.
+    """
+    results = Results(out)
+    said = json_in(results.provenance)
+    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
+        inside = Results(out / "results").provenance.is_file()
+        hint = f"; did you mean {out / 'results'}?" if inside else "; give the folder that --out named."
+        raise BatchRefused([Problem(str(out), f"holds no results of drupe grade (batch.json){hint}")])
+    root = batch or Path(str(said.get("batch", "")))
+    if not (root / "batch.toml").is_file():
+        sentence = f"is of the batch {printable(str(root))}, which is not there; name it with --batch."
+        raise BatchRefused([Problem(str(results.provenance), sentence)])
+    opened = open_batch(root, force=True)
+    started, ended = _times(said, results)
+    run = BatchRun(
+        batch=opened,
+        results=results,
+        chart=None,
+        inputs=_hashes(said),
+        force=bool(said.get("force")),
+        screen=bool(said.get("screened", True)),
+        checksums=checksums,
+        started=started,
+        since_s=time.monotonic() - (ended - started).total_seconds(),
+    )
+    with results_lock(out):
+        run.require_ours()
+        records: dict[str, FruitRecord] = {}
+        for row in opened.rows:
+            record = read_record(results.fruit(row.fruit_id).record)
+            if record is not None:
+                records[row.fruit_id] = record
+        if not records:
+            raise BatchRefused([Problem(str(out), "holds no fruit's record; run `drupe grade` first.")])
+        if len(records) < len(opened.rows):
+            ReportSoFar(run, records).write(interrupted=True)
+            return None
+        return report(run, records)[1]
+
+
+def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetime]:
+    try:
+        started = datetime.fromisoformat(said["started_utc"])
+        return started, datetime.fromisoformat(said.get("finished_utc") or said["started_utc"])
+    except (KeyError, TypeError, ValueError):
+        sentence = "has no times that can be read; run `drupe grade` again."
+        raise BatchRefused([Problem(str(results.provenance), sentence)]) from None
+
+
+def _hashes(said: Mapping[str, Any]) -> dict[str, str]:
+    inputs = said.get("inputs")
+    return {str(k): str(v) for k, v in inputs.items()} if isinstance(inputs, dict) else {}

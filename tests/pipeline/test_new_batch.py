@@ -1,0 +1,157 @@
+"""From folders of photos to a batch, the settings' template and schema, reports anew, cleaning, doctor."""
+
+import json
+import re
+import shutil
+import tomllib
+
+import pytest
+
+from pipeline.batch.batch_template import TEMPLATE
+from pipeline.batch.opening import open_batch
+from pipeline.batch.settings import Settings, settings_schema
+from pipeline.run.machine_check import known_answer_error
+from samples.shipped import write_shipped
+
+
+def keys(model, at=""):
+    """Every key of the settings, with its table's name before it."""
+    for name, field in model.model_fields.items():
+        tables = _models(field.annotation)
+        if tables:
+            for one in tables:
+                yield from keys(one, f"{at}{name}.")
+        else:
+            yield f"{at}{name}"
+
+
+def _models(annotation):
+    from typing import get_args
+
+    from pydantic import BaseModel
+
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [one for part in get_args(annotation) for one in _models(part)]
+
+
+def filled(**others):
+    """The template with every line taken in, and other values where two keys exclude each other."""
+    text = TEMPLATE.format(category="nectarine", known="")
+    lines = [re.sub(r"^# (?=[\w\[]+.*(=|\]\]?$|\]\]? ))", "", line) for line in text.splitlines()]
+    return "\n".join(line for line in lines if not any(line.startswith(name) for name in others))
+
+
+def test_the_template_has_every_key_and_the_reader_takes_it():
+    text = TEMPLATE.format(category="nectarine", known="apricot, ...")
+    assert tomllib.loads(text) == {"category": "nectarine"}
+    said = tomllib.loads(filled(coin_mm="", effect="", **{"[[mismatch]]": ""}))
+    Settings.model_validate(said)
+    for name in keys(Settings):
+        if not name.startswith("mismatch."):
+            assert re.search(rf"^(# )?{name.rpartition('.')[2]} = ", text, re.MULTILINE), name
+    assert "# [[mismatch]]" in text
+
+
+def test_the_schema_is_the_reader_s():
+    schema = settings_schema()
+    assert schema["required"] == ["category"]
+    assert schema["additionalProperties"] is False
+    assert set(schema["properties"]) == set(Settings.model_fields)
+    classes = schema["$defs"]["GradingClass"]["properties"]
+    assert set(classes) == {"name", "E_max_MPa", "ship"}
+
+
+@pytest.fixture
+def photos(tmp_path):
+    """A folder of two fruit, one with a name that accents decompose."""
+    write_shipped("nectarines", tmp_path / "shipped")
+    taken = sorted((tmp_path / "shipped" / "fruits" / "N01" / "photos").iterdir())
+    for name, count in (("N2", 14), ("Mu\u0308hle 1", 3)):
+        (tmp_path / "taken" / name).mkdir(parents=True)
+        for path in taken[:count]:
+            shutil.copy(path, tmp_path / "taken" / name)
+    (tmp_path / "taken" / "notes.txt").write_text("mine")
+    return tmp_path / "taken"
+
+
+def test_photos_become_a_batch_and_what_is_missing_is_said(drupe, photos, tmp_path):
+    before = sorted((path, path.stat().st_mtime_ns) for path in photos.rglob("*"))
+    made = drupe("new", tmp_path / "batch", "--photos", photos)
+    assert made.status == 0
+    assert "2 fruit, 17 photos, 0 recordings" in made.out
+    assert "missing: photos: Mühle 1 has fewer than 12" in made.out
+    assert "missing: scale: write height_mm" in made.out
+    assert "missing: grasps: Mühle 1, N2 have no recording" in made.out
+    assert sorted((path, path.stat().st_mtime_ns) for path in photos.rglob("*")) == before
+    table = tmp_path / "batch" / "fruits.csv"
+    table.write_text(table.read_text().replace("N2,", "N2,58").replace("Mühle 1,", "Mühle 1,57"))
+    batch = open_batch(tmp_path / "batch")
+    assert [row.fruit_id for row in batch.rows] == ["Mühle 1", "N2"]
+    assert [len(batch.folder.fruit(row.fruit_id).photo_files()) for row in batch.rows] == [3, 14]
+
+
+def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
+    drupe("new", tmp_path / "batch", "--photos", photos)
+    fruits = tmp_path / "batch" / "fruits"
+    (fruits / "Mühle 1").rename(fruits / "Mu\u0308hle 1")
+    checked = drupe("check", tmp_path / "batch")
+    assert "is not listed" not in checked.out
+    assert "there is no such folder" not in checked.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("full", "--photos", "taken"), "is there already and not empty; name a new folder"),
+        (("new", "--photos", "nothing"), "is no folder; name a folder of photos"),
+        (("new", "--photos", "empty"), "holds no photos (JPEG, PNG, HEIC), meshes or recordings"),
+        (("new", "--photos", "taken", "--photos", "taken"), 'two folders are named "N2"'),
+        (("new", "--photos", "taken", "--category", "pear"), 'knows no category "pear"; known: apricot'),
+        (("new", "--photos", "odd"), '"-x" is no fruit_id'),
+    ],
+)
+def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    (tmp_path / "empty").mkdir()
+    shutil.copytree(photos / "N2", tmp_path / "odd" / "-x")
+    ran = drupe("new", *arguments)
+    assert ran.status == 2
+    assert said in ran.err
+    assert not (tmp_path / "new").exists()
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
+
+
+def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
+    for folder in (photos, photos / "N2"):
+        ran = drupe("grade", folder)
+        assert ran.status == 2
+        assert f"only photos; make a batch of them with `drupe new BATCH --photos {folder}`" in ran.err
+
+
+def test_a_known_answer_comes_out():
+    assert abs(known_answer_error()) < 0.005
+
+
+def test_doctor_says_it_is_well(drupe, tmp_path):
+    ran = drupe("doctor", tmp_path)
+    assert ran.status == 0
+    assert "off the closed form" in ran.out
+    assert ran.out.endswith("all well\n")
+
+
+def test_doctor_says_what_is_wrong(drupe, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.run.machine_check.known_answer_error", lambda: 0.2)
+    ran = drupe("doctor", tmp_path)
+    assert ran.status == 1
+    assert "wrong: finite elements are +20.0 % off a closed form" in ran.out
+    monkeypatch.setattr("pipeline.run.machine_check.free_memory_MiB", lambda: 100.0)
+    ran = drupe("doctor", tmp_path)
+    assert ran.status == 2
+    assert "missing: memory: 100 MiB are free" in ran.out
+
+
+def test_schema_is_printed_as_json(drupe):
+    assert json.loads(drupe("schema").out) == settings_schema()

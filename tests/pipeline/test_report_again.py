@@ -1,0 +1,129 @@
+"""Reports anew from what a run kept, and folders of results cleaned."""
+
+import csv
+import json
+
+import pytest
+from graded_results import graded, results_of
+
+from pipeline.batch.layout import write_whole
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
+
+
+@pytest.fixture
+def batch(tmp_path):
+    directions, faces = ball(2)
+    root = tmp_path / "batch"
+    for name in ("A", "B"):
+        (root / "fruits" / name).mkdir(parents=True)
+        write_mesh(root / "fruits" / name / "fruit.ply", 28 * directions, faces)
+    (root / "fruits.csv").write_text("fruit_id\nA\nB\n")
+    (root / "batch.toml").write_text('category = "nectarine"\n')
+    return root
+
+
+@pytest.fixture
+def results(batch):
+    return results_of(batch / "results", [graded("A", 0.3), graded("B", 0.8)])
+
+
+def rows(results):
+    return {
+        row["fruit_id"]: row for row in csv.DictReader((results / "ranking.csv").read_text().splitlines())
+    }
+
+
+def test_classes_of_now_are_in_the_report_anew(drupe, batch, results):
+    assert drupe("report", results).status == 0
+    assert rows(results)["A"]["maturity"] == ""
+    (batch / "batch.toml").write_text(
+        'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
+        '[[grading.classes]]\nname = "firm"\n'
+    )
+    assert drupe("report", results).status == 0
+    assert {name: row["maturity"] for name, row in rows(results).items()} == {"A": "soft", "B": "firm"}
+    assert {name: row["decision"] for name, row in rows(results).items()} == {"A": "ship", "B": "hold"}
+    page = (results / "report.html").read_text()
+    assert "Started 2026-08-10 12:00:00 UTC" in page
+    table = json.loads((results / "ranking.json").read_text())
+    assert [row["fruit_id"] for row in table] == ["A", "B"]
+    assert [row["E_MPa"] for row in table] == [float(row["E_MPa"]) for row in rows(results).values()]
+
+
+def test_checksums_are_listed_on_request(drupe, results):
+    drupe("report", results)
+    assert "files and their SHA-256" not in (results / "report.html").read_text()
+    drupe("report", results, "--provenance")
+    assert "files and their SHA-256" in (results / "report.html").read_text()
+
+
+def test_of_an_interrupted_run_the_page_says_so(drupe, batch):
+    results = results_of(batch / "results", [graded("A", 0.3)], status=130)
+    ran = drupe("report", results)
+    assert ran.status == 3
+    assert "not all fruit are done" in ran.out
+    assert "Interrupted:</b> 1 of 2 fruit" in (results / "report.html").read_text()
+
+
+def test_a_batch_that_moved_is_named(drupe, batch, results, tmp_path):
+    moved = tmp_path / "elsewhere"
+    kept = tmp_path / "kept"
+    results.rename(kept)
+    batch.rename(moved)
+    ran = drupe("report", kept)
+    assert ran.status == 2
+    assert "which is not there; name it with --batch" in ran.err
+    assert drupe("report", kept, "--batch", moved).status == 0
+
+
+def test_what_is_no_result_is_refused(drupe, batch, results):
+    ran = drupe("report", batch)
+    assert ran.status == 2
+    assert "holds no results of drupe grade (batch.json); did you mean" in ran.err
+    ran = drupe("clean", batch)
+    assert ran.status == 2
+    assert "is no folder of results" in ran.err
+
+
+def fill(results):
+    """Stages, a picture of ours, one that somebody changed, and a stranger's files."""
+    for name in ("A", "B"):
+        folder = results / "fruits" / name
+        write_whole(folder / "mesh.png", b"picture")
+        (folder / ".cache" / "flesh-0123.npz").write_bytes(b"stage")
+    (results / "fruits" / "B" / "mesh.png").write_bytes(b"painted over")
+    (results / "fruits" / "A" / "mine.txt").write_text("mine")
+    (results / "fruits" / "linked").symlink_to(results.parent.parent)
+
+
+def files(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_only_what_is_kept_between_runs_goes(drupe, results):
+    fill(results)
+    before = files(results)
+    assert "2 files, 0.0 MB would be removed" in drupe("clean", results, "--dry-run").out
+    assert files(results) == before
+    assert drupe("clean", results).status == 0
+    assert before - files(results) == {f"fruits/{name}/.cache/flesh-0123.npz" for name in "AB"}
+
+
+def test_with_all_only_what_drupe_wrote_goes(drupe, results):
+    fill(results)
+    drupe("report", results)
+    ran = drupe("clean", results, "--all")
+    left = files(results)
+    assert "fruits/A/mine.txt" in left
+    assert "fruits/B/mesh.png" in left
+    assert not any(name.endswith(("record.json", "report.html", "ranking.csv", ".npz")) for name in left)
+    assert "mesh.png: not written by drupe, or changed since" in ran.out
+    assert (results / "fruits" / "linked").is_symlink()
+    assert (results.parent / "batch.toml").is_file()
+
+
+def test_with_all_nothing_is_left_where_nothing_strange_is(drupe, results):
+    drupe("report", results)
+    drupe("clean", results, "--all")
+    assert not results.exists()
