@@ -10,7 +10,8 @@ ball: the workbooks of github.com/SarahIaquinta/perineal_indentation
 gripper: the tables of github.com/SheepLiu712/FruitRuptureEstimate (kiwi, mango, banana), jaws on
 whole fruit to rupture; the fruit's size is not said, and the trace is taken as a ball's of 30 mm, so that E
 is no flesh's modulus but orders the fruit. cylinder: the sheets of github.com/LivingMatterLab/CANN
-(ARTMEAT/FungiSteak/mechanical-data/compression), cut cylinders of 8 mm between plates. Prints a line for
+(ARTMEAT/FungiSteak/mechanical-data/compression, ARTMEAT/LionsManeMushroomSteak/Mechanics/Compression),
+cut cylinders of 8 mm between plates. Prints a line for
 each trace and quantiles; held-out errors are root mean squares over that of the force left out, before
 (linear elasticity) and after (the answer).
 """
@@ -44,6 +45,10 @@ THINNEST_OVER_TRAVEL = 1.2
 """A gap this much thinner than the travel allows was not zeroed: it is no thickness."""
 GRIPPER_COLUMNS = {"time": "Time", "now_force": "Force", "now_pos": "Pos"}
 """Names in the mangoes' tables, and in the others'."""
+RHEOMETER_COLUMNS = ("time", "axial", "gap")
+"""Words in the names of the columns of a rheometer's tables: time, force, gap."""
+SLOPE_UP_TO = 0.1
+"""Greatest strain of the slope that is compared with what is published for cut cylinders."""
 UPPER = (0.2, 0.95)
 """Shares of the peak force between which the exponent of the loading is taken."""
 
@@ -93,26 +98,41 @@ def of_gripper(folder: Path) -> Iterator[NamedTrace]:
 
 
 def of_cylinder(folder: Path) -> Iterator[NamedTrace]:
-    """Rheometer tables with a time, a normal force and a gap in their first rows' units."""
+    """Workbooks of a rheometer: a sheet for each step of one test, with a time, a normal force and a gap in
+    the units of its third row.
+    """
     for path in sorted(folder.rglob("*.xls*")):
+        steps: list[np.ndarray] = []
         for table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").values():
             names = [str(one).lower() for one in table.iloc[1]] if len(table) > 30 else []
-            at = {
-                key: next((k for k, n in enumerate(names) if key in n), None)
-                for key in ("time", "axial", "gap")
-            }
-            if None in at.values():
+            at = [next((k for k, n in enumerate(names) if key in n), None) for key in RHEOMETER_COLUMNS]
+            if None in at:
                 continue
-            columns = [at["time"], at["axial"], at["gap"]]
-            values = (
-                table.iloc[3:, columns].apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
-            )
-            time_s, force_N, gap = values.T
-            gap_mm = gap / (1000.0 if np.median(gap) > 100 else 1.0)
-            kept = np.r_[True, np.diff(time_s) > 0]
-            size = Cylinder(height_mm=float(gap_mm[0]), diameter_mm=CYLINDER_MM, ends="bonded")
-            trace = trace_of(time_s[kept], force_N[kept], gap_mm[0] - gap_mm[kept], size)
-            yield NamedTrace(path.stem, trace)
+            step = table.iloc[3:, at].apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
+            before_s = steps[-1][-1, 0] if steps else 0.0
+            step = step + np.array([before_s, 0.0, 0.0])
+            steps.append(step)
+        if not steps:
+            continue
+        time_s, force_N, gap = np.concatenate(steps).T
+        gap_mm = gap / (1000.0 if np.median(gap) > 100 else 1.0)
+        kept = np.r_[True, time_s[1:] > np.maximum.accumulate(time_s)[:-1]]
+        size = Cylinder(height_mm=float(gap_mm[0]), diameter_mm=CYLINDER_MM, ends="bonded")
+        trace = trace_of(time_s[kept], force_N[kept], gap_mm[0] - gap_mm[kept], size)
+        yield NamedTrace(f"{path.parent.name} {path.stem}", trace)
+
+
+def slope_kPa(trace: IndenterTrace) -> float:
+    """Stress over strain of a cylinder's first loading up to 10 %, by a line through its first frame, as the
+    authors of these recordings take it.
+    """
+    size = trace.geometry
+    if not isinstance(size, Cylinder):
+        return float("nan")
+    strain = (trace.travel_mm - trace.travel_mm[0]) / size.height_mm
+    first = np.arange(len(strain)) <= int(np.argmax(strain > SLOPE_UP_TO))
+    stress_kPa = 1e3 * (trace.force_N - trace.force_N[0]) / (np.pi / 4 * size.diameter_mm**2)
+    return float(strain[first] @ stress_kPa[first] / (strain[first] @ strain[first]))
 
 
 def trace_of(
@@ -159,6 +179,7 @@ def explained(one: NamedTrace) -> dict[str, object]:
         "E_after_kPa": 1e3 * said.after.value,
         "withheld": said.withheld or "",
         "E_linear_kPa": 1e3 * float(np.exp(account.linear.scaled[0])),
+        "slope_kPa": slope_kPa(one.trace),
         "unexplained": account.named.share,
         "end_before": end[0],
         "end_after": end[1],
@@ -191,12 +212,24 @@ def summary(rows: list[dict[str, object]]) -> None:
     exponents = quantiles([float(row["exponent"]) for row in stiff])
     print(f"exponent where stiffening is named ({len(stiff)}): {exponents}")
     print(f"E withheld in {sum(bool(row['withheld']) for row in done)}")
-    kinds = sorted({re.split(r"[ _]", str(row["trace"]))[0] for row in done})
-    for kind in kinds:
-        own = [row for row in done if re.split(r"[ _]", str(row["trace"]))[0] == kind]
+    for kind, own in by_kind(done).items():
         if len(own) > 5:
+            for name in ("slope_kPa", "E_linear_kPa"):
+                known = np.array([float(row[name]) for row in own])
+                print(f"{kind}: {name} {known.mean():.1f} +- {known.std(ddof=1):.1f}")
             rank = spearmanr([row["E_linear_kPa"] for row in own], [row["peak_N"] for row in own])
             print(f"{kind}: {len(own)}, Spearman of E (linear) with the peak force {rank.statistic:.2f}")
+
+
+def by_kind(rows: list[dict[str, object]]) -> dict[str, list[dict[str, object]]]:
+    """Traces whose names differ in their numbers alone, or begin with the same word of a gripper's fruit."""
+    kinds: dict[str, list[dict[str, object]]] = {}
+    for row in rows:
+        name = str(row["trace"])
+        kinds.setdefault(re.sub(r"[-_]?\d+$", "", name) if " " in name else name.split("_")[0], []).append(
+            row
+        )
+    return dict(sorted(kinds.items()))
 
 
 def main() -> None:

@@ -35,6 +35,9 @@ IN_CONTACT = 0.05
 FIRST_FORCE = 0.01
 """Share of the peak force that counts as touch, whose last frame before it is the first touch: by Hertz 5 %
 of the greatest approach. Set by hand."""
+DEEPEST = 0.95
+"""Quantile of the pressed markers' compression that stands for the deepest: of a paraboloid it is 0.95 of it,
+and one marker's noise does not decide. Set by hand."""
 LEAST_OWN = 0.1
 """Share of the jaws' travel that the fruit gives at least. Set by hand."""
 ROUNDS = 30
@@ -111,11 +114,13 @@ def _outermost(
 
 
 def _fruits_own_mm(recording: Recording, gel: GelPad, touch: int) -> Float[np.ndarray, " t"]:
-    """The fruit's whole approach: the jaws' travel since first touch less what the gel gives."""
+    """The fruit's whole approach: the jaws' travel since first touch less what the gel gives on the axis of
+    the grasp, where it is pressed deepest.
+    """
     closed = recording.aperture_mm[touch] - recording.aperture_mm
-    pressed = _pressed(gel)
-    count = np.maximum(pressed.sum(axis=1), 1)
-    given = np.where(pressed, -gel.displacement_mm[:, :, 2], 0.0).sum(axis=1) / count
+    compressed = np.where(_pressed(gel), -gel.displacement_mm[:, :, 2], np.nan)
+    compressed[~_pressed(gel).any(axis=1), 0] = 0.0
+    given = np.nanquantile(compressed, DEEPEST, axis=1)
     return np.asarray(np.maximum(closed - given, np.maximum(LEAST_OWN * closed, 0.0)))
 
 

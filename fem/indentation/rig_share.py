@@ -29,6 +29,9 @@ softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 t
 contacts above 2.4 N/mm are said: 44 kiwis have 0.2 to 2.0 (two are said), pieces of meat and silicone 0.1 to
 0.7 (one of 37), mangoes 2.3 to 12 (half of 70), in a tenth to nine tenths (benchmarks/rig_golf_ball.py
 --slopes)."""
+OF_A_TRACE = "(drupe calibrate --rigid, drupe convert --rig), or give rig_N_per_mm in case.toml"
+OF_A_BATCH = "(drupe calibrate --rigid) and name what it writes as `rig` in batch.toml"
+"""How a rig is made known, beside squeezing a rigid object."""
 UPPER = 0.5
 """Share of the peak force above which slopes are taken. Set by hand: E is ruled by the upper half."""
 FEWEST = 4
@@ -49,16 +52,17 @@ class RigShare:
     notes: tuple[str, ...]
 
 
-def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None) -> RigShare:
+def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: str = OF_A_TRACE) -> RigShare:
     """What the rig does to E: by the curve that was taken off the travel, or by a stated stiffness, or, where
     nothing is known, by an ordinary one.
 
     Springs in series: 1/k = 1/k_o + 1/k_r, k the recorded slope, k_o the object's, k_r the rig's. Of a rig
     that was taken off, the error of 1/k_o is that of 1/k_r; of one that was not, its share k/k_r is what E is
-    too low by. Of several recordings the one in which the rig gives the largest share.
+    too low by. Of several recordings the one in which the rig gives the largest share. `made_known`: where
+    the rig is to be stated, in the note for one of which nothing is known.
     """
     if len(trace.parts) > 1:
-        each = [rig_share(part, rig_N_per_mm=rig_N_per_mm) for part in trace.parts]
+        each = [rig_share(part, rig_N_per_mm=rig_N_per_mm, made_known=made_known) for part in trace.parts]
         return max(each, key=lambda one: one.rig_mm_per_N / max(one.recorded_mm_per_N, 1e-12))
     recorded = trace.travel_mm if trace.rig_give_mm is None else trace.travel_mm + trace.rig_give_mm
     used = _upper_half(trace)
@@ -81,8 +85,7 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None) -> RigShare:
             f"The contact has {stiffness:.3g} N/mm at the upper half of its force, and nothing says how "
             f"stiff the rig is. E holds on a rig of {stiffness / SAID_SHARE:.2g} N/mm or more and is a "
             f"lower bound on a softer one: a gripper with soft pads, of {SOFT_RIG_N_PER_MM:g} N/mm, would "
-            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object (drupe calibrate "
-            "--rigid, drupe convert --rig), or give rig_N_per_mm in case.toml.",
+            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object {made_known}.",
         )
     elif rig_N_per_mm is not None and share > MOST_SHARE:
         bound = (

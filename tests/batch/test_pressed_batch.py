@@ -108,6 +108,13 @@ def test_moduli_are_within_their_error_bars_and_in_order(graded):
     assert [rows[fruit]["rank"] for fruit in ("soft", "firm")] == ["1", "3"]
 
 
+def test_a_rig_of_which_nothing_is_known_is_said(graded):
+    """9 N/mm were recorded: an ordinary gripper of 8 N/mm would have given all of it."""
+    said = graded[0]["firm"]["warnings"]
+    assert "nothing says how stiff the rig is" in said
+    assert "`rig` in batch.toml" in said
+
+
 def test_the_error_bar_says_that_the_shape_is_three_diameters(graded):
     _, records, page = graded
     modulus = records["firm"]["modulus"]
