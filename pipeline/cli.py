@@ -28,6 +28,7 @@ from pipeline.commands.report import report
 from pipeline.commands.sample import sample
 from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
+from pipeline.commands.watch import watch
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
@@ -69,8 +70,8 @@ def _root(
 
 
 COMMANDS = (
-    new, grade, check, explain, report, history, convert, calibrate, sensor, mat, sample, schema, clean,
-    doctor,
+    new, grade, watch, check, explain, report, history, convert, calibrate, sensor, mat, sample, schema,
+    clean, doctor,
 )  # fmt: skip
 for command in COMMANDS:
     app.command()(command)

@@ -6,7 +6,6 @@ import base64
 import math
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.effect_words import (
     by_rank,
@@ -25,6 +24,7 @@ from reports.explain_charts import (
     share_bar,
 )
 from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
+from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
@@ -51,13 +51,7 @@ _MAPS = (
 
 def explain_html(found: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
-    environment = Environment(
-        loader=PackageLoader("reports", package_path=""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters |= {
         "degrees": _degrees,
         "duration": duration,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from reports.charts_batch import control_chart
 from reports.history_charts import softening_chart
 from reports.history_entries import HistoryEntry
+from reports.html_templates import page_environment
 from reports.words import number, percent
 
 PAGE_TITLE = "History of graded batches"
@@ -15,13 +14,7 @@ PAGE_TITLE = "History of graded batches"
 
 def history_html(history: HistoryEntry) -> str:
     """The whole page, the same text for the same entry; all text of the batches is escaped."""
-    environment = Environment(
-        loader=PackageLoader("reports", package_path=""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters |= {
         "control_chart": control_chart,
         "number": number,

@@ -7,14 +7,11 @@ without scripts the page shows the same.
 from __future__ import annotations
 
 import base64
-import hashlib
 from datetime import UTC, datetime
-from importlib import resources
 from itertools import groupby
 from typing import NamedTuple
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from reports.batch_overview import (
@@ -34,6 +31,7 @@ from reports.charts_batch import (
 )
 from reports.charts_fruit import force_chart, grasps_chart
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, Picture, without_references
+from reports.html_templates import own_script, page_environment
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import UNKNOWN as UNKNOWN_WORD
@@ -76,13 +74,7 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
     all inputs are listed.
     """
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    environment = Environment(
-        loader=PackageLoader("reports", package_path=""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters |= {
         "advice": advice,
         "class_words": class_words,
@@ -106,7 +98,7 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
     }
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
-    script = resources.files("reports").joinpath("static/table.js").read_text(encoding="utf-8")
+    script, script_hash = own_script("table.js")
     many = sum(fruit.E_MPa is not None for fruit in alone) > MOST_ROWS
     both = [fruit for fruit in alone if fruit.E_MPa is not None and fruit.shore_oo is not None]
     return environment.get_template("templates/page.html.j2").render(
@@ -121,8 +113,8 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
         lists=decision_lists(batch, fruits),
         many=many,
         most_listed=MOST_LISTED,
-        script=Markup(script),  # the page's own, not the batch's
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        script=script,
+        script_hash=script_hash,
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in alone),

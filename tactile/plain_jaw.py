@@ -2,10 +2,12 @@
 
 A plain jaw feels nothing. What it does follows: its force is the gel's, equal and opposite (the fruit at
 rest, its weight left out); its face is rigid, so that skin that touches it moves with it; where it touches
-is the fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2) (Johnson,
-"Contact Mechanics", 1985, eq. 4.22), over a radius a = sqrt(R d) of the skin's mean radius R and the
-approach d on that side: of the fruit's approach f, which is the jaws' travel less what the gel gives, each
-side takes a part that goes with 1 over its contact radius, d = f / (1 + a / a_gel).
+is the fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2), over a radius a
+with a^3 = 3 F R / (4 E*) of the force F, the skin's mean radius R and E* = E / (1 - nu^2) (Johnson, "Contact
+Mechanics", 1985, eq. 4.22). Until E is known it is a = sqrt(R d) of the approach d on that side: of the
+fruit's approach f, which is the jaws' travel less what the gel gives, each side takes a part that goes with
+1 over its contact radius, d = f / (1 + a / a_gel). That is 10 to 20 % too wide, since a part of the approach
+lies deeper in the fruit, and E is 6 to 12 % too low with it (benchmarks/one_gel_finger.py).
 """
 
 from dataclasses import replace
@@ -51,11 +53,17 @@ def has_plain_jaw(recording: Recording) -> bool:
     return recording.loading == "grasp" and len(gels) == len(plates) == 1
 
 
-def with_plain_jaw(recording: Recording, vertices: Float[np.ndarray, "v 3"], *, source: str) -> Recording:
+def with_plain_jaw(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"],
+    *,
+    source: str,
+    plane_strain_MPa: float | None = None,
+) -> Recording:
     """The recording with a GelPad in the plain jaw's place; unchanged where there is none.
 
-    `vertices`: the fruit's skin, fruit frame. Raises TactileFailure (pads-off-fruit) where the jaw does not
-    face the fruit.
+    `vertices`: the fruit's skin, fruit frame; `plane_strain_MPa`: E* of the flesh, where it is known. Raises
+    TactileFailure (pads-off-fruit) where the jaw does not face the fruit.
     """
     if not has_plain_jaw(recording):
         return recording
@@ -66,8 +74,12 @@ def with_plain_jaw(recording: Recording, vertices: Float[np.ndarray, "v 3"], *, 
     peak = int(np.argmax(total))
     touch = max(int(np.argmax(total > FIRST_FORCE * total[peak])) - 1, 0)
     centre_mm, radius_mm = _outermost(vertices, jaw.pose[touch], source=f"{source}: pads/{jaw.name}")
-    approach_mm = _fruits_own_mm(recording, gel, touch)
-    contact_mm = _contact_radius_mm(radius_mm, approach_mm, _gel_contact_mm(gel))
+    if plane_strain_MPa is None:
+        approach_mm = _fruits_own_mm(recording, gel, touch)
+        contact_mm = _contact_radius_mm(radius_mm, approach_mm, _gel_contact_mm(gel))
+    else:
+        of_force = np.cbrt(0.75 * np.maximum(force_N[:, 2], 0.0) * radius_mm / plane_strain_MPa)
+        contact_mm = np.maximum(of_force, FINEST_MM)
     rest_mm, share = _pressure(centre_mm, contact_mm)
     pushed = np.where(force_N[:, 2] > 0, 1.0, 0.0)[:, None, None] * force_N[:, None, :] * share[..., None]
     stiff = GelPad(

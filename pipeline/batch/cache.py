@@ -3,6 +3,8 @@
 import hashlib
 import io
 import json
+import os
+import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable
@@ -42,16 +44,32 @@ LIBRARIES = (
 HEADER = "__header__"
 """Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
 
+AT_REST_NS = 3_000_000_000
+"""Age of a file's last change from which its times tell the next one: some file systems write whole seconds,
+or every second one."""
+_hashed: dict[Path, tuple[tuple[int, ...], str]] = {}
+"""SHA-256 of files at rest, with what said that they were."""
 Kept = TypeVar("Kept", bound=StageRecord)
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal; of a file that cannot be read, why (its reader will say so too)."""
+    """SHA-256 of a file, hexadecimal; of a file that cannot be read, why (its reader will say so too).
+
+    A process reads a file once while its size, its times and its inode stay what they were.
+    """
     if wrong := not_plain(path):
         return f"unreadable: {wrong}"
     try:
         with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+            state = os.fstat(file.fileno())
+            now = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+            before = _hashed.get(path)
+            if before is not None and before[0] == now:
+                return before[1]
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            if time.time_ns() - state.st_ctime_ns > AT_REST_NS:
+                _hashed[path] = now, digest
+            return digest
     except OSError as error:
         return f"unreadable: {error.strerror}"
 

@@ -70,8 +70,9 @@ class FruitRow:
         return self.diameter_a_mm, self.diameter_b_mm, self.diameter_c_mm
 
 
-def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
-    """The fruit that can be told from the table, each once, and every fault of it.
+def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitRow, ...], list[Problem]]:
+    """The fruit that can be told from the table, each once, and every fault of it; a table without rows is
+    one unless it `may_be_empty`.
 
     Raises BatchRefused where it is no table, or has no ids.
     """
@@ -98,7 +99,7 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
                     str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.'
                 )
             )
-    if not rows:
+    if not rows and not may_be_empty:
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems

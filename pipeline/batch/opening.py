@@ -1,6 +1,7 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
 import difflib
+import unicodedata
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from pipeline.batch.control_chart import chart_path, read_chart
-from pipeline.batch.fruits_table import FruitRow, read_fruits
+from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
@@ -71,12 +72,12 @@ class Survey:
     problems: tuple[Problem, ...]
 
 
-def open_batch(root: Path, *, force: bool = False) -> Batch:
+def open_batch(root: Path, *, force: bool = False, arriving: bool = False) -> Batch:
     """The batch at `root`; raises BatchRefused with every problem of the batch as a whole.
 
-    With `force` numbers that are merely implausible stop nothing.
+    With `force` numbers that are merely implausible stop nothing; `arriving` as in `survey`.
     """
-    found = survey(root)
+    found = survey(root, arriving=arriving)
     stops = [p for p in found.problems if not (force and p.implausible)]
     if stops or found.settings is None or found.rows is None:
         raise BatchRefused(stops)
@@ -93,17 +94,27 @@ def open_batch(root: Path, *, force: bool = False) -> Batch:
     )
 
 
-def survey(root: Path) -> Survey:
-    """Reads what can be read of the batch at `root`."""
+def survey(root: Path, *, arriving: bool = False) -> Survey:
+    """Reads what can be read of the batch at `root`.
+
+    Of a batch whose fruit are `arriving` the folders without a row are fruit too, and the table may have no
+    row yet or not be there.
+    """
     folder = BatchFolder(root)
     problems: list[Problem] = []
-    rows = mat = category = prior = None
+    mat = category = prior = None
+    rows: tuple[FruitRow, ...] | None = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
-        table = _gather(problems, lambda: read_fruits(folder.table))
-        if table is not None:
-            rows, faults = table
-            problems += faults
+        if arriving and not (folder.table.exists() or folder.table.is_symlink()):
+            rows = ()
+        else:
+            table = _gather(problems, lambda: read_fruits(folder.table, may_be_empty=arriving))
+            if table is not None:
+                rows, faults = table
+                problems += faults
+        if arriving and rows is not None:
+            rows = (*rows, *_without_row(folder, rows))
         lies = folder.mat.exists() or folder.mat.is_symlink()
         mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
         if rows and not lies:
@@ -130,6 +141,15 @@ def survey(root: Path) -> Survey:
         prior=prior,
         problems=tuple(problems),
     )
+
+
+def _without_row(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
+    """Of folders of fruit that the table does not name, in the order of their names."""
+    place, known = folder.root / "fruits", {row.fruit_id for row in rows}
+    names = (path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else ()
+    composed = {unicodedata.normalize("NFC", name) for name in names}
+    new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
+    return [FruitRow(fruit_id=name) for name in new]
 
 
 def _implausible(

@@ -95,7 +95,10 @@ def _modulus(
     changed = replace(task, settings=task.settings.model_copy(update={"mismatch": tuple(effects)}))
     surface = fruit.shape.vertices, fruit.shape.faces
     of_the_jaws = jaw_faults(effects, rig)
-    placed = [place_grasp(g.path, *surface, name=g.name, faults=of_the_jaws) for g in fruit.placed]
+    placed = [
+        place_grasp(g.path, *surface, name=g.name, faults=of_the_jaws, plane_strain_MPa=g.plane_strain_MPa)
+        for g in fruit.placed
+    ]
     return fruit_modulus(
         changed,
         placed,

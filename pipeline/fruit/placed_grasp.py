@@ -33,7 +33,8 @@ class PlacedGrasp:
     `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
     where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
     and yet leaves it of use. `digest`: of its fields as they are in the file (tactile.recording_digest).
-    `plain_jaw`: whether one pad stands for a jaw without a gel (tactile.plain_jaw).
+    `plain_jaw`: whether one pad stands for a jaw without a gel (tactile.plain_jaw); `plane_strain_MPa`: of
+    the flesh, where the width of that jaw's contact follows from it.
     """
 
     name: str
@@ -45,6 +46,7 @@ class PlacedGrasp:
     findings: tuple[Finding, ...] = ()
     digest: str = ""
     plain_jaw: bool = False
+    plane_strain_MPa: float | None = None
 
     @property
     def touched_mm(self) -> dict[str, Float[np.ndarray, "_p 3"]]:
@@ -76,6 +78,7 @@ def place_grasp(
     sd_mm: Float[np.ndarray, " v"] | None = None,
     checked: Checked | None = None,
     admit: Callable[[Recording], Sequence[Finding]] | None = None,
+    plane_strain_MPa: float | None = None,
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
@@ -83,7 +86,8 @@ def place_grasp(
     known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
     `checked`: whether its fields are held against each other and the mesh, and with what. `admit` is asked
     first whether the recording is this fruit's (pipeline.fruit.recording_owner), and raises where it is not.
-    Raises TactileFailure; implausible-recording where the checks refuse it.
+    `plane_strain_MPa`: of the flesh, for a plain jaw's contact. Raises TactileFailure; implausible-recording
+    where the checks refuse it.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
@@ -93,7 +97,7 @@ def place_grasp(
     _refuse_no_pose(recording, source)
     if checked is not None:
         findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
-    recording = with_plain_jaw(recording, vertices, source=source)
+    recording = with_plain_jaw(recording, vertices, source=source, plane_strain_MPa=plane_strain_MPa)
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     placed = PlacedGrasp(
@@ -105,6 +109,7 @@ def place_grasp(
         findings=findings,
         digest=recording_digest(recorded),
         plain_jaw=has_plain_jaw(recorded),
+        plane_strain_MPa=plane_strain_MPa,
     )
     if sd_mm is None:
         return placed

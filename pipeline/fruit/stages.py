@@ -21,13 +21,14 @@ from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
 from pipeline.batch.records import FruitRecord, GraspRecord, write_record
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.effect_spread import effect_spread
-from pipeline.fruit.elasticity import fruit_modulus, modulus_record
+from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
+from pipeline.fruit.plain_jaw_contact import with_plain_jaws
 from pipeline.fruit.pressed_fruit import grade_pressed
 from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.fruit.stage_log import StageLog
@@ -113,14 +114,8 @@ def _grade(task: FruitTask, log: StageLog) -> None:
     solids: dict[Support, UnitModulusSolid] = {}
     with log.stage("modulus"):
         try:
-            found = fruit_modulus(
-                task,
-                placed,
-                fruit.mesh,
-                poisson_ratio=fruit.poisson_ratio,
-                budget=fruit.budget,
-                solids=solids if task.screen else None,
-            )
+            fruit, found = with_plain_jaws(task, fruit, solids=solids if task.screen else None)
+            placed = fruit.placed
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
             records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]

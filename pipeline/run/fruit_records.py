@@ -1,6 +1,6 @@
 """Records of fruit that this run does not grade: kept from an earlier one, refused, or ended without one."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 from pipeline.batch.layout import Results
@@ -82,14 +82,19 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
     return record
 
 
-def kept_records(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
-    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
+def kept_records(
+    tasks: Mapping[str, FruitTask], *, retried: Collection[str] | None = None
+) -> Iterator[tuple[str, FruitRecord]]:
+    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date.
+
+    `retried`: fruit whose ending of RETRIED does not hold; None: of all.
+    """
     for fruit_id, task in tasks.items():
         kept = read_record(task.results.record)
         if kept is None or kept.key != task.key:
             continue
         record = _taken_up(kept)
-        if record.outcome in RETRIED:
+        if record.outcome in RETRIED and (retried is None or fruit_id in retried):
             continue
         if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
             continue

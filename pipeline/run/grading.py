@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -48,9 +48,15 @@ def grade(
     force: bool = False,
     screen: bool = True,
     checksums: bool = False,
+    opened: Batch | None = None,
+    retried: Collection[str] | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
+
+    `opened`: the batch as it was read, with those rows that are to be graded; None: it is read here, whole.
+    `retried`: fruit that are tried again where an earlier run ended them for a cause that may pass; None:
+    all.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -61,7 +67,7 @@ def grade(
     """
     started, since_s = now(), time.monotonic()
     run = _placed(
-        open_batch(root, force=force),
+        opened or open_batch(root, force=force),
         out,
         started=started,
         since_s=since_s,
@@ -74,7 +80,7 @@ def grade(
     with results_lock(run.results.root):
         run.require_ours()
         _begun(run.results, run.fruits)
-        records, todo, forced = _sorted_out(run, console)
+        records, todo, forced = _sorted_out(run, console, retried)
         with suppress(NotWritten):
             run.write_provenance(records, None)
         so_far = ReportSoFar(run, records)
@@ -123,7 +129,7 @@ def _placed(
 
 
 def _sorted_out(
-    run: BatchRun, console: Console
+    run: BatchRun, console: Console, retried: Collection[str] | None
 ) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
     """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
     tasks = {
@@ -136,7 +142,8 @@ def _sorted_out(
         for fruit_id, sentence in implausible.items():
             console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
         forced, implausible = _forced(run.batch, implausible), {}
-    records = dict(kept_records({name: task for name, task in tasks.items() if name not in implausible}))
+    plausible = {name: task for name, task in tasks.items() if name not in implausible}
+    records = dict(kept_records(plausible, retried=retried))
     todo = [(name, task) for name, task in tasks.items() if name not in {*records, *implausible}]
     if records:
         console.print(f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False)

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias, cast
 import h5py
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.spatial import ConvexHull, QhullError, Voronoi
+from scipy.spatial import QhullError, Voronoi
 
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
@@ -112,8 +112,14 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
         cells = Voronoi(rest_mm[:, :2])
     except QhullError:  # all on a line
         return None
-    whole = [cells.vertices[r] for r in (cells.regions[k] for k in cells.point_region) if r and -1 not in r]
-    return float(np.median([ConvexHull(corners).volume for corners in whole])) if whole else None
+    areas = []
+    for middle, region in zip(cells.points, cells.point_region, strict=True):
+        corners = cells.regions[region]
+        if corners and -1 not in corners:
+            x, y = (cells.vertices[corners] - middle).T
+            x, y = (one[np.argsort(np.arctan2(y, x))] for one in (x, y))
+            areas.append(0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    return float(np.median(areas)) if areas else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,6 +93,19 @@ def test_it_touches_where_the_fruit_comes_first_and_as_widely_as_hertz_has_it() 
     assert np.sqrt(weight @ radius**2 / weight.sum()) == pytest.approx(np.sqrt(0.4) * expected, rel=0.03)
 
 
+def test_where_the_flesh_is_known_the_contact_is_as_wide_as_hertz_has_it_of_the_force() -> None:
+    """Johnson 1985, eq. 4.22: a^3 = 3 F R / (4 E*), in every frame."""
+    plane_strain_MPa = 0.8
+    right = with_plain_jaw(grasp(), ball(), source="g.h5", plane_strain_MPa=plane_strain_MPa).pads[1]
+    assert isinstance(right, GelPad)
+    for frame in (FRAMES // 2, FRAMES - 1):
+        weight = right.force_N[frame, :, 2]
+        middle = weight @ right.rest_mm / weight.sum()
+        radius = np.linalg.norm(right.rest_mm - middle, axis=1)
+        hertz = np.cbrt(0.75 * weight.sum() * RADIUS_MM / plane_strain_MPa)
+        assert np.sqrt(weight @ radius**2 / weight.sum()) == pytest.approx(np.sqrt(0.4) * hertz, rel=0.03)
+
+
 def test_only_a_gel_and_a_plate_make_such_a_grasp() -> None:
     recording = grasp()
     assert has_plain_jaw(recording)

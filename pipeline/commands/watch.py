@@ -1,0 +1,77 @@
+"""`drupe watch`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.machine import cores, require_libraries
+from pipeline.exit_status import INTERRUPTED
+from pipeline.safe_start import elsewhere
+
+
+def watch(
+    batch: BatchArgument,
+    out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Fruit worked on at the same time.")] = 1,
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Port of the page on this machine.", show_default="any free one"),
+    ] = 0,
+    settle: Annotated[
+        float, typer.Option(min=0, help="Seconds without a change after which a fruit's files are whole.")
+    ] = 2,
+    idle: Annotated[
+        float | None,
+        typer.Option(
+            min=0, help="Minutes without anything new after which watching ends.", show_default="never"
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
+    ] = 1800,
+    screen: Annotated[
+        bool,
+        typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
+    ] = True,
+) -> None:
+    """Grade fruit as their files are put into BATCH/fruits/<fruit_id>, and show the last one in a browser.
+
+    A fruit is graded when it has photos (or fruit.ply) and a recording and its files have been at rest for
+    --settle seconds, and again when they change; folders without a row in fruits.csv are fruit too. Ranking
+    and report are replaced after each fruit. The page is for browsers on this machine, at an address that is
+    printed; Ctrl-C ends. Example: drupe watch monday --port 8000
+    """
+    require_libraries()
+    with elsewhere():
+        from pipeline.batch.layout import Results
+        from pipeline.watch.page_server import PageServer
+        from pipeline.watch.watching import BatchWatch, WatchOptions
+        from reports.kiosk_page import kiosk_html
+    place = out or batch / "results"
+    options = WatchOptions(
+        out=place,
+        jobs=min(jobs, cores()),
+        time_limit_s=time_limit,
+        screen=screen,
+        settle_s=settle,
+        idle_s=None if idle is None else 60 * idle,
+    )
+    with PageServer(Results(place), port=port) as server:
+        typer.echo(f"page: {server.address}")
+        typer.echo(f"watching {batch}; Ctrl-C ends")
+        watching = BatchWatch(
+            root=batch,
+            options=options,
+            console=Console(stderr=True),
+            show=lambda entry: server.show(kiosk_html(entry)),
+        )
+        try:
+            status = watching.run()
+        except KeyboardInterrupt:
+            unfinished = "; a fruit was not finished, the same command goes on from here"
+            typer.echo(f"drupe: stopped{unfinished if watching.at_work else ''}", err=True)
+            raise typer.Exit(INTERRUPTED if watching.at_work else watching.status) from None
+    raise typer.Exit(status)

@@ -1,0 +1,77 @@
+"""What has arrived in the folder of a batch: which fruit are whole and at rest, and what others lack."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.layout import BatchFolder, FruitFolder
+
+State = tuple[tuple[str, int, int], ...]
+"""Name, size and time of last change (ns) of files: what differs between two moments has changed."""
+DESCRIPTION = "grasp.toml"
+"""The file without which a folder of frames is no grasp yet."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrival:
+    """The files of one fruit's folder, and what it still lacks (empty: nothing)."""
+
+    state: State
+    missing: str
+
+    @property
+    def last_change_ns(self) -> int:
+        """When a file of it changed last; 0 where there is none."""
+        return max((changed for _, _, changed in self.state), default=0)
+
+
+def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
+    """What lies in a fruit's folder now. A fruit is whole with a shape and one recording."""
+    recorded = bool(folder.grasp_files()) or any(
+        (place / DESCRIPTION).is_file() for place in folder.raw_grasp_folders()
+    )
+    shaped = folder.fruit_ply.is_file() or bool(folder.photo_files()) or any(row.diameters)
+    lacks = []
+    if not shaped and not (recorded and folder.without_shape()):
+        lacks.append("photos or fruit.ply")
+    if not recorded:
+        lacks.append("a recording in grasps/")
+    return Arrival(state=state_of(_files(folder.root)), missing=" and ".join(lacks))
+
+
+def own_state(folder: BatchFolder) -> State:
+    """Of the batch's own files: settings, table, mat, and whatever lies beside them (category, rig, pit)."""
+    return state_of(path for path in folder.root.iterdir() if path.is_file())
+
+
+def state_of(files: Iterator[Path]) -> State:
+    """Of files that may vanish meanwhile."""
+    found = []
+    for path in files:
+        try:
+            at = path.stat()
+        except OSError:
+            continue
+        found.append((str(path), at.st_size, at.st_mtime_ns))
+    return tuple(sorted(found))
+
+
+def _files(root: Path) -> Iterator[Path]:
+    """Every file of a fruit's folder; of linked folders the files too, but no folder twice."""
+    waiting, seen = [root], set()
+    while waiting:
+        folder = waiting.pop()
+        try:
+            real = folder.resolve(strict=True)
+            if real in seen:
+                continue
+            seen.add(real)
+            inside = list(folder.iterdir())
+        except OSError:
+            continue
+        for path in inside:
+            if path.is_dir():
+                waiting.append(path)
+            else:
+                yield path

@@ -1,0 +1,176 @@
+"""Serves what `drupe watch` shows, to browsers on this machine alone.
+
+It listens on the loopback interface. Every address begins with a token that only the person at the terminal
+is given; nothing can be changed through it; of the results only files that drupe wrote are given.
+"""
+
+import asyncio
+import hmac
+import secrets
+import socket
+import threading
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from pipeline.batch.layout import Results
+from pipeline.files.manifest import is_ours
+from pipeline.problem import BatchRefused, Problem
+
+LOOPBACK = "127.0.0.1"
+NEWS_S = 0.2
+"""Seconds between two looks for news to tell a page."""
+SIGN_OF_LIFE_S = 15.0
+"""Seconds after which an open page hears that there is no news, so that a dead connection shows."""
+STARTS_WITHIN_S = 10.0
+"""Seconds within which the server must listen."""
+MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".csv": "text/csv; charset=utf-8",
+    ".json": "application/json",
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".webp": "image/webp",
+    ".ply": "application/octet-stream",
+}
+"""Kinds of files that are given, and as what."""
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
+
+
+class PageServer:
+    """A page that changes, and the report beside it; used as a context.
+
+    `port` 0: any free one. Raises BatchRefused where the port is taken.
+    """
+
+    def __init__(self, results: Results, *, port: int = 0, token: str | None = None) -> None:
+        self._results = results
+        self._token = token or secrets.token_urlsafe(16)
+        self._page, self._version, self._closed = "", 0, False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((LOOPBACK, port))
+        except OSError as error:
+            self._socket.close()
+            sentence = (
+                f"cannot be listened on ({error.strerror}); name another one, or 0 for any that is free."
+            )
+            raise BatchRefused([Problem(f"--port {port}", sentence)]) from None
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                self._app(),
+                log_level="warning",
+                access_log=False,
+                lifespan="off",
+                http="h11",
+                ws="none",
+                server_header=False,
+                timeout_graceful_shutdown=1,
+            )
+        )
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [self._socket]}, name="drupe page", daemon=True
+        )
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/{self._token}/"
+
+    def show(self, page: str) -> None:
+        """The page from now on; browsers that have it open show it within a second."""
+        self._page, self._version = page, self._version + 1
+
+    def __enter__(self) -> Self:
+        """Listens."""
+        self._thread.start()
+        until = time.monotonic() + STARTS_WITHIN_S
+        while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
+            time.sleep(0.01)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stops listening."""
+        self._closed = True
+        self._server.should_exit = True
+        self._thread.join(STARTS_WITHIN_S)
+        self._socket.close()
+
+    def _app(self) -> Starlette:
+        return Starlette(
+            routes=[
+                Route("/{token}/", self._kiosk),
+                Route("/{token}/events", self._events),
+                Route("/{token}/{path:path}", self._file),
+            ],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
+        )
+
+    def _knows(self, request: Request) -> bool:
+        return hmac.compare_digest(request.path_params["token"].encode(), self._token.encode())
+
+    async def _kiosk(self, request: Request) -> Response:
+        return HTMLResponse(self._page, headers=HEADERS) if self._knows(request) else _nothing()
+
+    async def _events(self, request: Request) -> Response:
+        if not self._knows(request):
+            return _nothing()
+        return StreamingResponse(self._news(), media_type="text/event-stream", headers=HEADERS)
+
+    async def _news(self) -> AsyncIterator[str]:
+        sent, quiet_s = -1, 0.0
+        while not self._closed:
+            if sent != self._version:
+                sent, quiet_s = self._version, 0.0
+                yield f"event: changed\ndata: {sent}\n\n"
+            elif quiet_s >= SIGN_OF_LIFE_S:
+                quiet_s = 0.0
+                yield ": no news\n\n"
+            await asyncio.sleep(NEWS_S)
+            quiet_s += NEWS_S
+
+    async def _file(self, request: Request) -> Response:
+        path = self._given(request.path_params["path"]) if self._knows(request) else None
+        if path is None:
+            return _nothing()
+        try:
+            content = await asyncio.to_thread(path.read_bytes)
+        except OSError:
+            return _nothing()
+        return Response(content, media_type=MEDIA_TYPES[path.suffix.lower()], headers=HEADERS)
+
+    def _given(self, named: str) -> Path | None:
+        """The file of the results that an address names, where it is one that drupe wrote there."""
+        parts = named.split("/")
+        if any(part in ("", ".", "..") or part.startswith(".") or "\0" in part for part in parts):
+            return None
+        path = self._results.root.joinpath(*parts)
+        own = len(parts) == 1 or (len(parts) == 3 and parts[0] == "fruits")
+        folders = [path.parent] if len(parts) == 1 else [path.parent, path.parent.parent]
+        if not own or path.suffix.lower() not in MEDIA_TYPES or any(one.is_symlink() for one in folders):
+            return None
+        return path if is_ours(path) else None
+
+
+def _nothing() -> Response:
+    return PlainTextResponse("not found", status_code=404, headers=HEADERS)

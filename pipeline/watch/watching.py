@@ -1,0 +1,187 @@
+"""The loop of `drupe watch`: fruit are graded as they arrive, one after the other."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.batch.layout import BatchFolder, Results
+from pipeline.batch.opening import Batch, open_batch
+from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused
+from pipeline.run.grading import grade
+from pipeline.watch.arrivals import Arrival, State, arrival, own_state
+from reports.entries import BatchEntry
+from reports.kiosk_page import KioskEntry
+
+EVERY_S = 0.5
+"""Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
+SHARE = 0.05
+"""Of the time that looking may take: after a look that took t, t over this is waited."""
+AGAIN_S = 10.0
+"""Seconds after which a batch that was refused is tried again though nothing in it has changed: the cause may
+lie elsewhere (another run that writes there, a full disk)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions:
+    """How the folder is watched: results' place, fruit at once, seconds a fruit may take, whether fruit are
+    screened, seconds without a change after which a fruit's files are whole, seconds without anything new
+    after which watching ends (None: never).
+    """
+
+    out: Path
+    jobs: int
+    time_limit_s: float
+    screen: bool
+    settle_s: float
+    idle_s: float | None = None
+
+
+@dataclass(kw_only=True)
+class BatchWatch:
+    """What is known of a watched batch between two looks.
+
+    `show` is told whenever something is to be seen; `clock` in seconds.
+    """
+
+    root: Path
+    options: WatchOptions
+    console: Console
+    show: Callable[[KioskEntry], None]
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+    seen: dict[str, tuple[State, float]] = field(default_factory=dict)
+    """Files of each fruit, and since when they are so."""
+    tried: dict[str, tuple[State, State]] = field(default_factory=dict)
+    """Files of the batch and of the fruit when it was last graded."""
+    recent: list[str] = field(default_factory=list)
+    """Fruit in the order in which they were graded, the last first."""
+    entry: BatchEntry | None = None
+    status: int = 0
+    at_work: bool = False
+
+    def run(self) -> int:
+        """Watches until nothing new has come for `idle_s`; the exit status of the last grading."""
+        self._begin_with_earlier_results()
+        quiet_since, refused_at = self.clock(), -float("inf")
+        before: tuple[State, tuple[tuple[str, State], ...]] | None = None
+        while True:
+            began = self.clock()
+            own = own_state(BatchFolder(self.root))
+            batch, problems = self._opened()
+            arrivals = {} if batch is None else self._look(batch)
+            now = own, tuple((name, one.state) for name, one in arrivals.items())
+            if now != before:
+                before, quiet_since, refused_at = now, self.clock(), -float("inf")
+                self._tell(batch, arrivals, problems)
+            chosen = self._ready(arrivals, own)[: self.options.jobs]
+            if batch is not None and chosen and self.clock() - refused_at >= AGAIN_S:
+                refused_at = -float("inf") if self._grade(batch, arrivals, own, chosen) else self.clock()
+                quiet_since = self.clock()
+                continue
+            waiting = any(self._since(name) < self.options.settle_s for name in arrivals)
+            idle_s = self.options.idle_s
+            if idle_s is not None and not waiting and not chosen and self.clock() - quiet_since >= idle_s:
+                return self.status
+            self.sleep(max(EVERY_S, (self.clock() - began) / SHARE))
+
+    def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
+        """The batch with all that has arrived, or why it cannot be graded."""
+        try:
+            return open_batch(self.root, arriving=True), ()
+        except BatchRefused as refused:
+            return None, tuple(str(problem) for problem in refused.problems)
+
+    def _look(self, batch: Batch) -> dict[str, Arrival]:
+        """What lies in the folder of every fruit, those that have none left out."""
+        found = {}
+        for row in batch.rows:
+            one = arrival(batch.folder.fruit(row.fruit_id), row)
+            if one.state:
+                found[row.fruit_id] = one
+                if self.seen.get(row.fruit_id, ((), 0.0))[0] != one.state:
+                    self.seen[row.fruit_id] = one.state, self.clock()
+        return found
+
+    def _since(self, name: str) -> float:
+        """Seconds for which a fruit's files are as they are."""
+        return self.clock() - self.seen[name][1]
+
+    def _ready(self, arrivals: dict[str, Arrival], own: State) -> list[str]:
+        """Fruit that are whole, at rest and not graded as they are, the first come first."""
+        ready = [
+            name
+            for name, one in arrivals.items()
+            if not one.missing
+            and self._since(name) >= self.options.settle_s
+            and self.tried.get(name) != (own, one.state)
+        ]
+        return sorted(ready, key=lambda name: arrivals[name].last_change_ns)
+
+    def _begin_with_earlier_results(self) -> None:
+        """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""
+        batch, _ = self._opened()
+        if batch is None:
+            return
+        records = {row.fruit_id: Results(self.options.out).fruit(row.fruit_id).record for row in batch.rows}
+        there = {name: path.stat().st_mtime for name, path in records.items() if path.is_file()}
+        arrivals = self._look(batch)
+        whole = [name for name in there if name in arrivals and not arrivals[name].missing]
+        if whole:
+            in_order = sorted(whole, key=lambda name: there[name])
+            self._grade(batch, arrivals, own_state(batch.folder), in_order)
+
+    def _grade(self, batch: Batch, arrivals: dict[str, Arrival], own: State, chosen: list[str]) -> bool:
+        """Grades the chosen fruit with those that were graded before; whether the batch could be graded."""
+        known = {*self.tried, *chosen}
+        rows = tuple(row for row in batch.rows if row.fruit_id in known and row.fruit_id in arrivals)
+        self.at_work = True
+        self._tell(batch, arrivals, (), working=chosen)
+        try:
+            self.status, self.entry = grade(
+                self.root,
+                self.options.out,
+                jobs=self.options.jobs,
+                time_limit_s=self.options.time_limit_s,
+                console=self.console,
+                screen=self.options.screen,
+                opened=replace(batch, rows=rows),
+                retried=chosen,
+            )
+        except (BatchRefused, NotWritten) as fault:
+            problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
+            self._tell(batch, arrivals, tuple(str(problem) for problem in problems))
+            return False
+        finally:
+            self.at_work = False
+        for name in chosen:
+            self.tried[name] = own, arrivals[name].state
+            self.recent = [name, *(one for one in self.recent if one != name)]
+        self._tell(batch, arrivals, ())
+        return True
+
+    def _tell(
+        self,
+        batch: Batch | None,
+        arrivals: dict[str, Arrival],
+        problems: tuple[str, ...],
+        working: list[str] | None = None,
+    ) -> None:
+        """Hands over what is to be seen now; problems also go to the console."""
+        for problem in problems:
+            self.console.print(problem, highlight=False, markup=False)
+        rows = () if batch is None else batch.rows
+        self.show(
+            KioskEntry(
+                name=self.root.absolute().name,
+                batch=self.entry,
+                recent=tuple(self.recent),
+                working=tuple(working or ()),
+                waiting=tuple((name, one.missing) for name, one in arrivals.items() if one.missing),
+                expected=sum(row.fruit_id not in arrivals for row in rows),
+                problems=problems,
+            )
+        )

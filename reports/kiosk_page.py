@@ -1,0 +1,97 @@
+"""The page of `drupe watch`: the last fruit large, with its class and what to do next; made anew after each.
+
+It holds all it shows. Its one script asks the server, from which it comes, for the page anew when something
+has changed; without scripts the browser loads the page again every few seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from reports.batch_overview import class_words
+from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry
+from reports.html_templates import own_script, page_environment
+from reports.palette import UNKNOWN, class_marks
+from reports.svg import element, marker
+from reports.words import advice, percent, with_sd
+
+MOST_BEFORE = 8
+"""Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
+MOST_WAITING = 6
+"""Fruit still lacking files that are named; others are counted."""
+WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
+"""What to do with a fruit, by the list that it is on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KioskEntry:
+    """What the page shows: the batch as far as it is graded (None: nothing is), fruit in the order in which
+    they were graded, the last first, those at work, those that lack files (id, what), how many of the table
+    have no files at all, and why nothing can be graded now.
+    """
+
+    name: str
+    batch: BatchEntry | None = None
+    recent: tuple[str, ...] = ()
+    working: tuple[str, ...] = ()
+    waiting: tuple[tuple[str, str], ...] = ()
+    expected: int = 0
+    problems: tuple[str, ...] = ()
+
+
+def kiosk_html(entry: KioskEntry) -> str:
+    """The whole page. All text of the batch is escaped; a content security policy in the page forbids every
+    outside source and every script but the page's own.
+    """
+    environment = page_environment()
+    batch = entry.batch
+    marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
+    by_id = {} if batch is None else {fruit.fruit_id: fruit for fruit in batch.fruits}
+    recent = [by_id[name] for name in entry.recent if name in by_id]
+    alone = [fruit for fruit in by_id.values() if not fruit.reference]
+    environment.filters |= {
+        "class_words": class_words,
+        "mark": lambda fruit: _mark(*marks.get(fruit.maturity or "", UNKNOWN)),
+        "with_sd": with_sd,
+        "percent": percent,
+        "next_action": next_action,
+        "list_words": lambda fruit: WORDS.get(fruit.decision, ""),
+    }
+    script, script_hash = own_script("kiosk.js")
+    return environment.get_template("templates/kiosk.html.j2").render(
+        entry=entry,
+        last=recent[0] if recent else None,
+        before=recent[1 : 1 + MOST_BEFORE],
+        graded=sum(fruit.ok for fruit in alone),
+        of_rank=sum(fruit.rank is not None for fruit in alone),
+        lists=[(words, name, sum(one.decision == name for one in alone)) for name, words in WORDS.items()],
+        decides=any(fruit.decision in (SHIP, HOLD) for fruit in alone),
+        waiting=entry.waiting[:MOST_WAITING],
+        more_waiting=max(len(entry.waiting) - MOST_WAITING, 0),
+        script=script,
+        script_hash=script_hash,
+    )
+
+
+def next_action(fruit: FruitEntry) -> str:
+    """What is to be done with a fruit, as a sentence; empty where nothing says so."""
+    if not fruit.ok:
+        return f"{fruit.reason} {advice(fruit)}".strip()
+    if fruit.reference:
+        return "Reference body: go on with the fruit."
+    if fruit.doubts:
+        return f"E is in doubt: {fruit.doubts[0]}"
+    if fruit.decision == LOOK:
+        return (
+            f"{fruit.decision_reason[:1].upper()}{fruit.decision_reason[1:]}."
+            if fruit.decision_reason
+            else ""
+        )
+    return {SHIP: "Ship it.", HOLD: "Hold it back."}.get(fruit.decision, "")
+
+
+def _mark(colour: str, shape: str) -> Markup:
+    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
+    return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
