@@ -8,12 +8,17 @@ import numpy as np
 from markupsafe import Markup
 
 from reports.charts_batch import shortened
-from reports.entries import ForceCurve, FruitEntry, GraspEstimate
+from reports.entries import ForceCurve, FruitEntry, GraspEstimate, ModelLine
 from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
 from reports.words import number, with_sd
 
 _MOST_POINTS = 80
 """Marks of one pad's curve: on a drawing 360 px wide more would lie less than 4 px apart."""
+_MOST_OF_LINE = 24
+"""Points of a model's line: it is smooth."""
+LEAST_CERTAIN = 0.2
+"""Relative error of a frame's modulus from which it does not set the scale of the chart: the first frames
+after touch carry little."""
 _PAD_MARKS = ("circle", "square", "circle", "square")
 _PAD_DOTS = ("round", "cornered")
 
@@ -23,7 +28,8 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     known = [curve for curve in curves if np.isfinite(curve.travel_mm).any()]
     travels = [float(value) for curve in known for value in curve.travel_mm]
     forces = [float(value) for curve in known for value in curve.force_N]
-    forces += [float(v) for c in known if c.model_force_N is not None for v in c.model_force_N]
+    for line in (curve.model for curve in known if curve.model is not None):
+        travels += [float(value) for value in line.travel_mm]
     low_x, high_x = padded(travels, from_zero=True)
     low_y, high_y = padded(forces, from_zero=True)
     x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
@@ -52,10 +58,8 @@ def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     """One pad's points of force over travel, and a line through them or of the model."""
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
     parts = []
-    if curve.model_force_N is not None:
-        parts += _lines(
-            x, y, curve.travel_mm[::every], curve.model_force_N[::every], class_=f"model pad{k % 4}"
-        )
+    if curve.model is not None:
+        parts += _model(curve.model, k, x=x, y=y)
     else:
         parts += _lines(x, y, curve.travel_mm[::every], curve.force_N[::every], class_=f"joined pad{k % 4}")
     points = zip(curve.travel_mm[::every], curve.force_N[::every], strict=True)
@@ -69,6 +73,68 @@ def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 
+def _model(line: ModelLine, k: int, *, x: AxisScale, y: AxisScale) -> list[Markup]:
+    """The model's line in the order of the frames, over its band of two standard deviations of E."""
+    every = max(1, math.ceil(len(line.travel_mm) / _MOST_OF_LINE))
+    chosen = np.unique(np.r_[0 : len(line.travel_mm) : every, len(line.travel_mm) - 1])
+    travel, force, sd = line.travel_mm[chosen], line.force_N[chosen], line.sd_mm[chosen]
+    edges = [
+        *zip(travel - 2 * sd, force, strict=True),
+        *list(zip(travel + 2 * sd, force, strict=True))[::-1],
+    ]
+    band = " ".join(f"{x(float(one)):.1f},{y(float(other)):.1f}" for one, other in edges)
+    return [
+        element("polygon", points=band, class_=f"spread pad{k % 4}"),
+        *_lines(x, y, travel, force, class_=f"model pad{k % 4}"),
+    ]
+
+
+def frames_chart(fruit: FruitEntry) -> Markup:
+    """Modulus by each frame alone against travel, all grasps; band: the fruit's own value ± one sd."""
+    rows = fruit.frames
+    ends = [row.E_MPa for row in rows if row.E_sd_MPa < LEAST_CERTAIN * row.E_MPa]
+    if fruit.E_MPa is not None:
+        ends += [fruit.E_MPa - (fruit.E_sd_MPa or 0.0), fruit.E_MPa + (fruit.E_sd_MPa or 0.0)]
+    low_y, high_y = padded(ends)
+    low_x, high_x = padded([row.travel_mm for row in rows], from_zero=True)
+    x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
+    y = AxisScale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
+    parts = []
+    if fruit.E_MPa is not None:
+        top = y(min(fruit.E_MPa + (fruit.E_sd_MPa or 0.0), high_y))
+        bottom = y(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), low_y))
+        parts.append(element("rect", x=44.0, y=top, width=304.0, height=bottom - top, class_="band"))
+    parts += [
+        axis_x(x, label="travel since first touch (mm)", top=52.0, bottom=216.0, at_most=7),
+        axis_y(y, label="E (MPa)", left=44.0, right=348.0, at_most=6),
+    ]
+    names = list(dict.fromkeys(row.grasp for row in rows))
+    for k, name in enumerate(names):
+        own = [row for row in rows if row.grasp == name and low_y <= row.E_MPa <= high_y]
+        for unloading in (False, True):
+            dots = "".join(
+                f"M{x(row.travel_mm):.1f} {y(row.E_MPa):.1f}h0" for row in own if row.unloading == unloading
+            )
+            if dots:
+                faint = " faint" if unloading else ""
+                shape = _PAD_DOTS[k % 2]
+                parts.append(element("path", d=dots, class_=f"dots {shape} pad{k % 4}{faint}"))
+        parts.append(_legend_item(name, k, count=len(names), word=""))
+    return drawing(
+        *parts,
+        width=360.0,
+        height=258.0,
+        title="Modulus by frame",
+        description="; ".join(
+            f"{name}: " + _range([row.E_MPa for row in rows if row.grasp == name]) for name in names
+        ),
+    )
+
+
+def _range(values: list[float]) -> str:
+    return f"{number(min(values))} to {number(max(values))} MPa in {len(values)} frames"
+
+
 def _lines(x: AxisScale, y: AxisScale, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
     """Polylines through the finite stretches."""
     finite = np.isfinite(travel) & np.isfinite(force)
@@ -80,13 +146,13 @@ def _lines(x: AxisScale, y: AxisScale, travel: np.ndarray, force: np.ndarray, *,
     ]
 
 
-def _legend_item(pad: str, k: int, *, count: int) -> Markup:
+def _legend_item(name: str, k: int, *, count: int, word: str = "pad ") -> Markup:
     step = 300.0 / max(count, 1)
     at = 52.0 + step * k
     return element(
         "g",
         marker(_PAD_MARKS[k % len(_PAD_MARKS)], at, 14.0, size=3.4, class_=f"pad{k % 4}"),
-        element("text", shortened(f"pad {pad}", px=step - 14), x=at + 10, y=18.0, class_="label"),
+        element("text", shortened(f"{word}{name}", px=step - 14), x=at + 10, y=18.0, class_="label"),
     )
 
 

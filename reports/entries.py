@@ -34,6 +34,15 @@ class GraspEstimate:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ModelLine:
+    """Travel that the fitted model has under a recorded force, frame by frame; `sd_mm`: by E's error."""
+
+    travel_mm: Float[np.ndarray, " f"]
+    force_N: Float[np.ndarray, " f"]
+    sd_mm: Float[np.ndarray, " f"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ForceCurve:
     """Force of one pad against travel since first touch: as recorded, and as the fitted model has it."""
 
@@ -41,7 +50,18 @@ class ForceCurve:
     pad: str
     travel_mm: Float[np.ndarray, " t"]
     force_N: Float[np.ndarray, " t"]
-    model_force_N: Float[np.ndarray, " t"] | None = None
+    model: ModelLine | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModulusByFrame:
+    """The modulus by one frame of a grasp alone; the error is that of its markers' noise."""
+
+    grasp: str
+    travel_mm: float
+    E_MPa: float
+    E_sd_MPa: float
+    unloading: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +195,9 @@ class FruitEntry:
     surface_sd: Picture | None = None
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()
+    frames: tuple[ModulusByFrame, ...] = ()
+    smaller_error: str = ""
+    """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
     facts: tuple[tuple[str, str], ...] = ()
     """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
     seconds: Mapping[str, float] = field(default_factory=dict)

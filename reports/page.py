@@ -29,7 +29,7 @@ from reports.charts_batch import (
     ranking_chart,
     shore_chart,
 )
-from reports.charts_fruit import force_chart, grasps_chart
+from reports.charts_fruit import force_chart, frames_chart, grasps_chart
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
 from reports.palette import UNKNOWN, class_marks
@@ -87,6 +87,7 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
         "several": lambda mismatch: OR in mismatch,
         "facts": _facts,
         "force_chart": force_chart,
+        "frames_chart": frames_chart,
         "grasps_chart": grasps_chart,
         "number": number,
         "p_words": p_words,

@@ -122,12 +122,32 @@ class PitRecord(_Record):
     flesh_volume_mm3: float
 
 
+class ModelCurveRecord(_Record):
+    """Travel that the fitted model has under a pad's recorded force, in the frames that were used; `sd_mm`:
+    of that travel, by E's error.
+    """
+
+    travel_mm: list[float]
+    force_N: list[float]
+    sd_mm: list[float]
+
+
 class CurveRecord(_Record):
     """Normal force of one pad against travel since first touch."""
 
     pad: str
     travel_mm: list[float]
     force_N: list[float]
+    model: ModelCurveRecord | None = None
+
+
+class FrameRecord(_Record):
+    """E by one frame alone, by the noise of its markers; whether the jaws were opening."""
+
+    travel_mm: float
+    E_MPa: float
+    E_sd_MPa: float
+    unloading: bool = False
 
 
 class PressedRecord(_Record):
@@ -169,6 +189,7 @@ class GraspRecord(_Record):
     travel_mm: float | None = None
     contact_mm: dict[str, list[tuple[float, float, float]]] = {}
     curves: list[CurveRecord] = []
+    frames: list[FrameRecord] = []
 
 
 class FleshRecord(_Record):

@@ -11,7 +11,8 @@ from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
-from pipeline.batch.records import CurveRecord, GraspRecord
+from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
+from pipeline.fruit.model_curve import frame_records, model_curves
 from recon.checks.surface_error import sd_on_patch_mm
 from tactile.checks.finding import Finding
 from tactile.checks.jaw_share import jaw_share_findings
@@ -227,7 +228,20 @@ def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> Gra
     """What the fruit's record says of one recording and its modulus, or why it has none."""
     if isinstance(found, FemFailure):
         return GraspRecord(grasp=grasp.name, failure=found.detail)
-    curves = force_curves(grasp)
+    curves, travel_mm = force_curves(grasp)
+    frames: list[FrameRecord] = []
+    if found.form == "first-touch":
+        models = model_curves(
+            found,
+            history(grasp),
+            np.array([pad.pose[:, :3, 2] for pad in grasp.contact.pads]),
+            travel_mm,
+            np.array([pad.total_normal_N for pad in grasp.contact.pads]),
+        )
+        curves = [
+            curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)
+        ]
+        frames = frame_records(found, travel_mm)
     energy = found.energy
     return GraspRecord(
         grasp=grasp.name,
@@ -251,17 +265,20 @@ def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> Gra
             pad: [tuple(p) for p in np.round(points, 3).tolist()] for pad, points in grasp.touched_mm.items()
         },
         curves=curves,
+        frames=frames,
     )
 
 
-def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
-    """Normal force of each pad against travel of jaws or indenter since first touch, loaded frames."""
+def force_curves(grasp: PlacedGrasp) -> tuple[list[CurveRecord], Float[np.ndarray, " t"]]:
+    """Normal force of each pad against travel of jaws or indenter since first touch, loaded frames; and that
+    travel in every frame.
+    """
     closing = -1.0 if grasp.recording.loading == "grasp" else 1.0
     path = closing * grasp.recording.aperture_mm
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in grasp.contact.pads], axis=0)
     first = int(np.argmax(touched))
     travel = path - path[first]
-    return [
+    curves = [
         CurveRecord(
             pad=pad.name,
             travel_mm=np.round(travel[touched], 4).tolist(),
@@ -269,3 +286,4 @@ def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
         )
         for pad in grasp.contact.pads
     ]
+    return curves, travel

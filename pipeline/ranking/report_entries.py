@@ -16,6 +16,7 @@ from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord, rea
 from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
+from pipeline.ranking.error_parts import smaller_error
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
@@ -26,6 +27,8 @@ from reports.entries import (
     ForceCurve,
     FruitEntry,
     GraspEstimate,
+    ModelLine,
+    ModulusByFrame,
     RatioPoint,
     ReferenceBodyEntry,
     ReferenceEntry,
@@ -190,6 +193,18 @@ def _fruit_entry(
         surface_sd=shown.surface_sd,
         estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
         curves=tuple(_curves(record.grasps)),
+        frames=tuple(
+            ModulusByFrame(
+                grasp=g.grasp,
+                travel_mm=f.travel_mm,
+                E_MPa=f.E_MPa,
+                E_sd_MPa=f.E_sd_MPa,
+                unloading=f.unloading,
+            )
+            for g in record.grasps
+            for f in g.frames
+        ),
+        smaller_error="" if record.modulus is None else smaller_error(record.modulus.parts_sd_MPa),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
@@ -260,6 +275,13 @@ def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
             pad=c.pad,
             travel_mm=np.array(c.travel_mm),
             force_N=np.array(c.force_N),
+            model=None
+            if c.model is None
+            else ModelLine(
+                travel_mm=np.array(c.model.travel_mm),
+                force_N=np.array(c.model.force_N),
+                sd_mm=np.array(c.model.sd_mm),
+            ),
         )
         for g in grasps
         for c in g.curves

@@ -13,6 +13,7 @@ from reports.entries import (
     ForceCurve,
     FruitEntry,
     GraspEstimate,
+    ModelLine,
     Picture,
     ShoreCorrelation,
 )
@@ -56,7 +57,13 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
             ),
         ),
         curves=tuple(
-            ForceCurve(grasp="grasp-1", pad=pad, travel_mm=travel, force_N=force + 0.01, model_force_N=force)
+            ForceCurve(
+                grasp="grasp-1",
+                pad=pad,
+                travel_mm=travel,
+                force_N=force + 0.01,
+                model=ModelLine(travel_mm=travel, force_N=force, sd_mm=0.02 * travel),
+            )
             for pad in ("left", "right")
         ),
         facts=(("Views used", "38 of 40"),),

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from markupsafe import Markup
 
 from reports.charts_batch import ranking_chart, shore_chart, shortened
-from reports.charts_fruit import force_chart, grasps_chart
-from reports.entries import BatchEntry, ForceCurve, FruitEntry
+from reports.charts_fruit import force_chart, frames_chart, grasps_chart
+from reports.entries import BatchEntry, ForceCurve, FruitEntry, ModelLine, ModulusByFrame
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import AxisScale, padded, ticks
 
@@ -99,8 +99,39 @@ def test_force_curve_leaves_out_what_is_not_a_number() -> None:
 
 def test_long_recordings_are_thinned() -> None:
     travel = np.linspace(0, 1, 20_000)
-    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=travel, model_force_N=travel)
+    line = ModelLine(travel_mm=travel, force_N=travel, sd_mm=0.1 * travel)
+    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=travel, model=line)
     assert len(force_chart((curve,))) < 40_000
+
+
+def test_the_models_line_lies_in_its_band_and_both_reach_the_last_frame() -> None:
+    travel = np.linspace(0, 2, 41)
+    line = ModelLine(travel_mm=travel + 0.1, force_N=travel**1.5, sd_mm=0.05 * travel)
+    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=travel**1.5, model=line)
+    tree = parsed(force_chart((curve,)))
+    drawn = [one.get("points") for one in tree.iter("polyline") if "model" in one.get("class", "")]
+    (band,) = [one.get("points") for one in tree.iter("polygon") if "spread" in one.get("class", "")]
+    (points,) = [np.array([pair.split(",") for pair in text.split()], dtype=float) for text in drawn]
+    corners = np.array([pair.split(",") for pair in band.split()], dtype=float)
+    low, high = np.split(corners, 2)
+    assert points[:, 0] == pytest.approx((low[:, 0] + high[::-1, 0]) / 2, abs=0.11)
+    assert corners[:, 0].max() > points[-1, 0] + 5
+    assert points[-1, 1] == points[:, 1].min()
+
+
+def test_a_frame_that_knows_nothing_does_not_set_the_scale() -> None:
+    frames = tuple(
+        ModulusByFrame(grasp="g", travel_mm=0.1 * k, E_MPa=0.5, E_sd_MPa=0.01, unloading=k > 9)
+        for k in range(1, 20)
+    )
+    lost = ModulusByFrame(grasp="g", travel_mm=0.01, E_MPa=40.0, E_sd_MPa=39.0)
+    fruit = FruitEntry(
+        fruit_id="A", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.02, frames=(*frames, lost)
+    )
+    chart = frames_chart(fruit)
+    assert len(re.findall(r"M[\d.]+ [\d.]+h0", chart)) == 19
+    assert "faint" in chart
+    assert max(float(t) for t in re.findall(r">(\d+\.?\d*)</text>", chart)) < 3
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 12))

@@ -1,0 +1,48 @@
+"""What an error bar of E is made of for the most part, and what would make it smaller."""
+
+from collections.abc import Mapping
+
+from fem.estimation.sensitivity import PIT_SIZE, POISSON_RATIO
+from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, PLAIN_JAW, SENSOR
+from pipeline.fruit.pressed_fruit import RECORDINGS, SHAPE
+from pipeline.ranking.reference_ratio import PART as REFERENCE
+from reports.words import percent
+
+ADVICE = {
+    "tactile noise": "another grasp, a deeper one, or a hold of some seconds at its end",
+    "registration and mesh": "more photos, sharper ones, or a second set with the fruit upside down",
+    "pit offset": "another grasp, a quarter turn about the stem from the others",
+    PIT_SIZE: "another grasp, a quarter turn about the stem from the others, or a pit prior of your cultivar "
+    "(pit.prior in batch.toml) from a dozen stones",
+    POISSON_RATIO: "poisson_ratio and poisson_ratio_sd of your cultivar in batch.toml",
+    "discretisation": "nothing that you do: it is the mesh's",
+    "misfit of the model": "another grasp at another place; drupe explain says what the model leaves out",
+    "force scale": "a calibration of the gel on a load cell (drupe calibrate)",
+    SENSOR: "a calibration of the gel on a load cell (drupe calibrate)",
+    PLAIN_JAW: "a gel on the other jaw too",
+    CONFIRMED: "better known parameters of the effects in batch.toml (their sd)",
+    DOUBTED: "an answer to the doubts above",
+    SHAPE: "photos or a scan in place of three diameters",
+    RECORDINGS: "another squeeze, along another diameter",
+    REFERENCE: "reference bodies whose modulus is better known, or more of them",
+}
+"""What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa)."""
+MUCH = 0.5
+"""Share of E's variance from which one part alone is named."""
+
+
+def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:
+    """The part or parts that E's variance is made of, and what would make them smaller; empty where no part
+    is known.
+    """
+    total = sum(sd**2 for sd in parts_sd_MPa.values())
+    if not total > 0:
+        return ""
+    shares = sorted(((sd**2 / total, name) for name, sd in parts_sd_MPa.items()), reverse=True)
+    named = shares[:1] if shares[0][0] >= MUCH else shares[:2]
+    said = []
+    for share, name in named:
+        advice = ADVICE.get(name, "")
+        remedy = f"; smaller with {advice}" if advice and not advice.startswith("nothing") else ""
+        said.append(f"{percent(share)} of its variance is {name}{remedy}.")
+    return " ".join(said)
