@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pandas as pd
 
 from reports.entries import BatchEntry, FruitEntry, ranked
@@ -40,6 +42,16 @@ RANKING_COLUMNS = (
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
+EXCEL_DIALECTS = {
+    "excel": (",", "."),
+    "excel-de": (";", ","),
+    "excel-es": (";", ","),
+    "excel-fr": (";", ","),
+    "excel-it": (";", ","),
+}
+"""What is between cells, and before decimals, where Excel of a country opens a table by a double click."""
+BYTE_ORDER_MARK = "\ufeff"
+"""By which Excel knows UTF-8."""
 _STARTS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -63,6 +75,33 @@ def ranking_csv(batch: BatchEntry) -> str:
     rows = [_row(fruit) for fruit in ranked(batch.fruits)]
     table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
     return table.to_csv(index=False, lineterminator="\n", na_rep="")
+
+
+def ranking_excel(batch: BatchEntry, *, dialect: str) -> str:
+    """The same table for a double click in Excel: UTF-8 with a byte order mark, between cells and before
+    decimals what that country's has (EXCEL_DIALECTS), lines ended by CR LF.
+    """
+    separator, point = EXCEL_DIALECTS[dialect]
+    rows = [_row(fruit) for fruit in ranked(batch.fruits)]
+    cells = [{name: _with_point(row[name], point) for name in RANKING_COLUMNS} for row in rows]
+    table = pd.DataFrame(cells, columns=list(RANKING_COLUMNS), dtype=object)
+    return BYTE_ORDER_MARK + table.to_csv(index=False, sep=separator, lineterminator="\r\n", na_rep="")
+
+
+def ranking_parquet(batch: BatchEntry) -> bytes:
+    """The same table as Apache Parquet: numbers, text as it is, unknown values null. Needs pyarrow."""
+    rows = [_row(fruit, safe=_plain) for fruit in ranked(batch.fruits)]
+    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS)).convert_dtypes()
+    whole = io.BytesIO()
+    table.to_parquet(whole, index=False)
+    return whole.getvalue()
+
+
+def _with_point(value: object, point: str) -> object:
+    """A number as text with that decimal point and no exponent; anything else as it is."""
+    if not isinstance(value, float) or not math.isfinite(value):
+        return value
+    return np.format_float_positional(value, trim="-").replace(".", point)
 
 
 def _said_by(fruit: FruitEntry) -> str | None:

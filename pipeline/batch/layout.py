@@ -288,6 +288,16 @@ class Results:
         return self.root / "ranking.json"
 
     @property
+    def ranking_excel(self) -> Path:
+        """ranking-excel.csv, where one is asked for."""
+        return self.root / "ranking-excel.csv"
+
+    @property
+    def ranking_parquet(self) -> Path:
+        """ranking.parquet, where one is asked for."""
+        return self.root / "ranking.parquet"
+
+    @property
     def report(self) -> Path:
         """report.html."""
         return self.root / "report.html"
@@ -306,6 +316,11 @@ class Results:
     def files(self) -> tuple[Path, ...]:
         """The files of the batch as a whole."""
         return (self.ranking, self.ranking_json, self.report, self.provenance)
+
+    @property
+    def tables_on_request(self) -> tuple[Path, ...]:
+        """Further tables of the batch, of which a run writes those that are asked for."""
+        return (self.ranking_excel, self.ranking_parquet)
 
     def claim(self) -> None:
         """Begins the list of what is written here."""

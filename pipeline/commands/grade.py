@@ -8,6 +8,7 @@ from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.table_options import ExcelOption, ParquetOption
 from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
 
@@ -34,6 +35,8 @@ def grade(
         bool,
         typer.Option("--provenance", help="List the checksums of all inputs in the report (for an annex)."),
     ] = False,
+    excel: ExcelOption = None,
+    parquet: ParquetOption = False,
 ) -> None:
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
@@ -44,6 +47,7 @@ def grade(
     require_libraries()
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
+        from pipeline.run.batch_run import ReportOptions
         from pipeline.run.grading import grade as grade_batch
 
     try:
@@ -55,7 +59,7 @@ def grade(
             console=Console(stderr=True),
             force=force,
             screen=screen,
-            checksums=provenance,
+            options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet),
         )
     except KeyboardInterrupt:
         typer.echo(

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.commands.table_options import ExcelOption, ParquetOption
 from pipeline.exit_status import UNUSABLE
 from pipeline.safe_start import elsewhere
 
@@ -19,6 +20,8 @@ def report(
     provenance: Annotated[
         bool, typer.Option("--provenance", help="List the checksums of all inputs in the report.")
     ] = False,
+    excel: ExcelOption = None,
+    parquet: ParquetOption = False,
 ) -> None:
     """Make ranking.csv and report.html anew from what a run kept, for example after a change of classes.
 
@@ -27,8 +30,10 @@ def report(
     """
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
+        from pipeline.run.batch_run import ReportOptions
         from pipeline.run.report_again import report_again
-    entry = report_again(out, batch, checksums=provenance)
+    options = ReportOptions(checksums=provenance, excel=excel, parquet=parquet)
+    entry = report_again(out, batch, options=options)
     if entry is None:
         typer.echo(f"{out}: not all fruit are done; `drupe grade` goes on. The page shows those that are.")
         raise typer.Exit(UNUSABLE)

@@ -1,5 +1,6 @@
 """What one run of `drupe grade` knows of its batch and of its places."""
 
+import importlib.util
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -11,17 +12,36 @@ from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.write_guard import require_free
+from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from reports.tables import EXCEL_DIALECTS
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """What is asked for beside ranking and report: SHA-256 of the inputs in the report, a table for an Excel
+    (a name of reports.tables.EXCEL_DIALECTS), one as Parquet.
+    """
+
+    checksums: bool = False
+    excel: str | None = None
+    parquet: bool = False
+
+    def require_parts(self) -> None:
+        """Raises BatchRefused where what is asked for cannot be written here."""
+        if self.excel is not None and self.excel not in EXCEL_DIALECTS:
+            known = ", ".join(EXCEL_DIALECTS)
+            raise BatchRefused([Problem("--csv", f'found "{self.excel}", expected one of {known}.')])
+        if self.parquet and importlib.util.find_spec("pyarrow") is None:
+            sentence = "needs the package pyarrow; install it with: pip install 'drupe[parquet]'."
+            raise BatchRefused([Problem("--parquet", sentence)])
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRun:
-    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began.
-
-    `checksums`: whether the report lists those SHA-256.
-    """
+    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began."""
 
     batch: Batch
     results: Results
@@ -29,7 +49,7 @@ class BatchRun:
     inputs: Mapping[str, str]
     force: bool
     screen: bool
-    checksums: bool
+    options: ReportOptions
     started: datetime
     since_s: float
 

@@ -37,7 +37,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
         fruits = [FruitResults(path) for path in _folders(out / "fruits")]
         stages = [path for fruit in fruits for path in _stages(fruit.cache)]
         whole = [path for fruit in fruits for path in fruit.files]
-        wanted = [*stages, *whole, *results.files] if everything else stages
+        wanted = [*stages, *whole, *results.files, *results.tables_on_request] if everything else stages
         there = [path for path in wanted if path.is_symlink() or path.exists()]
         removed = [path for path in there if path in stages or is_ours(path)]
         left = [path for path in there if path not in set(removed)]

@@ -23,7 +23,7 @@ from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import cause, decimals
-from pipeline.run.batch_run import BatchRun
+from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.checking import implausible_batch, implausible_fruit
 from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
@@ -47,16 +47,16 @@ def grade(
     console: Console,
     force: bool = False,
     screen: bool = True,
-    checksums: bool = False,
+    options: ReportOptions | None = None,
     opened: Batch | None = None,
     retried: Collection[str] | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
-    `opened`: the batch as it was read, with those rows that are to be graded; None: it is read here, whole.
-    `retried`: fruit that are tried again where an earlier run ended them for a cause that may pass; None:
-    all.
+    `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
+    that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
+    earlier run ended them for a cause that may pass; None: all.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -73,7 +73,7 @@ def grade(
         since_s=since_s,
         force=force,
         screen=screen,
-        checksums=checksums,
+        options=options or ReportOptions(),
     )
     if not is_held(run.results.root):
         run.require_ours()
@@ -105,9 +105,10 @@ def _placed(
     since_s: float,
     force: bool,
     screen: bool,
-    checksums: bool,
+    options: ReportOptions,
 ) -> BatchRun:
     """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
+    options.require_parts()
     results = Results(out or batch.folder.default_results)
     require_results_apart(results, batch.folder, read_files(batch), "--out")
     require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
@@ -122,7 +123,7 @@ def _placed(
         inputs=input_hashes(batch.folder.root, _inputs(batch)),
         force=force,
         screen=screen,
-        checksums=checksums,
+        options=options,
         started=started,
         since_s=since_s,
     )

@@ -12,18 +12,19 @@ from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import json_in
 from pipeline.files.results_lock import results_lock
 from pipeline.problem import BatchRefused, Problem
-from pipeline.run.batch_run import BatchRun
+from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import ReportSoFar, report
 from recon.plain_file import printable
 from reports.entries import BatchEntry
 
 
-def report_again(out: Path, batch: Path | None, *, checksums: bool) -> BatchEntry | None:
+def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> BatchEntry | None:
     """Writes ranking and report of the records in `out`, by the batch.toml of now; what the report says.
 
     `batch`: the batch's folder, where it is no longer where it was graded. None where fruit are still missing
     and the page says so. Raises BatchRefused where there is nothing to report, and NotWritten.
     """
+    options.require_parts()
     results = Results(out)
     said = json_in(results.provenance)
     if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
@@ -43,7 +44,7 @@ def report_again(out: Path, batch: Path | None, *, checksums: bool) -> BatchEntr
         inputs=_hashes(said),
         force=bool(said.get("force")),
         screen=bool(said.get("screened", True)),
-        checksums=checksums,
+        options=options,
         started=started,
         since_s=time.monotonic() - (ended - started).total_seconds(),
     )

@@ -23,7 +23,7 @@ from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
-from reports.tables import ranking_csv, ranking_json
+from reports.tables import ranking_csv, ranking_excel, ranking_json, ranking_parquet
 
 LEAST_S = 2.0
 """Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
@@ -121,7 +121,11 @@ def _write(entry: BatchEntry, run: BatchRun) -> None:
     """ranking.csv and report.html; raises NotWritten."""
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
-    write_whole(run.results.report, report_html(entry, provenance=run.checksums))
+    if run.options.excel is not None:
+        write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
+    if run.options.parquet:
+        write_whole(run.results.ranking_parquet, ranking_parquet(entry))
+    write_whole(run.results.report, report_html(entry, provenance=run.options.checksums))
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:

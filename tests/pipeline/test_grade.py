@@ -26,7 +26,7 @@ from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from pipeline.run import reporting
-from pipeline.run.batch_run import BatchRun
+from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import ReportSoFar
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -280,8 +280,8 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     (batch / "fruits.csv").write_text("fruit_id\nA\nB\nC\n")
     opened, results = open_batch(batch), Results(batch / "results")
     run = BatchRun(
-        batch=opened, results=results, chart=None, inputs={}, force=False, screen=True, checksums=False,
-        started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
+        batch=opened, results=results, chart=None, inputs={}, force=False, screen=True,
+        options=ReportOptions(), started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
     )  # fmt: skip
     results.claim()
     records, clock = {}, Clock()

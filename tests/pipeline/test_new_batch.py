@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -58,6 +59,8 @@ def test_the_schema_is_the_reader_s():
     assert schema["required"] == ["category"]
     assert schema["additionalProperties"] is False
     assert set(schema["properties"]) == set(Settings.model_fields)
+    published = Path(__file__).parents[2] / "docs" / "batch.schema.json"
+    assert json.loads(published.read_text()) == schema, "write it anew: drupe schema > docs/batch.schema.json"
     classes = schema["$defs"]["GradingClass"]["properties"]
     assert set(classes) == {"name", "E_max_MPa", "ship"}
 

@@ -3,6 +3,7 @@
 import csv
 import json
 
+import pandas as pd
 import pytest
 from graded_results import graded, results_of
 
@@ -49,6 +50,31 @@ def test_classes_of_now_are_in_the_report_anew(drupe, batch, results):
     table = json.loads((results / "ranking.json").read_text())
     assert [row["fruit_id"] for row in table] == ["A", "B"]
     assert [row["E_MPa"] for row in table] == [float(row["E_MPa"]) for row in rows(results).values()]
+
+
+def test_tables_of_other_programmes_hold_the_same_numbers(drupe, results):
+    assert drupe("report", results, "--csv", "excel-de", "--parquet").status == 0
+    raw = (results / "ranking-excel.csv").read_bytes()
+    assert raw.startswith(b"\xef\xbb\xbfrank;fruit_id;outcome;E_MPa;")
+    assert raw.endswith(b"\r\n")
+    plain = pd.read_csv(results / "ranking.csv")
+    other = pd.read_csv(results / "ranking-excel.csv", sep=";", decimal=",")
+    pd.testing.assert_frame_equal(other, plain, check_dtype=False)
+    columns = pd.read_parquet(results / "ranking.parquet")
+    assert list(columns) == list(plain)
+    for name in ("rank", "E_MPa", "E_sd_MPa", "p_softer_than_next"):
+        assert columns[name].astype(float).to_numpy() == pytest.approx(plain[name].to_numpy(), nan_ok=True)
+    assert list(columns["fruit_id"]) == list(plain["fruit_id"])
+
+
+def test_a_table_that_nobody_knows_is_refused_and_a_users_own_is_not_replaced(drupe, results):
+    ran = drupe("report", results, "--csv", "lotus")
+    assert ran.status == 2
+    assert 'found "lotus", expected one of excel, excel-de' in ran.err
+    (results / "ranking-excel.csv").write_text("mine")
+    assert drupe("report", results).status == 0
+    assert drupe("report", results, "--csv", "excel").status == 2
+    assert (results / "ranking-excel.csv").read_text() == "mine"
 
 
 def test_checksums_are_listed_on_request(drupe, results):

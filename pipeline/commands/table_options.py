@@ -1,0 +1,19 @@
+"""Options for tables beside ranking.csv, the same of every command that writes them."""
+
+from typing import Annotated
+
+import typer
+
+ExcelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--csv",
+        metavar="DIALECT",
+        help="Also write ranking-excel.csv, which Excel opens by a double click: excel, excel-de, excel-es, "
+        "excel-fr or excel-it.",
+        show_default="none",
+    ),
+]
+ParquetOption = Annotated[
+    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs pyarrow: drupe[parquet]).")
+]
