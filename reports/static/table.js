@@ -1,4 +1,5 @@
-// Sorts, filters and searches the table of all fruit; without scripts the page shows all of it.
+// Sorts, filters and searches the table of all fruit, and prints one fruit alone; without scripts the page
+// shows all of it.
 "use strict";
 (function () {
   const table = document.querySelector("table.fruit");
@@ -12,12 +13,14 @@
   tools.addEventListener("submit", (event) => event.preventDefault());
 
   function filter() {
-    const words = tools.elements.search.value.toLowerCase().normalize("NFC").split(/\s+/).filter(Boolean);
+    const wanted = tools.elements.search.value.toLowerCase().normalize("NFC").split(",")
+      .map((part) => part.split(/\s+/).filter(Boolean)).filter((words) => words.length);
     const list = tools.elements.list ? tools.elements.list.value : "";
     const kind = tools.elements.kind ? tools.elements.kind.value : "";
     let shown = 0;
     rows.forEach((row, k) => {
-      const fits = words.every((word) => texts[k].includes(word)) &&
+      const found = !wanted.length || wanted.some((words) => words.every((word) => texts[k].includes(word)));
+      const fits = found &&
         (!list || row.dataset.list === list) && (!kind || row.dataset.kind === kind);
       row.hidden = !fits;
       shown += fits ? 1 : 0;
@@ -55,4 +58,17 @@
   });
   table.caption.append("; a click on the name of a column sorts by it");
   filter();
+})();
+(function () {
+  document.documentElement.classList.add("scripted");
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest("button.alone");
+    if (!button) return;
+    const fruit = button.closest("article");
+    fruit.classList.add("chosen");
+    document.body.classList.add("one");
+    window.print();
+    document.body.classList.remove("one");
+    fruit.classList.remove("chosen");
+  });
 })();
