@@ -19,6 +19,8 @@ from reports.words import advice, percent, with_sd
 
 MOST_BEFORE = 8
 """Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
+MOST_AT_WORK = 4
+"""Fruit at work that are named; more are counted."""
 MOST_WAITING = 6
 """Fruit still lacking files that are named; others are counted."""
 WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
@@ -68,6 +70,9 @@ def kiosk_html(entry: KioskEntry) -> str:
         of_rank=sum(fruit.rank is not None for fruit in alone),
         lists=[(words, name, sum(one.decision == name for one in alone)) for name, words in WORDS.items()],
         decides=any(fruit.decision in (SHIP, HOLD) for fruit in alone),
+        at_work=", ".join(entry.working)
+        if len(entry.working) <= MOST_AT_WORK
+        else f"{len(entry.working)} fruit",
         waiting=entry.waiting[:MOST_WAITING],
         more_waiting=max(len(entry.waiting) - MOST_WAITING, 0),
         script=script,

@@ -9,6 +9,8 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
+OWN = frozenset({".toml", ".csv", ".json", ".stl", ".ply", ".obj", ".onnx"})
+"""Kinds of files beside batch.toml that a fruit's result may depend on."""
 DESCRIPTION = "grasp.toml"
 """The file without which a folder of frames is no grasp yet."""
 
@@ -41,8 +43,8 @@ def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
 
 
 def own_state(folder: BatchFolder) -> State:
-    """Of the batch's own files: settings, table, mat, and whatever lies beside them (category, rig, pit)."""
-    return state_of(path for path in folder.root.iterdir() if path.is_file())
+    """Of the batch's own files: settings, table, mat, and what may be named in the settings beside them."""
+    return state_of(path for path in folder.root.iterdir() if path.suffix.lower() in OWN and path.is_file())
 
 
 def state_of(files: Iterator[Path]) -> State:

@@ -77,7 +77,7 @@ class BatchWatch:
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
                 self._tell(batch, arrivals, problems)
-            chosen = self._ready(arrivals, own)[: self.options.jobs]
+            chosen = self._chosen(arrivals, own)
             if batch is not None and chosen and self.clock() - refused_at >= AGAIN_S:
                 refused_at = -float("inf") if self._grade(batch, arrivals, own, chosen) else self.clock()
                 quiet_since = self.clock()
@@ -110,8 +110,10 @@ class BatchWatch:
         """Seconds for which a fruit's files are as they are."""
         return self.clock() - self.seen[name][1]
 
-    def _ready(self, arrivals: dict[str, Arrival], own: State) -> list[str]:
-        """Fruit that are whole, at rest and not graded as they are, the first come first."""
+    def _chosen(self, arrivals: dict[str, Arrival], own: State) -> list[str]:
+        """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
+        first come first. All that were graded under other settings, at once: most are only read again.
+        """
         ready = [
             name
             for name, one in arrivals.items()
@@ -119,7 +121,8 @@ class BatchWatch:
             and self._since(name) >= self.options.settle_s
             and self.tried.get(name) != (own, one.state)
         ]
-        return sorted(ready, key=lambda name: arrivals[name].last_change_ns)
+        again = [name for name in ready if self.tried.get(name, ((), ()))[1] == arrivals[name].state]
+        return again or sorted(ready, key=lambda name: arrivals[name].last_change_ns)[: self.options.jobs]
 
     def _begin_with_earlier_results(self) -> None:
         """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""

@@ -155,6 +155,27 @@ def test_a_fault_in_the_settings_is_shown_and_mended_while_it_watches(batch, wat
     assert watched.worked == ["A"]
 
 
+def test_after_a_change_of_settings_all_fruit_are_taken_up_in_one_go(batch, watched):
+    for name in "ABC":
+        put(batch, name)
+    (batch / "notes.txt").write_text("of no account")
+    change = (batch / "batch.toml").read_text().replace("0.5", "0.15")
+    watched(
+        *[lambda: None] * 16,
+        lambda: (batch / "notes.txt").write_text("changed"),
+        *[lambda: None] * 4,
+        lambda: (batch / "batch.toml").write_text(change),
+    )
+    assert watched.worked == ["A", "B", "C"]
+    assert [entry.working for entry in watched.shown if entry.working] == [
+        ("A",),
+        ("B",),
+        ("C",),
+        ("A", "B", "C"),
+    ]
+    assert {row["maturity"] for row in rows(batch).values()} == {"soft", "firm"}
+
+
 def test_a_deleted_fruit_costs_nothing(batch, watched):
     put(batch, "A")
     put(batch, "B")
