@@ -72,12 +72,16 @@ class Survey:
     problems: tuple[Problem, ...]
 
 
-def open_batch(root: Path, *, force: bool = False, arriving: bool = False) -> Batch:
+RowChoice = Callable[[BatchFolder, tuple[FruitRow, ...]], tuple[FruitRow, ...]]
+"""From the rows of fruits.csv to those that are looked at."""
+
+
+def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = None) -> Batch:
     """The batch at `root`; raises BatchRefused with every problem of the batch as a whole.
 
-    With `force` numbers that are merely implausible stop nothing; `arriving` as in `survey`.
+    With `force` numbers that are merely implausible stop nothing; `choose` as in `survey`.
     """
-    found = survey(root, arriving=arriving)
+    found = survey(root, choose=choose)
     stops = [p for p in found.problems if not (force and p.implausible)]
     if stops or found.settings is None or found.rows is None:
         raise BatchRefused(stops)
@@ -94,11 +98,11 @@ def open_batch(root: Path, *, force: bool = False, arriving: bool = False) -> Ba
     )
 
 
-def survey(root: Path, *, arriving: bool = False) -> Survey:
+def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     """Reads what can be read of the batch at `root`.
 
-    Of a batch whose fruit are `arriving` the folders without a row are fruit too, and the table may have no
-    row yet or not be there.
+    With `choose` the table may have no row yet or not be there, and the fruit are those that it gives back:
+    fewer, or more (`unlisted_fruit`).
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
@@ -106,15 +110,15 @@ def survey(root: Path, *, arriving: bool = False) -> Survey:
     rows: tuple[FruitRow, ...] | None = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
-        if arriving and not (folder.table.exists() or folder.table.is_symlink()):
+        if choose is not None and not (folder.table.exists() or folder.table.is_symlink()):
             rows = ()
         else:
-            table = _gather(problems, lambda: read_fruits(folder.table, may_be_empty=arriving))
+            table = _gather(problems, lambda: read_fruits(folder.table, may_be_empty=choose is not None))
             if table is not None:
                 rows, faults = table
                 problems += faults
-        if arriving and rows is not None:
-            rows = (*rows, *_without_row(folder, rows))
+        if choose is not None and rows is not None:
+            rows = choose(folder, rows)
         lies = folder.mat.exists() or folder.mat.is_symlink()
         mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
         if rows and not lies:
@@ -143,7 +147,7 @@ def survey(root: Path, *, arriving: bool = False) -> Survey:
     )
 
 
-def _without_row(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
+def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
     """Of folders of fruit that the table does not name, in the order of their names."""
     place, known = folder.root / "fruits", {row.fruit_id for row in rows}
     names = (path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else ()

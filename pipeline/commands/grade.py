@@ -8,6 +8,7 @@ from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
 from pipeline.commands.table_options import ExcelOption, ParquetOption
 from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
@@ -37,6 +38,9 @@ def grade(
     ] = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+    log: LogOption = None,
 ) -> None:
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
@@ -48,6 +52,7 @@ def grade(
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import ReportOptions
+        from pipeline.run.console import RunConsole
         from pipeline.run.grading import grade as grade_batch
 
     try:
@@ -56,7 +61,7 @@ def grade(
             out,
             jobs=jobs or cores(),
             time_limit_s=time_limit,
-            console=Console(stderr=True),
+            console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             force=force,
             screen=screen,
             options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet),
@@ -66,5 +71,6 @@ def grade(
             "drupe: interrupted; finished fruit are kept, the same command goes on from here", err=True
         )
         raise typer.Exit(INTERRUPTED) from None
-    print_summary(entry, out or batch / "results", console=Console())
+    if not quiet:
+        print_summary(entry, out or batch / "results", console=Console())
     raise typer.Exit(status)

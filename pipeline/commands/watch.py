@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
 from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
 
@@ -36,6 +36,9 @@ def watch(
         bool,
         typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
     ] = True,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+    log: LogOption = None,
 ) -> None:
     """Grade fruit as their files are put into BATCH/fruits/<fruit_id>, and show the last one in a browser.
 
@@ -47,6 +50,7 @@ def watch(
     require_libraries()
     with elsewhere():
         from pipeline.batch.layout import Results
+        from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.watching import BatchWatch, WatchOptions
         from reports.kiosk_page import kiosk_html
@@ -65,7 +69,7 @@ def watch(
         watching = BatchWatch(
             root=batch,
             options=options,
-            console=Console(stderr=True),
+            console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             show=lambda entry: server.show(kiosk_html(entry)),
         )
         try:

@@ -4,7 +4,7 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing, suppress
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 from rich.console import Console
@@ -25,17 +25,13 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.checking import implausible_batch, implausible_fruit
+from pipeline.run.console import utc_now
 from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report
 from pipeline.run.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from reports.entries import BatchEntry
-
-
-def utc_now() -> datetime:
-    """The time now, aware of its zone."""
-    return datetime.now(UTC)
 
 
 def grade(

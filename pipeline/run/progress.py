@@ -8,6 +8,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from pipeline.run.console import RunConsole
 from pipeline.run.time_left import TimeLeft
 
 
@@ -18,6 +19,7 @@ class BatchProgress:
         self, console: Console, *, total: int, jobs: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._console = console
+        self._lines = not console.is_terminal or (isinstance(console, RunConsole) and console.verbose)
         self._total = total
         self._clock = clock
         self._started = clock()
@@ -37,7 +39,7 @@ class BatchProgress:
 
     def __enter__(self) -> Self:
         """Starts the bar on a terminal."""
-        if self._console.is_terminal:
+        if not self._lines:
             self._bar.start()
         return self
 
@@ -51,7 +53,9 @@ class BatchProgress:
         """A fruit begins a stage."""
         self._stage[fruit_id] = stage
         self._time_left.stage(fruit_id, stage)
-        if self._console.is_terminal:
+        if not self._lines:
+            if isinstance(self._console, RunConsole):
+                self._console.note(f"{fruit_id}: {stage}")
             running = ", ".join(f"{name}: {at}" for name, at in self._stage.items())
             self._bar.update(self._task, description=running, left=self._left())
         else:

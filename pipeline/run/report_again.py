@@ -3,11 +3,13 @@
 import time
 from collections.abc import Mapping
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.batch.layout import Results
-from pipeline.batch.opening import open_batch
+from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.layout import BatchFolder, Results
+from pipeline.batch.opening import open_batch, unlisted_fruit
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import json_in
 from pipeline.files.results_lock import results_lock
@@ -35,7 +37,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
     if not (root / "batch.toml").is_file():
         sentence = f"is of the batch {printable(str(root))}, which is not there; name it with --batch."
         raise BatchRefused([Problem(str(results.provenance), sentence)])
-    opened = open_batch(root, force=True)
+    opened = open_batch(root, force=True, choose=partial(_with_records, results))
     started, ended = _times(said, results)
     run = BatchRun(
         batch=opened,
@@ -61,6 +63,12 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
             ReportSoFar(run, records).write(interrupted=True)
             return None
         return report(run, records)[1]
+
+
+def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
+    """The rows, and those folders without one that `drupe watch` has graded."""
+    watched = [row for row in unlisted_fruit(folder, rows) if results.fruit(row.fruit_id).record.is_file()]
+    return (*rows, *watched)
 
 
 def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetime]:

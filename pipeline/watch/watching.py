@@ -1,14 +1,15 @@
 """The loop of `drupe watch`: fruit are graded as they arrive, one after the other."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rich.console import Console
 
+from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, Results
-from pipeline.batch.opening import Batch, open_batch
+from pipeline.batch.opening import Batch, open_batch, unlisted_fruit
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.run.grading import grade
@@ -53,6 +54,10 @@ class BatchWatch:
     show: Callable[[KioskEntry], None]
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
+    arrivals: dict[str, Arrival] = field(default_factory=dict)
+    """What lies in the folder of each fruit that has any files."""
+    expected: int = 0
+    """Rows of the table whose fruit have none yet."""
     seen: dict[str, tuple[State, float]] = field(default_factory=dict)
     """Files of each fruit, and since when they are so."""
     tried: dict[str, tuple[State, State]] = field(default_factory=dict)
@@ -72,57 +77,63 @@ class BatchWatch:
             began = self.clock()
             own = own_state(BatchFolder(self.root))
             batch, problems = self._opened()
-            arrivals = {} if batch is None else self._look(batch)
-            now = own, tuple((name, one.state) for name, one in arrivals.items())
+            now = own, tuple((name, one.state) for name, one in self.arrivals.items())
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
-                self._tell(batch, arrivals, problems)
-            chosen = self._chosen(arrivals, own)
+                self._tell(problems)
+            chosen = self._chosen(own)
             if batch is not None and chosen and self.clock() - refused_at >= AGAIN_S:
-                refused_at = -float("inf") if self._grade(batch, arrivals, own, chosen) else self.clock()
-                quiet_since = self.clock()
+                done = self._grade(batch, own, chosen)
+                refused_at = -float("inf") if done else self.clock()
+                quiet_since = self.clock() if done else quiet_since
                 continue
-            waiting = any(self._since(name) < self.options.settle_s for name in arrivals)
+            waiting = any(self._since(name) < self.options.settle_s for name in self.arrivals)
             idle_s = self.options.idle_s
-            if idle_s is not None and not waiting and not chosen and self.clock() - quiet_since >= idle_s:
+            if idle_s is not None and not waiting and self.clock() - quiet_since >= idle_s:
                 return self.status
             self.sleep(max(EVERY_S, (self.clock() - began) / SHARE))
 
     def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
-        """The batch with all that has arrived, or why it cannot be graded."""
+        """The batch with the fruit that are whole, or why it cannot be graded."""
         try:
-            return open_batch(self.root, arriving=True), ()
+            return open_batch(self.root, choose=self._whole), ()
         except BatchRefused as refused:
             return None, tuple(str(problem) for problem in refused.problems)
 
-    def _look(self, batch: Batch) -> dict[str, Arrival]:
-        """What lies in the folder of every fruit, those that have none left out."""
-        found = {}
-        for row in batch.rows:
-            one = arrival(batch.folder.fruit(row.fruit_id), row)
+    def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
+        """Looks into the folder of every fruit, listed or not; those that lack nothing."""
+        rows = (*rows, *unlisted_fruit(folder, rows))
+        self.arrivals = {}
+        for row in rows:
+            one = arrival(folder.fruit(row.fruit_id), row)
             if one.state:
-                found[row.fruit_id] = one
+                self.arrivals[row.fruit_id] = one
                 if self.seen.get(row.fruit_id, ((), 0.0))[0] != one.state:
                     self.seen[row.fruit_id] = one.state, self.clock()
-        return found
+        self.expected = len(rows) - len(self.arrivals)
+        return tuple(
+            row for row in rows if row.fruit_id in self.arrivals and not self.arrivals[row.fruit_id].missing
+        )
 
     def _since(self, name: str) -> float:
         """Seconds for which a fruit's files are as they are."""
         return self.clock() - self.seen[name][1]
 
-    def _chosen(self, arrivals: dict[str, Arrival], own: State) -> list[str]:
+    def _chosen(self, own: State) -> list[str]:
         """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
         first come first. All that were graded under other settings, at once: most are only read again.
         """
         ready = [
             name
-            for name, one in arrivals.items()
+            for name, one in self.arrivals.items()
             if not one.missing
             and self._since(name) >= self.options.settle_s
             and self.tried.get(name) != (own, one.state)
         ]
-        again = [name for name in ready if self.tried.get(name, ((), ()))[1] == arrivals[name].state]
-        return again or sorted(ready, key=lambda name: arrivals[name].last_change_ns)[: self.options.jobs]
+        again = [name for name in ready if self.tried.get(name, ((), ()))[1] == self.arrivals[name].state]
+        return (
+            again or sorted(ready, key=lambda name: self.arrivals[name].last_change_ns)[: self.options.jobs]
+        )
 
     def _begin_with_earlier_results(self) -> None:
         """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""
@@ -131,18 +142,16 @@ class BatchWatch:
             return
         records = {row.fruit_id: Results(self.options.out).fruit(row.fruit_id).record for row in batch.rows}
         there = {name: path.stat().st_mtime for name, path in records.items() if path.is_file()}
-        arrivals = self._look(batch)
-        whole = [name for name in there if name in arrivals and not arrivals[name].missing]
-        if whole:
-            in_order = sorted(whole, key=lambda name: there[name])
-            self._grade(batch, arrivals, own_state(batch.folder), in_order)
+        if there:
+            in_order = sorted(there, key=lambda name: there[name])
+            self._grade(batch, own_state(batch.folder), in_order)
 
-    def _grade(self, batch: Batch, arrivals: dict[str, Arrival], own: State, chosen: list[str]) -> bool:
+    def _grade(self, batch: Batch, own: State, chosen: list[str]) -> bool:
         """Grades the chosen fruit with those that were graded before; whether the batch could be graded."""
-        known = {*self.tried, *chosen}
-        rows = tuple(row for row in batch.rows if row.fruit_id in known and row.fruit_id in arrivals)
+        known, states = {*self.tried, *chosen}, {name: self.arrivals[name].state for name in chosen}
+        rows = tuple(row for row in batch.rows if row.fruit_id in known)
         self.at_work = True
-        self._tell(batch, arrivals, (), working=chosen)
+        self._tell((), working=chosen)
         try:
             self.status, self.entry = grade(
                 self.root,
@@ -156,35 +165,28 @@ class BatchWatch:
             )
         except (BatchRefused, NotWritten) as fault:
             problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
-            self._tell(batch, arrivals, tuple(str(problem) for problem in problems))
+            self._tell(tuple(str(problem) for problem in problems))
             return False
         finally:
             self.at_work = False
         for name in chosen:
-            self.tried[name] = own, arrivals[name].state
+            self.tried[name] = own, states[name]
             self.recent = [name, *(one for one in self.recent if one != name)]
-        self._tell(batch, arrivals, ())
+        self._tell(())
         return True
 
-    def _tell(
-        self,
-        batch: Batch | None,
-        arrivals: dict[str, Arrival],
-        problems: tuple[str, ...],
-        working: list[str] | None = None,
-    ) -> None:
+    def _tell(self, problems: tuple[str, ...], *, working: Sequence[str] = ()) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
         for problem in problems:
             self.console.print(problem, highlight=False, markup=False)
-        rows = () if batch is None else batch.rows
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,
                 batch=self.entry,
                 recent=tuple(self.recent),
-                working=tuple(working or ()),
-                waiting=tuple((name, one.missing) for name, one in arrivals.items() if one.missing),
-                expected=sum(row.fruit_id not in arrivals for row in rows),
+                working=tuple(working),
+                waiting=tuple((name, one.missing) for name, one in self.arrivals.items() if one.missing),
+                expected=self.expected,
                 problems=problems,
             )
         )

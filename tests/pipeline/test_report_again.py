@@ -77,6 +77,15 @@ def test_a_table_that_nobody_knows_is_refused_and_a_users_own_is_not_replaced(dr
     assert (results / "ranking-excel.csv").read_text() == "mine"
 
 
+def test_fruit_that_were_graded_without_a_row_are_in_the_report_and_stray_folders_are_not(
+    drupe, batch, results
+):
+    (batch / "fruits.csv").write_text("fruit_id\nA\n")
+    (batch / "fruits" / "stray").mkdir()
+    assert drupe("report", results).status == 0
+    assert set(rows(results)) == {"A", "B"}
+
+
 def test_checksums_are_listed_on_request(drupe, results):
     drupe("report", results)
     assert "files and their SHA-256" not in (results / "report.html").read_text()

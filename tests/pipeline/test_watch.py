@@ -124,6 +124,25 @@ def test_files_that_still_arrive_are_waited_for(batch, watched):
     assert waiting[-1] == ()
 
 
+def test_a_fruit_without_shape_yet_holds_up_no_other(batch, watched):
+    """Photos without a mat or a height would stop the whole batch, if it were one of it already."""
+    (batch / "fruits" / "B" / "grasps").mkdir(parents=True)
+    (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_text("of B")
+    (batch / "fruits.csv").write_text("fruit_id,height_mm\nA,\nC,\n")
+    put(batch, "A")
+    watched()
+    assert watched.worked == ["A"]
+    assert watched.shown[-1].waiting == (("B", "photos or fruit.ply"),)
+    assert watched.shown[-1].expected == 1
+
+
+def test_watching_ends_where_the_batch_cannot_be_graded(batch, watched):
+    put(batch, "A")
+    (batch / "batch.toml").write_text("category = 3\n")
+    assert watched() == 0
+    assert not watched.worked
+
+
 def test_a_fruit_that_changes_is_graded_again_and_one_that_does_not_is_not(batch, watched):
     put(batch, "A")
     put(batch, "B")
