@@ -7,10 +7,15 @@ from collections import Counter
 from typing import NamedTuple
 
 from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ranked
-from reports.words import NO_BREAK, advice, percent
+from reports.language import say
+from reports.words import advice, percent
 
 Indexed = tuple[int, FruitEntry]
 """A fruit with its number on the page."""
+SHIPPED_WITH = "to be shipped with "
+"""Before the probability in the reason of a borderline fruit."""
+REASONS = ("not graded", "E is in doubt", "nothing known explains its recordings", "borderline")
+"""What such reasons begin with; each is in the words files."""
 MOST_LISTED = 120
 """Fruit of one list that are named on a printed certificate: more do not fit on its page."""
 
@@ -48,9 +53,9 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
     shown = ", ".join(batch.ships)
     parted = bool(batch.ships)
     titles = (
-        (SHIP, "Ship", f"certain (90{NO_BREAK}% or more) to be {shown}"),
-        (HOLD, "Hold", f"certain (90{NO_BREAK}% or more) not to be {shown}"),
-        (LOOK, "Grasp again or look at", "not graded, in doubt, or not certain either way"),
+        (SHIP, say("Ship"), say("certain (90 % or more) to be {classes}", classes=shown)),
+        (HOLD, say("Hold"), say("certain (90 % or more) not to be {classes}", classes=shown)),
+        (LOOK, say("Grasp again or look at"), say("not graded, in doubt, or not certain either way")),
     )
     return tuple(
         DecisionList(key, title, words, _by_reason(by_list[key]))
@@ -95,7 +100,17 @@ def class_words(fruit: FruitEntry) -> str:
     """The class that a borderline fruit may have as well; empty where its own is certain."""
     if not fruit.other_class:
         return ""
-    return f"or {fruit.other_class} ({percent(fruit.other_class_probability)})"
+    chance = percent(fruit.other_class_probability)
+    return say("or {name} ({chance})", name=fruit.other_class, chance=chance)
+
+
+def reason_words(reason: str) -> str:
+    """Why a fruit is to be looked at (pipeline.ranking.decisions), in the page's language."""
+    head, colon, rest = reason.partition(": ")
+    chance = rest.removeprefix(SHIPPED_WITH)
+    if colon and chance != rest:
+        return f"{say(head)}: {say('to be shipped with {chance}', chance=chance)}"
+    return say(reason)
 
 
 def numbered(batch: BatchEntry) -> list[Indexed]:

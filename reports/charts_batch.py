@@ -14,6 +14,8 @@ from reports.entries import (
     ranked,
     without_references,
 )
+from reports.language import decimals as with_comma
+from reports.language import say
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import (
     AxisScale,
@@ -58,12 +60,14 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     lowest, highest = padded([*ends, *near], from_zero=True)
     x = AxisScale(lowest=max(lowest, 0.0), highest=highest, start_px=gutter, end_px=width_px - value_px - 12)
     parts = [
-        axis_x(x, label="E, modulus of the flesh (MPa)", top=top, bottom=bottom, at_most=9 if wide else 5)
+        axis_x(
+            x, label=say("E, modulus of the flesh (MPa)"), top=top, bottom=bottom, at_most=9 if wide else 5
+        )
     ]
     for name, limit in limits:
         if limit <= highest:
             at = x(limit)
-            words = f"up to {limit:g} MPa: {name}"
+            words = f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}"
             parts.append(
                 element("line", element("title", words), x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit")
             )
@@ -75,11 +79,11 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
         *parts,
         width=float(width_px),
         height=bottom + 44,
-        title="Ranking, softest first",
+        title=say("Ranking, softest first"),
         description="; ".join(
             f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded
         )
-        or "No fruit has a modulus",
+        or say("No fruit has a modulus"),
     )
 
 
@@ -102,7 +106,7 @@ def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     top, bottom = 30.0, 230.0
     y = AxisScale(lowest=0.0, highest=1.05 * max(counts), start_px=bottom, end_px=top)
     parts = [
-        axis_x(x, label="E, modulus of the flesh (MPa)", top=top, bottom=bottom, at_most=width_px // 80),
+        axis_x(x, label=say("E, modulus of the flesh (MPa)"), top=top, bottom=bottom, at_most=width_px // 80),
         axis_y(y, label="fruits", left=44.0, right=width_px - 12.0, at_most=6),
     ]
     for k, count in enumerate(counts[:last]):
@@ -115,14 +119,14 @@ def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
         parts.append(element("rect", element("title", words), **bar))
     for name, limit in limits:
         if limit <= x.highest:
-            title = element("title", f"up to {limit:g} MPa: {name}")
+            title = element("title", f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}")
             at = x(limit)
             parts.append(element("line", title, x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit"))
     return drawing(
         *parts,
         width=float(width_px),
         height=bottom + 44,
-        title="Distribution of moduli",
+        title=say("Distribution of moduli"),
         description="; ".join(
             f"{k * step:g} to {(k + 1) * step:g} MPa: {count}" for k, count in enumerate(counts) if count
         ),
@@ -195,7 +199,7 @@ def shore_chart(batch: BatchEntry) -> Markup:
         *parts,
         width=360.0,
         height=314.0,
-        title="Modulus against Shore OO reading",
+        title=say("Modulus against Shore OO reading"),
         description=correlation_words(batch.shore) if batch.shore else f"{len(pairs)} fruits with both",
     )
 
@@ -214,7 +218,7 @@ def control_chart(body: ReferenceBodyEntry) -> Markup:
     x = AxisScale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
     y = AxisScale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
     parts = [
-        axis_y(y, label="E found / E known", left=52.0, right=688.0, at_most=7),
+        axis_y(y, label=say("E found / E known"), left=52.0, right=688.0, at_most=7),
         element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),
     ]
     across = [52.0, *(x(at) for at in moments), 688.0]

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import shortened
 from reports.entries import ForceCurve, FruitEntry, GraspEstimate, ModelLine
+from reports.language import say
 from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
 from reports.words import number, with_sd
 
@@ -35,8 +36,8 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
     y = AxisScale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
     parts = [
-        axis_x(x, label="travel since first touch (mm)", top=52.0, bottom=216.0, at_most=7),
-        axis_y(y, label="force (N)", left=44.0, right=348.0, at_most=6),
+        axis_x(x, label=say("travel since first touch (mm)"), top=52.0, bottom=216.0, at_most=7),
+        axis_y(y, label=say("force (N)"), left=44.0, right=348.0, at_most=6),
     ]
     for k, curve in enumerate(known):
         parts.append(_pad(curve, k, x=x, y=y))
@@ -46,11 +47,11 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
         *parts,
         width=360.0,
         height=258.0,
-        title=f"Force against travel, {grasp}",
+        title=f"{say('Force against travel')}, {grasp}",
         description="; ".join(
             f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known
         )
-        or "No frames in contact",
+        or say("No frames in contact"),
     )
 
 
@@ -105,7 +106,7 @@ def frames_chart(fruit: FruitEntry) -> Markup:
         bottom = y(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), low_y))
         parts.append(element("rect", x=44.0, y=top, width=304.0, height=bottom - top, class_="band"))
     parts += [
-        axis_x(x, label="travel since first touch (mm)", top=52.0, bottom=216.0, at_most=7),
+        axis_x(x, label=say("travel since first touch (mm)"), top=52.0, bottom=216.0, at_most=7),
         axis_y(y, label="E (MPa)", left=44.0, right=348.0, at_most=6),
     ]
     names = list(dict.fromkeys(row.grasp for row in rows))
@@ -124,7 +125,7 @@ def frames_chart(fruit: FruitEntry) -> Markup:
         *parts,
         width=360.0,
         height=258.0,
-        title="Modulus by frame",
+        title=say("Modulus by frame"),
         description="; ".join(
             f"{name}: " + _range([row.E_MPa for row in rows if row.grasp == name]) for name in names
         ),
@@ -146,13 +147,19 @@ def _lines(x: AxisScale, y: AxisScale, travel: np.ndarray, force: np.ndarray, *,
     ]
 
 
-def _legend_item(name: str, k: int, *, count: int, word: str = "pad ") -> Markup:
+def _legend_item(name: str, k: int, *, count: int, word: str | None = None) -> Markup:
     step = 300.0 / max(count, 1)
     at = 52.0 + step * k
     return element(
         "g",
         marker(_PAD_MARKS[k % len(_PAD_MARKS)], at, 14.0, size=3.4, class_=f"pad{k % 4}"),
-        element("text", shortened(f"{word}{name}", px=step - 14), x=at + 10, y=18.0, class_="label"),
+        element(
+            "text",
+            shortened(f"{say('pad') + ' ' if word is None else word}{name}", px=step - 14),
+            x=at + 10,
+            y=18.0,
+            class_="label",
+        ),
     )
 
 
@@ -183,9 +190,9 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
         element(
             "g",
             marker("circle", 10.0, 14.0, size=4.5, class_="energy"),
-            element("text", "energy ratio", x=20.0, y=18.5, class_="label"),
+            element("text", say("energy ratio"), x=20.0, y=18.5, class_="label"),
             marker("square", 134.0, 14.0, size=4.5, class_="squares"),
-            element("text", "least squares", x=144.0, y=18.5, class_="label"),
+            element("text", say("least squares"), x=144.0, y=18.5, class_="label"),
         )
     )
     for k, row in enumerate(rows):
@@ -202,7 +209,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
         *parts,
         width=360.0,
         height=bottom + 42,
-        title="Modulus by grasp and method",
+        title=say("Modulus by grasp and method"),
         description="; ".join(
             f"{row.grasp}: energy ratio {with_sd(row.E_energy_MPa, row.E_energy_sd_MPa)} MPa, "
             f"least squares {with_sd(row.E_least_squares_MPa, row.E_least_squares_sd_MPa)} MPa"

@@ -9,16 +9,22 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from reports.language import language_in_force, say, say_html
+
 
 def page_environment() -> Environment:
-    """Where templates are found by their path in this package, with filters to be added."""
-    return Environment(
+    """Where templates are found by their path in this package, with filters to be added; in the language in
+    force (reports.language).
+    """
+    environment = Environment(
         loader=PackageLoader("reports", package_path=""),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals |= {"language": language_in_force(), "say": say, "say_html": say_html}
+    return environment
 
 
 def own_script(name: str) -> tuple[Markup, str]:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from reports.batch_overview import class_words
+from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, page_environment
+from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import advice, percent, with_sd
@@ -24,7 +25,11 @@ MOST_AT_WORK = 4
 MOST_WAITING = 6
 """Fruit still lacking files that are named; others are counted."""
 WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
-"""What to do with a fruit, by the list that it is on."""
+"""What to do with a fruit, by the list that it is on; each is in the words files."""
+COUNTED = {SHIP: "to ship", HOLD: "to hold back", LOOK: "to look at"}
+"""The lists beside the number of their fruit."""
+MISSING = ("photos or fruit.ply", "a recording in grasps/")
+"""What a fruit may lack (pipeline.watch.arrivals), with "and" between both."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,10 +48,15 @@ class KioskEntry:
     problems: tuple[str, ...] = ()
 
 
-def kiosk_html(entry: KioskEntry) -> str:
+def kiosk_html(entry: KioskEntry, *, language: str = ENGLISH) -> str:
     """The whole page. All text of the batch is escaped; a content security policy in the page forbids every
-    outside source and every script but the page's own.
+    outside source and every script but the page's own. `language`: one of reports.language.LANGUAGES.
     """
+    with spoken(language):
+        return _page(entry)
+
+
+def _page(entry: KioskEntry) -> str:
     environment = page_environment()
     batch = entry.batch
     marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
@@ -59,7 +69,8 @@ def kiosk_html(entry: KioskEntry) -> str:
         "with_sd": with_sd,
         "percent": percent,
         "next_action": next_action,
-        "list_words": lambda fruit: WORDS.get(fruit.decision, ""),
+        "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
+        "missing_words": lambda missing: say(" and ").join(say(one) for one in missing.split(" and ")),
     }
     script, script_hash = own_script("kiosk.js")
     return environment.get_template("templates/kiosk.html.j2").render(
@@ -68,11 +79,11 @@ def kiosk_html(entry: KioskEntry) -> str:
         before=recent[1 : 1 + MOST_BEFORE],
         graded=sum(fruit.ok for fruit in alone),
         of_rank=sum(fruit.rank is not None for fruit in alone),
-        lists=[(words, name, sum(one.decision == name for one in alone)) for name, words in WORDS.items()],
+        lists=[(say(words), sum(one.decision == name for one in alone)) for name, words in COUNTED.items()],
         decides=any(fruit.decision in (SHIP, HOLD) for fruit in alone),
         at_work=", ".join(entry.working)
         if len(entry.working) <= MOST_AT_WORK
-        else f"{len(entry.working)} fruit",
+        else say("{count} fruit", count=len(entry.working)),
         waiting=entry.waiting[:MOST_WAITING],
         more_waiting=max(len(entry.waiting) - MOST_WAITING, 0),
         script=script,
@@ -85,16 +96,13 @@ def next_action(fruit: FruitEntry) -> str:
     if not fruit.ok:
         return f"{fruit.reason} {advice(fruit)}".strip()
     if fruit.reference:
-        return "Reference body: go on with the fruit."
+        return say("Reference body: go on with the fruit.")
     if fruit.doubts:
-        return f"E is in doubt: {fruit.doubts[0]}"
-    if fruit.decision == LOOK:
-        return (
-            f"{fruit.decision_reason[:1].upper()}{fruit.decision_reason[1:]}."
-            if fruit.decision_reason
-            else ""
-        )
-    return {SHIP: "Ship it.", HOLD: "Hold it back."}.get(fruit.decision, "")
+        return f"{say('E is in doubt')}: {fruit.doubts[0]}"
+    if fruit.decision == LOOK and fruit.decision_reason:
+        why = reason_words(fruit.decision_reason)
+        return f"{why[0].upper()}{why[1:]}."
+    return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
 
 
 def _mark(colour: str, shape: str) -> Markup:

@@ -21,6 +21,7 @@ from reports.batch_overview import (
     decision_lists,
     failures,
     numbered,
+    reason_words,
 )
 from reports.charts_batch import (
     control_chart,
@@ -32,6 +33,8 @@ from reports.charts_batch import (
 from reports.charts_fruit import force_chart, frames_chart, grasps_chart
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
+from reports.language import ENGLISH, say, spoken
+from reports.language import decimals as with_comma
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import UNKNOWN as UNKNOWN_WORD
@@ -66,13 +69,18 @@ MOST_IN_FULL = 500
 in a tenth of the time."""
 
 
-def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
+def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = ENGLISH) -> str:
     """The whole report as one self-contained HTML page, the same text for the same records.
 
     All text of the batch is escaped; pictures are data URIs; a content security policy in the page
     forbids every outside source and every script but the page's own. `provenance`: whether the checksums of
-    all inputs are listed.
+    all inputs are listed; `language`: one of reports.language.LANGUAGES.
     """
+    with spoken(language):
+        return _page(batch, provenance=provenance)
+
+
+def _page(batch: BatchEntry, *, provenance: bool) -> str:
     marks = class_marks(tuple(name for name, _ in batch.classes))
     environment = page_environment()
     environment.filters |= {
@@ -92,6 +100,8 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
         "number": number,
         "p_words": p_words,
         "percent": percent,
+        "first_large": lambda text: text[:1].upper() + text[1:],
+        "reason_words": reason_words,
         "remarks": remarks,
         "screened": _screened,
         "utc": _utc,
@@ -128,6 +138,7 @@ def report_html(batch: BatchEntry, *, provenance: bool = False) -> str:
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
         verdict=verdict(alone),
+        version=dict(batch.versions).get("drupe", ""),
     )
 
 
@@ -137,20 +148,21 @@ def _screened(fruit: FruitEntry) -> str:
     if screen is None:
         return UNKNOWN_WORD
     if screen.why_not:
-        return "not screened"
+        return say("not screened")
     p = p_words(screen.p_value)
     first = [effect_name(one.name) for one in screen.suspects[:1]]
-    return f"{first[0]}?{p}" if first else f"none found{p}"
+    return f"{first[0]}?{p}" if first else f"{say('none found')}{p}"
 
 
 def _about(batch: BatchEntry) -> list[tuple[str, str]]:
+    pulp_C = batch.pulp_temperature_C
     known = (
-        ("category", batch.category),
-        ("cultivar", batch.cultivar),
-        ("lot", batch.lot),
-        ("harvested", batch.harvest_date.isoformat() if batch.harvest_date else None),
-        ("pulp at", None if batch.pulp_temperature_C is None else f"{batch.pulp_temperature_C:.1f} °C"),
-        ("graded", _utc(batch.finished_utc)),
+        (say("category"), batch.category),
+        (say("cultivar"), batch.cultivar),
+        (say("lot"), batch.lot),
+        (say("harvested"), batch.harvest_date.isoformat() if batch.harvest_date else None),
+        (say("pulp at"), None if pulp_C is None else with_comma(f"{pulp_C:.1f} °C")),
+        (say("graded"), _utc(batch.finished_utc)),
     )
     return [(label, value) for label, value in known if value]
 
@@ -168,9 +180,13 @@ def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[_Class
     for name, limit in batch.classes:
         words = ""
         if limit is not None:
-            words = f"up to {limit:g} MPa" if below is None else f"{below:g} to {limit:g} MPa"
+            upper = with_comma(f"{limit:g}")
+            if below is None:
+                words = say("up to {limit} MPa", limit=upper)
+            else:
+                words = say("{lower} to {upper} MPa", lower=with_comma(f"{below:g}"), upper=upper)
         elif below is not None:
-            words = f"above {below:g} MPa"
+            words = say("above {limit} MPa", limit=with_comma(f"{below:g}"))
         items.append(_ClassLimits(mark=_dot(*marks[name]), name=name, limits=words))
         below = limit
     return items
@@ -185,25 +201,25 @@ def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
     """(label, value) of a fruit's details, with times and memory."""
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
-        facts.append(("Height", f"{number(fruit.height_mm)} mm"))
+        facts.append((say("Height"), f"{number(fruit.height_mm)} mm"))
     if fruit.volume_mm3 is not None:
-        facts.append(("Volume with pit", f"{number(fruit.volume_mm3 / 1000.0)} cm³"))
+        facts.append((say("Volume with pit"), f"{number(fruit.volume_mm3 / 1000.0)} cm³"))
     if fruit.shore_oo is not None:
-        facts.append(("Shore OO reading", number(fruit.shore_oo)))
+        facts.append((say("Shore OO reading"), number(fruit.shore_oo)))
     facts.extend(fruit.facts)
-    facts.extend((f"Time, {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
+    facts.extend((f"{say('Time')}, {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
     if fruit.peak_memory_MiB is not None:
-        facts.append(("Peak memory", f"{fruit.peak_memory_MiB:.0f} MiB"))
+        facts.append((say("Peak memory"), f"{fruit.peak_memory_MiB:.0f} MiB"))
     return facts
 
 
 def _provenance(batch: BatchEntry, *, inputs: bool) -> list[tuple[str, tuple[tuple[str, str], ...], bool]]:
     """(summary, rows, whether the cells are hashes) of each part that is not empty."""
     parts = (
-        ("Settings in force", batch.settings, False),
-        ("Versions", batch.versions, False),
+        (say("Settings in force"), batch.settings, False),
+        (say("Versions"), batch.versions, False),
         (
-            f"Inputs: {len(batch.inputs)} files and their SHA-256",
+            say("Inputs: {count} files and their SHA-256", count=len(batch.inputs)),
             batch.inputs if inputs else (),
             True,
         ),

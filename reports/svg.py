@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
+from reports.language import decimals as with_comma
+
 
 def element(name: str, *children: Markup | str, **attributes: object) -> Markup:
     """One element, its text and attribute values escaped; ``text_anchor`` is written text-anchor.
@@ -89,7 +91,9 @@ def axis_x(scale: AxisScale, *, label: str, top: float, bottom: float, at_most: 
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
         x = scale(value)
         parts.append(element("line", x1=x, x2=x, y1=top, y2=bottom, class_="grid"))
-        parts.append(element("text", f"{value:g}", x=x, y=bottom + 16, text_anchor="middle", class_="tick"))
+        parts.append(
+            element("text", with_comma(f"{value:g}"), x=x, y=bottom + 16, text_anchor="middle", class_="tick")
+        )
     middle = (scale.start_px + scale.end_px) / 2
     parts.append(element("text", label, x=middle, y=bottom + 35, text_anchor="middle", class_="axis"))
     parts.append(element("line", x1=scale.start_px, x2=scale.end_px, y1=bottom, y2=bottom, class_="base"))
@@ -102,7 +106,9 @@ def axis_y(scale: AxisScale, *, label: str, left: float, right: float, at_most: 
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
         y = scale(value)
         parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="grid"))
-        parts.append(element("text", f"{value:g}", x=left - 7, y=y + 4, text_anchor="end", class_="tick"))
+        parts.append(
+            element("text", with_comma(f"{value:g}"), x=left - 7, y=y + 4, text_anchor="end", class_="tick")
+        )
     parts.append(element("text", label, x=4.0, y=scale.end_px - 12, text_anchor="start", class_="axis"))
     return Markup("").join(parts)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 from reports.entries import OR, FruitEntry, ScreenEntry, ranked
+from reports.language import decimals as with_comma
+from reports.language import say
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
@@ -48,24 +50,25 @@ _ADVICE_OTHERWISE = "Correct what is named above, then run the batch again; fini
 
 def advice(fruit: FruitEntry) -> str:
     """What to do next about a fruit that was not graded: its own advice, or that of its outcome's code."""
-    return fruit.advice or _ADVICE.get(fruit.outcome, _ADVICE_OTHERWISE)
+    return fruit.advice or say(_ADVICE.get(fruit.outcome, _ADVICE_OTHERWISE))
 
 
 def remarks(fruit: FruitEntry) -> str:
     """What a reader must know of a fruit before trusting its row; empty where there is nothing."""
     if not fruit.ok:
-        return f"not graded: {fruit.outcome}"
-    found = ["reference body"] if fruit.reference else []
+        return f"{say('not graded')}: {fruit.outcome}"
+    found = [say("reference body")] if fruit.reference else []
     if fruit.mismatch and fruit.mismatch != "none":
-        taken = " (taken into account)" if fruit.mismatch_taken else ""
-        doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""
-        found.append(f"mismatch: {effect_name(fruit.mismatch)}{taken}{doubt}")
+        taken = f" ({say('taken into account')})" if fruit.mismatch_taken else ""
+        doubt = f", {say('E is not to be trusted')}" if fruit.mismatch == "unknown" else ""
+        found.append(f"{say('mismatch')}: {effect_name(fruit.mismatch)}{taken}{doubt}")
     if fruit.E_uncorrected_MPa is not None:
-        found.append("E corrected by the reference body")
+        found.append(say("E corrected by the reference body"))
     if fruit.doubts:
-        found.append("E is in doubt" + (", so no class" if fruit.class_withheld else ""))
+        found.append(say("E is in doubt, so no class") if fruit.class_withheld else say("E is in doubt"))
     if fruit.warnings:
-        found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
+        count = len(fruit.warnings)
+        found.append(say("1 warning") if count == 1 else say("{count} warnings", count=count))
     return ", ".join(found)
 
 
@@ -122,7 +125,7 @@ def number(value: float | None, *, figures: int = 3) -> str:
     if value == 0.0:
         return "0"
     decimals = figures - 1 - math.floor(math.log10(abs(value)))
-    return f"{value:.{max(decimals, 0)}f}" if decimals <= 8 else f"{value:.{figures - 1}e}"
+    return with_comma(f"{value:.{max(decimals, 0)}f}" if decimals <= 8 else f"{value:.{figures - 1}e}")
 
 
 def with_sd(value: float | None, sd: float | None) -> str:
@@ -138,7 +141,7 @@ def with_sd(value: float | None, sd: float | None) -> str:
     decimals = 1 - math.floor(math.log10(sd))
     finest = 4 - math.floor(math.log10(abs(value))) if value else decimals
     decimals = max(min(decimals, finest), 0)
-    return f"{value:.{decimals}f} ± {sd:.{decimals}f}"
+    return with_comma(f"{value:.{decimals}f} ± {sd:.{decimals}f}")
 
 
 def percent(probability: float | None) -> str:
@@ -161,7 +164,7 @@ def duration(seconds: float) -> str:
     ('3.2 s', '3 min 12 s', '2 h 3 min')
     """
     if seconds < 60.0:
-        return f"{seconds:.1f} s"
+        return with_comma(f"{seconds:.1f} s")
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
@@ -172,33 +175,34 @@ def verdict(fruits: tuple[FruitEntry, ...]) -> str:
     failed = sum(not fruit.ok for fruit in fruits)
     if not graded:
         if len(fruits) < 2:
-            return "The one fruit could not be graded." if fruits else "The batch holds no fruits."
-        return f"None of the {len(fruits)} fruits could be graded."
-    lead = (
-        f"{len(graded)} of {_fruits(len(fruits))} graded" if failed else f"All {_fruits(len(fruits))} graded"
-    )
+            return say("The one fruit could not be graded.") if fruits else say("The batch holds no fruits.")
+        return say("None of the {total} fruits could be graded.", total=len(fruits))
+    lead = say("All {total} fruits graded", total=len(fruits))
+    if failed:
+        lead = say("{count} of {total} fruits graded", count=len(graded), total=len(fruits))
     if len(fruits) == 1:
-        lead = "The one fruit is graded"
+        lead = say("The one fruit is graded")
     softest, firmest = graded[0], graded[-1]
     if softest is firmest:
-        found = f"{softest.fruit_id} has E = {_modulus(softest)}"
+        found = say("{fruit} has E = {modulus}", fruit=softest.fruit_id, modulus=_modulus(softest))
     else:
-        found = (
-            f"the softest is {softest.fruit_id} ({_modulus(softest)}), "
-            f"the firmest {firmest.fruit_id} ({_modulus(firmest)})"
+        found = say(
+            "the softest is {softest} ({of_softest}), the firmest {firmest} ({of_firmest})",
+            softest=softest.fruit_id,
+            of_softest=_modulus(softest),
+            firmest=firmest.fruit_id,
+            of_firmest=_modulus(firmest),
         )
-    rest = (
-        f"; {failed} could not be graded and {'needs' if failed == 1 else 'need'} attention" if failed else ""
-    )
+    rest = ""
+    if failed == 1:
+        rest = "; " + say("1 could not be graded and needs attention")
+    elif failed:
+        rest = "; " + say("{count} could not be graded and need attention", count=failed)
     return f"{lead}: {found}{rest}."
-
-
-def _fruits(count: int) -> str:
-    return "1 fruit" if count == 1 else f"{count} fruits"
 
 
 def _modulus(fruit: FruitEntry) -> str:
     words = f"{with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa".replace(" ", NO_BREAK)
     if fruit.doubts:
-        return f"{words}, in doubt"
+        return f"{words}, {say('in doubt')}"
     return f"{words}, {fruit.maturity}" if fruit.maturity else words

@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
 from pipeline.commands.table_options import ExcelOption, ParquetOption
@@ -38,6 +39,7 @@ def grade(
     ] = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
+    lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
     log: LogOption = None,
@@ -49,6 +51,7 @@ def grade(
     chart call for somebody), 130 interrupted.
     """
     require_libraries()
+    language = chosen_language(lang)
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import ReportOptions
@@ -64,7 +67,7 @@ def grade(
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             force=force,
             screen=screen,
-            options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet),
+            options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
         )
     except KeyboardInterrupt:
         typer.echo(

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.table_options import ExcelOption, ParquetOption
 from pipeline.exit_status import UNUSABLE
 from pipeline.safe_start import elsewhere
@@ -22,6 +23,7 @@ def report(
     ] = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
+    lang: LanguageOption = None,
 ) -> None:
     """Make ranking.csv and report.html anew from what a run kept, for example after a change of classes.
 
@@ -32,7 +34,8 @@ def report(
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import ReportOptions
         from pipeline.run.report_again import report_again
-    options = ReportOptions(checksums=provenance, excel=excel, parquet=parquet)
+    language = chosen_language(lang)
+    options = ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language)
     entry = report_again(out, batch, options=options)
     if entry is None:
         typer.echo(f"{out}: not all fruit are done; `drupe grade` goes on. The page shows those that are.")

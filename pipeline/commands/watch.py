@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
 from pipeline.exit_status import INTERRUPTED
@@ -36,6 +37,7 @@ def watch(
         bool,
         typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
     ] = True,
+    lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
     log: LogOption = None,
@@ -48,6 +50,7 @@ def watch(
     printed; Ctrl-C ends. Example: drupe watch monday --port 8000
     """
     require_libraries()
+    language = chosen_language(lang)
     with elsewhere():
         from pipeline.batch.layout import Results
         from pipeline.run.console import RunConsole
@@ -60,6 +63,7 @@ def watch(
         jobs=min(jobs, cores()),
         time_limit_s=time_limit,
         screen=screen,
+        language=language,
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
     )
@@ -70,7 +74,7 @@ def watch(
             root=batch,
             options=options,
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
-            show=lambda entry: server.show(kiosk_html(entry)),
+            show=lambda entry: server.show(kiosk_html(entry, language=language)),
         )
         try:
             status = watching.run()

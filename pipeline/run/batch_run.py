@@ -16,18 +16,20 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from reports.language import ENGLISH
 from reports.tables import EXCEL_DIALECTS
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
     """What is asked for beside ranking and report: SHA-256 of the inputs in the report, a table for an Excel
-    (a name of reports.tables.EXCEL_DIALECTS), one as Parquet.
+    (a name of reports.tables.EXCEL_DIALECTS), one as Parquet; and the report's language.
     """
 
     checksums: bool = False
     excel: str | None = None
     parquet: bool = False
+    language: str = ENGLISH
 
     def require_parts(self) -> None:
         """Raises BatchRefused where what is asked for cannot be written here."""

@@ -20,7 +20,7 @@ from pipeline.ranking.reference_ratio import (
 )
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.report_pictures import ReportPictures
-from pipeline.run.batch_run import BatchRun
+from pipeline.run.batch_run import BatchRun, ReportOptions
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
 from reports.tables import ranking_csv, ranking_excel, ranking_json, ranking_parquet
@@ -125,7 +125,11 @@ def _write(entry: BatchEntry, run: BatchRun) -> None:
         write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
     if run.options.parquet:
         write_whole(run.results.ranking_parquet, ranking_parquet(entry))
-    write_whole(run.results.report, report_html(entry, provenance=run.options.checksums))
+    write_whole(run.results.report, _page(entry, run.options))
+
+
+def _page(entry: BatchEntry, options: ReportOptions) -> str:
+    return report_html(entry, provenance=options.checksums, language=options.language)
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:

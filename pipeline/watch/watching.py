@@ -12,10 +12,12 @@ from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch, unlisted_fruit
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
+from pipeline.run.batch_run import ReportOptions
 from pipeline.run.grading import grade
 from pipeline.watch.arrivals import Arrival, State, arrival, own_state
 from reports.entries import BatchEntry
 from reports.kiosk_page import KioskEntry
+from reports.language import ENGLISH
 
 EVERY_S = 0.5
 """Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
@@ -29,14 +31,15 @@ lie elsewhere (another run that writes there, a full disk)."""
 @dataclass(frozen=True, kw_only=True)
 class WatchOptions:
     """How the folder is watched: results' place, fruit at once, seconds a fruit may take, whether fruit are
-    screened, seconds without a change after which a fruit's files are whole, seconds without anything new
-    after which watching ends (None: never).
+    screened, language of the report, seconds without a change after which a fruit's files are whole, seconds
+    without anything new after which watching ends (None: never).
     """
 
     out: Path
     jobs: int
     time_limit_s: float
     screen: bool
+    language: str = ENGLISH
     settle_s: float
     idle_s: float | None = None
 
@@ -160,6 +163,7 @@ class BatchWatch:
                 time_limit_s=self.options.time_limit_s,
                 console=self.console,
                 screen=self.options.screen,
+                options=ReportOptions(language=self.options.language),
                 opened=replace(batch, rows=rows),
                 retried=chosen,
             )

@@ -25,7 +25,8 @@
       row.hidden = !fits;
       shown += fits ? 1 : 0;
     });
-    status.value = shown === rows.length ? rows.length + " fruit" : shown + " of " + rows.length + " fruit";
+    status.value = shown === rows.length ? tools.dataset.fruit.replace("#", shown)
+      : tools.dataset.some.replace("##", rows.length).replace("#", shown);
   }
   tools.addEventListener("input", filter);
   tools.addEventListener("reset", () => setTimeout(filter, 0));
@@ -56,7 +57,7 @@
       body.append(...keyed.map((one) => one[2]));
     });
   });
-  table.caption.append("; a click on the name of a column sorts by it");
+  table.caption.append("; " + tools.dataset.sorts);
   filter();
 })();
 (function () {

@@ -1,0 +1,93 @@
+"""The language of a page: sentences from one words file each, and decimals as they are written there.
+
+Pages are written in English; `say` looks each sentence up in reports/words/NAME.toml of the language in
+force. What other rooms say of a fruit (warnings, doubts, why it was not graded) comes as it is, in English.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache
+from importlib import resources
+
+from markupsafe import Markup
+
+ENGLISH = "en"
+LANGUAGES = (ENGLISH, "de", "es")
+"""Names by ISO 639-1."""
+DECIMAL_COMMA = frozenset({"de", "es"})
+_in_force: ContextVar[str] = ContextVar("language", default=ENGLISH)
+"""The language of the page that is being made."""
+
+
+@contextmanager
+def spoken(language: str) -> Iterator[None]:
+    """Pages made meanwhile are in this language. Raises ValueError for one that is not in LANGUAGES."""
+    if language not in LANGUAGES:
+        raise ValueError(f'found language "{language}", expected one of {", ".join(LANGUAGES)}')
+    token = _in_force.set(language)
+    try:
+        yield
+    finally:
+        _in_force.reset(token)
+
+
+def of_environment(environment: Mapping[str, str] = os.environ) -> str:
+    """The language that LC_ALL, LC_MESSAGES or LANG ask for, where it is one of LANGUAGES; else English.
+
+    >>> of_environment({"LANG": "de_AT.UTF-8"}), of_environment({"LANG": "C.UTF-8"}), of_environment({})
+    ('de', 'en', 'en')
+    """
+    for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
+        if value := environment.get(name):
+            wanted = value[:2].lower()
+            return wanted if wanted in LANGUAGES else ENGLISH
+    return ENGLISH
+
+
+def language_in_force() -> str:
+    """Of the page that is being made."""
+    return _in_force.get()
+
+
+def say(text: str, **values: object) -> str:
+    """An English sentence in the language in force, `values` put into its braces.
+
+    >>> with spoken("de"):
+    ...     say("{count} fruit", count=3)
+    '3 Früchte'
+    """
+    said = _sentence(text)
+    return said.format(**values) if values else said
+
+
+def say_html(text: str, **values: object) -> Markup:
+    """The same of a sentence with markup in it; values are escaped."""
+    said = Markup(_sentence(text))  # of this package, not of the batch
+    return said.format(**values) if values else said
+
+
+def decimals(figure: str) -> str:
+    """A figure with a decimal point as it is written in the language in force.
+
+    >>> with spoken("es"):
+    ...     decimals("0.321 ± 0.012")
+    '0,321 ± 0,012'
+    """
+    return figure.replace(".", ",") if _in_force.get() in DECIMAL_COMMA else figure
+
+
+def _sentence(text: str) -> str:
+    language = _in_force.get()
+    return text if language == ENGLISH else words_of(language).get(text, text)
+
+
+@cache
+def words_of(language: str) -> Mapping[str, str]:
+    """English sentences and theirs."""
+    file = resources.files("reports").joinpath(f"words/{language}.toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))
