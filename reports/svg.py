@@ -87,13 +87,14 @@ def padded(values: list[float], *, from_zero: bool = False) -> tuple[float, floa
 
 def axis_x(scale: AxisScale, *, label: str, top: float, bottom: float, at_most: int) -> Markup:
     """Grid lines, tick labels and the label of a horizontal axis."""
-    parts = []
+    parts, lines = [], ""
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
         x = scale(value)
-        parts.append(element("line", x1=x, x2=x, y1=top, y2=bottom, class_="grid"))
+        lines += f"M{x:.1f} {top:.1f}V{bottom:.1f}"
         parts.append(
             element("text", with_comma(f"{value:g}"), x=x, y=bottom + 16, text_anchor="middle", class_="tick")
         )
+    parts.insert(0, element("path", d=lines, class_="grid"))
     middle = (scale.start_px + scale.end_px) / 2
     parts.append(element("text", label, x=middle, y=bottom + 35, text_anchor="middle", class_="axis"))
     parts.append(element("line", x1=scale.start_px, x2=scale.end_px, y1=bottom, y2=bottom, class_="base"))
@@ -102,13 +103,14 @@ def axis_x(scale: AxisScale, *, label: str, top: float, bottom: float, at_most: 
 
 def axis_y(scale: AxisScale, *, label: str, left: float, right: float, at_most: int) -> Markup:
     """Grid lines, tick labels and, above the axis, the label of a vertical axis."""
-    parts = []
+    parts, lines = [], ""
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
         y = scale(value)
-        parts.append(element("line", x1=left, x2=right, y1=y, y2=y, class_="grid"))
+        lines += f"M{left:.1f} {y:.1f}H{right:.1f}"
         parts.append(
             element("text", with_comma(f"{value:g}"), x=left - 7, y=y + 4, text_anchor="end", class_="tick")
         )
+    parts.insert(0, element("path", d=lines, class_="grid"))
     parts.append(element("text", label, x=4.0, y=scale.end_px - 12, text_anchor="start", class_="axis"))
     return Markup("").join(parts)
 

@@ -14,7 +14,7 @@ from pipeline.files.whole_file import NotWritten
 from reports.entries import Picture
 from reports.inline_picture import webp_within
 
-MANY = 500
+MANY = 450
 """Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB."""
 
 
