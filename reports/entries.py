@@ -187,6 +187,8 @@ class FruitEntry:
     """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
     photo: Picture | None = None
     mesh_picture: Picture | None = None
+    scene: bytes = b""
+    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
     coverage: Picture | None = None

@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
-_FLESH = np.array([0.99, 0.74, 0.47])
+FLESH = np.array([0.99, 0.74, 0.47])
 """sRGB shares, ripe flesh as on photos (by eye)."""
-_PIT = np.array([0.36, 0.20, 0.12])
+PIT = np.array([0.36, 0.20, 0.12])
 """sRGB shares, a stone's brown (by eye)."""
-_PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
+PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
 """sRGB shares of the pads' patches: blue, green, violet, grey, told apart by colour-blind readers too (by
 eye)."""
 _SUN = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
@@ -96,14 +96,14 @@ def _painted(
     surface = fruit.seen_from(view, width_px=pixels, height_px=pixels)
     image = _ground(fruit, view, pixels=pixels, floor_mm=floor_mm)
     facing = np.clip(surface.normals @ view.axes[2], 0.0, 1.0)
-    skin = _lit(np.broadcast_to(_FLESH, image.shape), surface.normals, view, gloss=0.16)
+    skin = _lit(np.broadcast_to(FLESH, image.shape), surface.normals, view, gloss=0.16)
     skin = skin * (0.80 + 0.20 * facing[..., None])
     if pit is not None:
         inner = pit.seen_from(view, width_px=pixels, height_px=pixels)
         skin = _through_flesh(skin, surface, inner, facing, view)
     for k, points in enumerate(touched.values()):
         cover = _patch(surface, points)[..., None]
-        colour = np.broadcast_to(np.array(_PADS[k % len(_PADS)]), image.shape)
+        colour = np.broadcast_to(np.array(PADS[k % len(PADS)]), image.shape)
         skin = skin + 0.78 * cover * (_lit(colour, surface.normals, view, gloss=0.1) - skin)
     return np.where(surface.hit[..., None], np.clip(skin, 0.0, 1.0), image)
 
@@ -134,7 +134,7 @@ def _through_flesh(
     deep = np.clip(inner.depth_mm - surface.depth_mm, 0.0, None)
     usual = max(float(np.median(deep[both])), 1e-6)
     clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing)
-    stone = _lit(np.broadcast_to(_PIT, skin.shape), inner.normals, view, gloss=0.12)
+    stone = _lit(np.broadcast_to(PIT, skin.shape), inner.normals, view, gloss=0.12)
     rim = 1.0 - np.clip(inner.normals @ view.axes[2], 0.0, 1.0)
     stone = stone * (1.0 - 0.35 * rim[..., None] ** 2)
     return np.where(both[..., None], skin + clear[..., None] * (stone - skin), skin)
@@ -201,9 +201,9 @@ def _scale_bar(axes: Axes, half: float) -> None:
 
 
 def _legend(axes: Axes, pads: tuple[str, ...], half: float, *, with_pit: bool) -> None:
-    items = [(f"pad {pad}", _PADS[k % len(_PADS)]) for k, pad in enumerate(pads)]
+    items = [(f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads)]
     if with_pit:
-        items.append(("pit (expected)", tuple(0.75 * _PIT + 0.25 * _FLESH)))
+        items.append(("pit (expected)", tuple(0.75 * PIT + 0.25 * FLESH)))
     for k, (words, colour) in enumerate(items):
         y = half * (0.91 - 0.105 * k)
         axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)

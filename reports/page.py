@@ -90,6 +90,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "control_chart": control_chart,
         "curves_by_grasp": _curves_by_grasp,
         "image": _image,
+        "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "effect": effect_name,
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
@@ -110,6 +111,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
     script, script_hash = own_script("table.js")
+    viewer, viewer_hash = own_script("scene.js")
     many = sum(fruit.E_MPa is not None for fruit in alone) > MOST_ROWS
     both = [fruit for fruit in alone if fruit.E_MPa is not None and fruit.shore_oo is not None]
     return environment.get_template("templates/page.html.j2").render(
@@ -126,6 +128,9 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         most_listed=MOST_LISTED,
         script=script,
         script_hash=script_hash,
+        viewer=viewer,
+        viewer_hash=viewer_hash,
+        turned=any(fruit.scene for fruit in batch.fruits),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in alone),

@@ -189,6 +189,11 @@ class FruitResults:
         return self.root / "mesh.png"
 
     @property
+    def scene(self) -> Path:
+        """Skin, pit and contact patches in three dimensions (glTF)."""
+        return self.root / "fruit.glb"
+
+    @property
     def coverage(self) -> Path:
         """The map of how many photos show each part of the skin."""
         return self.root / "coverage.png"
@@ -227,6 +232,7 @@ class FruitResults:
             self.pit_ply,
             self.photo,
             self.picture,
+            self.scene,
             self.coverage,
             self.surface_sd,
             self.views,

@@ -33,6 +33,7 @@ from pipeline.fruit.pressed_fruit import grade_pressed
 from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
+from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.mesh_picture import mesh_picture
 from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure
@@ -164,6 +165,14 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 pit_faces=pit.faces,
                 contacts_mm=touched_by_pad(placed),
                 axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
+            ),
+        )
+        write_whole(
+            task.results.scene,
+            fruit_scene(
+                SceneSurface(shape.vertices, shape.faces),
+                SceneSurface(pit.vertices, pit.faces) if len(pit.faces) else None,
+                touched_by_pad(placed),
             ),
         )
 

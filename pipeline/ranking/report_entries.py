@@ -187,6 +187,7 @@ def _fruit_entry(
         forced=record.forced,
         photo=shown.photo,
         mesh_picture=shown.mesh,
+        scene=shown.scene,
         has_pit=record.pit is not None,
         coverage=shown.coverage,
         views=shown.views,

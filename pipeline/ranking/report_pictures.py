@@ -18,6 +18,10 @@ MANY = 450
 """Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB."""
 
 
+MANY_SCENES = 100
+"""Fruit in a batch; beyond it the page holds none in three dimensions, which take 55 kB each."""
+
+
 class _Room(NamedTuple):
     """What a picture may take in the page: bytes as WebP, and its longer side."""
 
@@ -62,6 +66,7 @@ class FruitPictures(NamedTuple):
     coverage: Picture | None = None
     surface_sd: Picture | None = None
     views: Picture | None = None
+    scene: bytes = b""
 
 
 class ReportPictures:
@@ -70,6 +75,7 @@ class ReportPictures:
     def __init__(self, results: Results, *, fruits: int) -> None:
         self._root = results.root
         self._rooms = _ROOMS_OF_MANY if fruits > MANY else _ROOMS
+        self._with_scenes = fruits <= MANY_SCENES
         self._made: dict[tuple[str, tuple[tuple[str, int, int], ...]], FruitPictures] = {}
 
     def of(self, files: FruitResults, *, measured: bool, graded: bool) -> FruitPictures:
@@ -90,7 +96,10 @@ class ReportPictures:
         found = (str(files.root), state)
         if found not in self._made:
             self._made[found] = self._pictures(files, there)
-        return self._made[found]
+        scene = files.scene if measured and self._with_scenes else None
+        if scene is None or not scene.is_file():
+            return self._made[found]
+        return self._made[found]._replace(scene=scene.read_bytes())
 
     def _pictures(self, files: FruitResults, there: dict[str, Path]) -> FruitPictures:
         key = stage_key(
@@ -108,11 +117,16 @@ class ReportPictures:
         with suppress(NotWritten):
             made.append(cached(files.cache, "report-pictures", key, compute, record=_Thumbnails))
         small = made[-1]
+        shown = {
+            name: Picture(webp=getattr(small, name).tobytes(), file=_from(self._root, path))
+            for name, path in there.items()
+        }
         return FruitPictures(
-            **{
-                name: Picture(webp=getattr(small, name).tobytes(), file=_from(self._root, path))
-                for name, path in there.items()
-            }
+            photo=shown.get("photo"),
+            mesh=shown.get("mesh"),
+            coverage=shown.get("coverage"),
+            surface_sd=shown.get("surface_sd"),
+            views=shown.get("views"),
         )
 
     def _thumbnails(self, there: dict[str, Path]) -> _Thumbnails:

@@ -42,6 +42,7 @@ MEDIA_TYPES = {
     ".jpg": "image/jpeg",
     ".webp": "image/webp",
     ".ply": "application/octet-stream",
+    ".glb": "model/gltf-binary",
 }
 """Kinds of files that are given, and as what."""
 HEADERS = {

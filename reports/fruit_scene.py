@@ -1,0 +1,145 @@
+"""The fruit in three dimensions, as binary glTF 2.0: pit, and the skin with its contact patches painted on.
+
+Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pyvista
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from reports.mesh_picture import FLESH, PADS, PIT
+
+SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
+"""Of the decimated surfaces. Set by hand: 40 kB a fruit, and facets of 4 mm on one of 60 mm."""
+SKIN_ALPHA, PATCH_ALPHA = 0.45, 0.92
+"""Opacity of the skin and of what the pads touched (by eye)."""
+ROUND = 1.6
+"""Patch round a marker, in the median distance of neighbouring markers: patches are closed, rims half a pitch
+wide."""
+_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT = 5126, 5121, 5123
+"""Component types (glTF 2.0, 3.6.2.2)."""
+_VERTICES, _TRIANGLES = 34962, 34963
+"""Buffer targets (glTF 2.0, 5.11.5)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSurface:
+    """A closed surface: vertices (mm) and triangles."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+
+    def decimated(self, most: int) -> SceneSurface:
+        """The surface with so many triangles at most."""
+        if len(self.faces) <= most:
+            return self
+        mesh = pyvista.PolyData.from_regular_faces(np.array(self.vertices, dtype=float), np.array(self.faces))
+        small = mesh.decimate(1 - most / len(self.faces), volume_preservation=True)
+        return SceneSurface(
+            np.array(small.points, dtype=float), np.array(small.regular_faces, dtype=np.int32)
+        )
+
+
+def fruit_scene(
+    skin: SceneSurface, pit: SceneSurface | None, contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]]
+) -> bytes:
+    """A GLB in millimetres, z to the stem; `contacts_mm`: points that each pad's markers touch."""
+    parts = []
+    if pit is not None and len(pit.faces):
+        inner = pit.decimated(PIT_TRIANGLES)
+        parts.append(("pit", inner, np.tile([*PIT, 1.0], (len(inner.vertices), 1))))
+    outer = skin.decimated(SKIN_TRIANGLES)
+    parts.append(("skin", outer, _painted(outer.vertices, contacts_mm)))
+    return _glb(parts)
+
+
+def _painted(
+    vertices: Float[np.ndarray, "n 3"], contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]]
+) -> Float[np.ndarray, "n 4"]:
+    """RGBA of the skin's vertices."""
+    colour = np.tile([*FLESH, SKIN_ALPHA], (len(vertices), 1))
+    for k, points in enumerate(contacts_mm.values()):
+        if len(points) < 2:
+            continue
+        tree = cKDTree(points)
+        distance, _ = tree.query(points, k=2)
+        pitch = float(np.median(np.asarray(distance)[:, 1]))
+        colour[tree.query(vertices)[0] < ROUND * pitch] = [*PADS[k % len(PADS)], PATCH_ALPHA]
+    return colour
+
+
+def _glb(parts: list[tuple[str, SceneSurface, np.ndarray]]) -> bytes:
+    """Header, JSON chunk and binary chunk (glTF 2.0, 4.4)."""
+    buffer = bytearray()
+    views: list[dict[str, int]] = []
+    accessors: list[dict[str, object]] = []
+
+    def held(array: np.ndarray, component: int, kind: str, target: int, **more: object) -> int:
+        data = array.tobytes()
+        buffer.extend(b"\0" * (-len(buffer) % 4))
+        views.append({"buffer": 0, "byteOffset": len(buffer), "byteLength": len(data), "target": target})
+        buffer.extend(data)
+        accessors.append(
+            {
+                "bufferView": len(views) - 1,
+                "componentType": component,
+                "count": array.size if kind == "SCALAR" else len(array),
+                "type": kind,
+                **more,
+            }
+        )
+        return len(accessors) - 1
+
+    meshes = []
+    for name, surface, colour in parts:
+        places = np.asarray(surface.vertices, dtype="<f4")
+        limits = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
+        bytes_of = np.round(255 * colour).astype(np.uint8)
+        meshes.append(
+            {
+                "name": name,
+                "primitives": [
+                    {
+                        "attributes": {
+                            "POSITION": held(places, _FLOAT, "VEC3", _VERTICES, **limits),
+                            "COLOR_0": held(bytes_of, _UNSIGNED_BYTE, "VEC4", _VERTICES, normalized=True),
+                        },
+                        "indices": held(
+                            np.asarray(surface.faces, dtype="<u2"), _UNSIGNED_SHORT, "SCALAR", _TRIANGLES
+                        ),
+                        "material": 0,
+                    }
+                ],
+            }
+        )
+    buffer.extend(b"\0" * (-len(buffer) % 4))
+    content = {
+        "asset": {"version": "2.0", "generator": "drupe"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(meshes)))}],
+        "nodes": [{"mesh": k, "name": mesh["name"]} for k, mesh in enumerate(meshes)],
+        "meshes": meshes,
+        "materials": [{"alphaMode": "BLEND", "doubleSided": True}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(buffer)}],
+    }
+    text = json.dumps(content, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = _chunk(b"JSON", text) + _chunk(b"BIN\0", bytes(buffer))
+    return b"glTF" + _word(2) + _word(12 + len(chunks)) + chunks
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return _word(len(data)) + kind + data
+
+
+def _word(value: int) -> bytes:
+    return value.to_bytes(4, "little")

@@ -1,0 +1,139 @@
+// Shows a fruit's glTF in a dialog, to be turned by mouse, finger or keys; needs WebGL 2, else a word says so.
+"use strict";
+(function () {
+  const dialog = document.getElementById("scene");
+  if (!dialog || !dialog.showModal) return;
+  const canvas = dialog.querySelector("canvas");
+  const lacking = dialog.querySelector(".lacking");
+  let gl = null, uniforms = null, parts = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+
+  function partsOf(bytes) {
+    const length = new DataView(bytes.buffer).getUint32(12, true);
+    const gltf = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));
+    const start = 28 + length;
+    const read = (k) => {
+      const accessor = gltf.accessors[k];
+      const kind = { 5121: Uint8Array, 5123: Uint16Array, 5126: Float32Array }[accessor.componentType];
+      const wide = { SCALAR: 1, VEC3: 3, VEC4: 4 }[accessor.type];
+      const at = start + gltf.bufferViews[accessor.bufferView].byteOffset;
+      return new kind(bytes.slice(at, at + accessor.count * wide * kind.BYTES_PER_ELEMENT).buffer);
+    };
+    return gltf.meshes.flatMap((mesh) => mesh.primitives.map((one) => ({
+      place: read(one.attributes.POSITION), colour: read(one.attributes.COLOR_0), corner: read(one.indices),
+    })));
+  }
+
+  function begun() {
+    gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+    if (!gl) return false;
+    const program = gl.createProgram();
+    const add = (kind, text) => {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, "#version 300 es\nprecision highp float;\n" + text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    };
+    add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec2 scale;
+      out vec3 seen; out vec4 paint;
+      void main() { seen = turn * (place - middle); paint = colour;
+        gl_Position = vec4(seen.xy * scale, -seen.z * scale.y * 0.4, 1.0); }`);
+    add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec4 paint; out vec4 shown;
+      void main() { vec3 n = normalize(cross(dFdx(seen), dFdy(seen)));
+        float light = 0.45 + 0.55 * abs(dot(n, normalize(vec3(-0.4, 0.5, 0.75))));
+        shown = vec4(paint.rgb * light * paint.a, paint.a); }`);
+    gl.bindAttribLocation(program, 0, "place");
+    gl.bindAttribLocation(program, 1, "colour");
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) return false;
+    gl.useProgram(program);
+    uniforms = Object.fromEntries(["turn", "middle", "scale"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.CULL_FACE);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    return true;
+  }
+
+  function load(bytes) {
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    parts = partsOf(bytes).map((part) => {
+      part.place.forEach((value, k) => {
+        low[k % 3] = Math.min(low[k % 3], value);
+        high[k % 3] = Math.max(high[k % 3], value);
+      });
+      const array = gl.createVertexArray();
+      gl.bindVertexArray(array);
+      [[part.place, 3, gl.FLOAT, false], [part.colour, 4, gl.UNSIGNED_BYTE, true]].forEach(([data, wide, kind, unit], k) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+        gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+        gl.enableVertexAttribArray(k);
+        gl.vertexAttribPointer(k, wide, kind, unit, 0, 0);
+      });
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.corner, gl.STATIC_DRAW);
+      return { array, count: part.corner.length, solid: part.colour[3] === 255 };
+    });
+    middle = low.map((value, k) => (value + high[k]) / 2);
+    reach = 0.62 * Math.hypot(...high.map((value, k) => value - low[k]));
+  }
+
+  function draw() {
+    if (!gl) return;
+    const [c, s, d, t] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
+    // rows: to the right, up, towards the eye; the fruit's z is up
+    const rows = [[c, s, 0], [-t * s, t * c, d], [d * s, -d * c, t]];
+    gl.uniformMatrix3fv(uniforms.turn, true, rows.flat());
+    gl.uniform3fv(uniforms.middle, middle);
+    gl.uniform2f(uniforms.scale, zoom / reach * canvas.height / canvas.width, zoom / reach);
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.depthMask(true);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    for (const solid of [true, false]) {
+      if (solid) gl.disable(gl.BLEND); else gl.enable(gl.BLEND);
+      gl.depthMask(solid);
+      for (const face of solid ? [gl.BACK] : [gl.FRONT, gl.BACK]) {
+        gl.cullFace(face);
+        for (const part of parts.filter((one) => one.solid === solid)) {
+          gl.bindVertexArray(part.array);
+          gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_SHORT, 0);
+        }
+      }
+    }
+  }
+
+  function turned(right, up) {
+    yaw -= right;
+    pitch = Math.max(-1.57, Math.min(1.57, pitch + up));
+    draw();
+  }
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest("button.turn");
+    if (!button) return;
+    dialog.querySelector("h2").textContent = button.dataset.name;
+    dialog.showModal();
+    canvas.focus();
+    lacking.hidden = gl !== null || begun();
+    if (!lacking.hidden) return;
+    [yaw, pitch, zoom] = [0.6, 0.35, 1];
+    load(Uint8Array.from(atob(button.dataset.scene), (one) => one.charCodeAt(0)));
+    draw();
+  });
+  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+  canvas.addEventListener("pointermove", (event) => {
+    if (event.buttons) turned(event.movementX / 150, event.movementY / 150);
+  });
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom = Math.max(0.5, Math.min(6, zoom * Math.exp(-event.deltaY / 800)));
+    draw();
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const way = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
+    if (way) turned(...way);
+    else if (event.key === "+" || event.key === "-") zoom = Math.max(0.5, Math.min(6, zoom * (event.key === "+" ? 1.15 : 0.87)));
+    else return;
+    event.preventDefault();
+    draw();
+  });
+  dialog.querySelector("button").addEventListener("click", () => dialog.close());
+})();
