@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from markupsafe import Markup
-
 from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import element, marker
+from reports.svg import class_mark
 from reports.words import advice, percent, with_sd
 
 MOST_BEFORE = 8
@@ -65,7 +63,7 @@ def _page(entry: KioskEntry) -> str:
     alone = [fruit for fruit in by_id.values() if not fruit.reference]
     environment.filters |= {
         "class_words": class_words,
-        "mark": lambda fruit: _mark(*marks.get(fruit.maturity or "", UNKNOWN)),
+        "mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "with_sd": with_sd,
         "percent": percent,
         "next_action": next_action,
@@ -103,8 +101,3 @@ def next_action(fruit: FruitEntry) -> str:
         why = reason_words(fruit.decision_reason)
         return f"{why[0].upper()}{why[1:]}."
     return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
-
-
-def _mark(colour: str, shape: str) -> Markup:
-    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
-    return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")

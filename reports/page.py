@@ -36,7 +36,7 @@ from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.language import decimals as with_comma
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import element, marker
+from reports.svg import class_mark, element
 from reports.words import UNKNOWN as UNKNOWN_WORD
 from reports.words import (
     advice,
@@ -86,7 +86,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     environment.filters |= {
         "advice": advice,
         "class_words": class_words,
-        "class_mark": lambda fruit: _dot(*marks.get(fruit.maturity or "", UNKNOWN)),
+        "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "control_chart": control_chart,
         "curves_by_grasp": _curves_by_grasp,
         "image": _image,
@@ -192,14 +192,9 @@ def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[_Class
                 words = say("{lower} to {upper} MPa", lower=with_comma(f"{below:g}"), upper=upper)
         elif below is not None:
             words = say("above {limit} MPa", limit=with_comma(f"{below:g}"))
-        items.append(_ClassLimits(mark=_dot(*marks[name]), name=name, limits=words))
+        items.append(_ClassLimits(mark=class_mark(*marks[name]), name=name, limits=words))
         below = limit
     return items
-
-
-def _dot(colour: str, shape: str) -> Markup:
-    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
-    return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
 
 
 def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:

@@ -130,6 +130,12 @@ def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "
     return element("polygon", points=points, **paint)
 
 
+def class_mark(colour: str, shape: str) -> Markup:
+    """The mark of a class in a line of text."""
+    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
+    return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
+
+
 def error_bar_x(scale: AxisScale, value: float, sd: float | None, y: float, *, class_: str = "") -> Markup:
     """Whiskers from one standard deviation below to one above; nothing where the deviation is not known."""
     if sd is None or not math.isfinite(sd):

@@ -5,6 +5,7 @@ import difflib
 import io
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,15 @@ def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitR
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
+
+
+def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
+    """Of folders in `fruits` that the table does not name, in the order of their names."""
+    known = {row.fruit_id for row in rows}
+    names = (path.name for path in fruits.iterdir() if path.is_dir()) if fruits.is_dir() else ()
+    composed = {unicodedata.normalize("NFC", name) for name in names}
+    new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
+    return [FruitRow(fruit_id=name) for name in new]
 
 
 def _known_column(found: str) -> str:

@@ -1,7 +1,6 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
 import difflib
-import unicodedata
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from pipeline.batch.control_chart import chart_path, read_chart
-from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
+from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
@@ -102,7 +101,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     """Reads what can be read of the batch at `root`.
 
     With `choose` the table may have no row yet or not be there, and the fruit are those that it gives back:
-    fewer, or more (`unlisted_fruit`).
+    fewer, or more (pipeline.batch.fruits_table.unlisted_fruit).
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
@@ -145,15 +144,6 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
         prior=prior,
         problems=tuple(problems),
     )
-
-
-def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
-    """Of folders of fruit that the table does not name, in the order of their names."""
-    place, known = folder.root / "fruits", {row.fruit_id for row in rows}
-    names = (path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else ()
-    composed = {unicodedata.normalize("NFC", name) for name in names}
-    new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
-    return [FruitRow(fruit_id=name) for name in new]
 
 
 def _implausible(

@@ -3,13 +3,15 @@
 import numpy as np
 from jaxtyping import Float
 
+from fem.estimation.energy_ratio import since_first_touch
 from fem.estimation.modulus import ModulusEstimate
 from fem.estimation.modulus_by_frame import BOTH
 from fem.grasp_history import GraspHistory
 from pipeline.batch.records import FrameRecord, ModelCurveRecord
 
 OWN_SHARE = 0.95
-"""Quantile over a pad's markers that stands for the skin's deepest way, whatever one marker's noise."""
+"""Quantile over a pad's markers that stands for the skin's deepest way, whatever one marker's noise. Set by
+hand, as tactile.plain_jaw.DEEPEST."""
 
 
 def model_curves(
@@ -30,11 +32,12 @@ def model_curves(
     for k, pad in enumerate(history.pads):
         along = axes[k][used]
         residual = np.einsum("fnx,fx->fn", found.residual_mm[:, history.pad_of_marker == k], along)
-        touching = pad.episode >= 0
-        missed += np.nan_to_num(_mean(residual))
-        way = np.einsum("fnx,fx->fn", _since_touch(pad.position_mm, touching)[used], along)
-        way = np.where(touching[used], way, np.nan)
-        anywhere = ~np.isnan(way).all(axis=1)
+        known = np.isfinite(residual)
+        missed += np.where(known, residual, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        moved_mm = since_first_touch(pad.position_mm, pad.episode)[used]
+        touching = pad.episode[used] >= 0
+        way = np.where(touching, np.einsum("fnx,fx->fn", moved_mm, along), np.nan)
+        anywhere = touching.any(axis=1)
         own[anywhere] += np.nanquantile(way[anywhere], OWN_SHARE, axis=1)
     relative = found.E_sd_MPa / found.E_MPa
     return [
@@ -59,16 +62,3 @@ def frame_records(found: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) ->
         for one in found.frames
         if one.pad == BOTH and np.isfinite(one.E_MPa) and one.E_MPa > 0
     ]
-
-
-def _mean(values: Float[np.ndarray, "f n"]) -> Float[np.ndarray, " f"]:
-    """Over what is known in each frame; NaN where nothing is."""
-    known = np.isfinite(values)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.asarray(np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan))
-
-
-def _since_touch(position_mm: Float[np.ndarray, "t n 3"], touching: np.ndarray) -> Float[np.ndarray, "t n 3"]:
-    """Each marker's place less that of the first frame in which it touches."""
-    first = position_mm[touching.argmax(axis=0), np.arange(position_mm.shape[1])]
-    return np.asarray(position_mm - first)

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from fem.estimation.error_budget import MODEL, PIT_PLACE, REGISTRATION, SCATTER, TACTILE
+from fem.estimation.information import FORCE_SCALE
 from fem.estimation.sensitivity import PIT_SIZE, POISSON_RATIO
 from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, PLAIN_JAW, SENSOR
 from pipeline.fruit.pressed_fruit import RECORDINGS, SHAPE
@@ -9,15 +11,15 @@ from pipeline.ranking.reference_ratio import PART as REFERENCE
 from reports.words import percent
 
 ADVICE = {
-    "tactile noise": "another grasp, a deeper one, or a hold of some seconds at its end",
-    "registration and mesh": "more photos, sharper ones, or a second set with the fruit upside down",
-    "pit offset": "another grasp, a quarter turn about the stem from the others",
+    TACTILE: "another grasp, a deeper one, or a hold of some seconds at its end",
+    REGISTRATION: "more photos, sharper ones, or a second set with the fruit upside down",
+    PIT_PLACE: "another grasp, a quarter turn about the stem from the others",
     PIT_SIZE: "another grasp, a quarter turn about the stem from the others, or a pit prior of your cultivar "
     "(pit.prior in batch.toml) from a dozen stones",
     POISSON_RATIO: "poisson_ratio and poisson_ratio_sd of your cultivar in batch.toml",
-    "discretisation": "nothing that you do: it is the mesh's",
-    "misfit of the model": "another grasp at another place; drupe explain says what the model leaves out",
-    "force scale": "a calibration of the gel on a load cell (drupe calibrate)",
+    MODEL: "another grasp at another place; drupe explain says what the model leaves out",
+    SCATTER: "more grasps, at other places",
+    FORCE_SCALE: "a calibration of the gel on a load cell (drupe calibrate)",
     SENSOR: "a calibration of the gel on a load cell (drupe calibrate)",
     PLAIN_JAW: "a gel on the other jaw too",
     CONFIRMED: "better known parameters of the effects in batch.toml (their sd)",
@@ -26,9 +28,10 @@ ADVICE = {
     RECORDINGS: "another squeeze, along another diameter",
     REFERENCE: "reference bodies whose modulus is better known, or more of them",
 }
-"""What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa)."""
+"""What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa); nothing helps against
+that of the elements."""
 MUCH = 0.5
-"""Share of E's variance from which one part alone is named."""
+"""Share of E's variance from which one part alone is named: the rest together is less. Set by hand."""
 
 
 def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:
@@ -42,7 +45,6 @@ def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:
     named = shares[:1] if shares[0][0] >= MUCH else shares[:2]
     said = []
     for share, name in named:
-        advice = ADVICE.get(name, "")
-        remedy = f"; smaller with {advice}" if advice and not advice.startswith("nothing") else ""
+        remedy = f"; smaller with {ADVICE[name]}" if name in ADVICE else ""
         said.append(f"{percent(share)} of its variance is {name}{remedy}.")
     return " ".join(said)

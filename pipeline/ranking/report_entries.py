@@ -12,11 +12,12 @@ from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord, read_diagnosis
+from pipeline.batch.records import FruitRecord, PitFoundRecord, read_diagnosis
 from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import smaller_error
+from pipeline.ranking.grasp_entries import curves_of, estimate_of, frames_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
@@ -24,11 +25,7 @@ from pipeline.ranking.run_summary import decimals
 from reports.entries import (
     OR,
     BatchEntry,
-    ForceCurve,
     FruitEntry,
-    GraspEstimate,
-    ModelLine,
-    ModulusByFrame,
     RatioPoint,
     ReferenceBodyEntry,
     ReferenceEntry,
@@ -192,19 +189,9 @@ def _fruit_entry(
         coverage=shown.coverage,
         views=shown.views,
         surface_sd=shown.surface_sd,
-        estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
-        curves=tuple(_curves(record.grasps)),
-        frames=tuple(
-            ModulusByFrame(
-                grasp=g.grasp,
-                travel_mm=f.travel_mm,
-                E_MPa=f.E_MPa,
-                E_sd_MPa=f.E_sd_MPa,
-                unloading=f.unloading,
-            )
-            for g in record.grasps
-            for f in g.frames
-        ),
+        estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
+        curves=tuple(curves_of(record.grasps)),
+        frames=tuple(frames_of(record.grasps)),
         smaller_error="" if record.modulus is None else smaller_error(record.modulus.parts_sd_MPa),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
@@ -252,41 +239,6 @@ def _suspect(name: str) -> Suspect:
         short=", and ".join(one.short for one in words),
         advice=words[0].advice if name in SCREEN_WORDS else "",
     )
-
-
-def _estimate(grasp: GraspRecord) -> GraspEstimate:
-    """One recording's estimates for the report."""
-    return GraspEstimate(
-        grasp=grasp.grasp,
-        E_energy_MPa=grasp.E_energy_MPa,
-        E_energy_sd_MPa=grasp.E_energy_sd_MPa,
-        E_least_squares_MPa=grasp.E_least_squares_MPa,
-        E_least_squares_sd_MPa=grasp.E_least_squares_sd_MPa,
-        residual_um=grasp.residual_um,
-        peak_force_N=grasp.peak_force_N,
-        travel_mm=grasp.travel_mm,
-        frames_used=grasp.frames_used,
-    )
-
-
-def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
-    return [
-        ForceCurve(
-            grasp=g.grasp,
-            pad=c.pad,
-            travel_mm=np.array(c.travel_mm),
-            force_N=np.array(c.force_N),
-            model=None
-            if c.model is None
-            else ModelLine(
-                travel_mm=np.array(c.model.travel_mm),
-                force_N=np.array(c.model.force_N),
-                sd_mm=np.array(c.model.sd_mm),
-            ),
-        )
-        for g in grasps
-        for c in g.curves
-    ]
 
 
 def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 
 from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
 from pipeline.batch.layout import Results, write_whole
@@ -20,7 +21,7 @@ from pipeline.ranking.reference_ratio import (
 )
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.report_pictures import ReportPictures
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
 from reports.tables import ranking_csv, ranking_excel, ranking_json, ranking_parquet
@@ -48,18 +49,7 @@ def report(run: BatchRun, records: Mapping[str, FruitRecord]) -> tuple[int, Batc
         finding = drift(chart, finding)
     faults = batch_faults(in_order)
     status = _status(in_order, finding)
-    entry = batch_entry(
-        run.batch,
-        in_order,
-        results=run.results,
-        inputs=run.inputs,
-        started=run.started,
-        finished=run.until_now(),
-        exit_status=status,
-        finding=finding,
-        chart=chart,
-        faults=faults,
-    )
+    entry = _entry_of(run)(in_order, exit_status=status, finding=finding, chart=chart, faults=faults)
     _write(entry, run)
     run.write_provenance(records, status, finding, faults)
     if run.chart is not None and own:
@@ -98,13 +88,8 @@ class ReportSoFar:
         if measured:
             compared = copies_doubted(measured, run.batch.folder)
             in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
-            entry = batch_entry(
-                run.batch,
+            entry = _entry_of(run)(
                 in_order,
-                results=run.results,
-                inputs=run.inputs,
-                started=run.started,
-                finished=run.until_now(),
                 exit_status=None,
                 finding=finding,
                 faults=batch_faults(in_order),
@@ -117,6 +102,18 @@ class ReportSoFar:
         self._took_s = self._ended_s - began
 
 
+def _entry_of(run: BatchRun) -> partial[BatchEntry]:
+    """`batch_entry` with what every report of the run has: batch, places, inputs and times."""
+    return partial(
+        batch_entry,
+        run.batch,
+        results=run.results,
+        inputs=run.inputs,
+        started=run.started,
+        finished=run.until_now(),
+    )
+
+
 def _write(entry: BatchEntry, run: BatchRun) -> None:
     """ranking.csv and report.html; raises NotWritten."""
     write_whole(run.results.ranking, ranking_csv(entry))
@@ -125,11 +122,8 @@ def _write(entry: BatchEntry, run: BatchRun) -> None:
         write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
     if run.options.parquet:
         write_whole(run.results.ranking_parquet, ranking_parquet(entry))
-    write_whole(run.results.report, _page(entry, run.options))
-
-
-def _page(entry: BatchEntry, options: ReportOptions) -> str:
-    return report_html(entry, provenance=options.checksums, language=options.language)
+    page = report_html(entry, provenance=run.options.checksums, language=run.options.language)
+    write_whole(run.results.report, page)
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
-from pipeline.batch.opening import Batch, open_batch, unlisted_fruit
+from pipeline.batch.opening import Batch, open_batch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.run.batch_run import ReportOptions
@@ -105,7 +105,7 @@ class BatchWatch:
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """Looks into the folder of every fruit, listed or not; those that lack nothing."""
-        rows = (*rows, *unlisted_fruit(folder, rows))
+        rows = (*rows, *unlisted_fruit(folder.root / "fruits", rows))
         self.arrivals = {}
         for row in rows:
             one = arrival(folder.fruit(row.fruit_id), row)
