@@ -233,7 +233,11 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
     best = select_model(forward, linear, detected=True, null_case=null_case).ranking[0].refit
     assert best is not None
     assert best.variants == (OfPad(pad="left"),)
-    assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)
+    # the mesh differs between machines, and the estimate with it: within what the search says of itself
+    sd = np.sqrt(np.diag(best.covariance))
+    assert (sd < [0.35, 0.45, 0.25]).all()
+    off = np.array([best.parameters[0][name] for name in NAMES]) - [0.5, 2.0, 2.2]
+    assert (np.abs(off) < 3 * sd).all(), f"{off} mm, mm, degrees with standard deviations {sd}"
 
 
 def turning(pad: Recording) -> Recording:
