@@ -70,6 +70,7 @@ class Reconstruction:
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
     them each vertex faces; `sd_mm` is the standard deviation of the skin's place at each vertex, and
     `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
+    `outlines` are the fruit's in each of these photos, pixels (column, row) of the photo without distortion.
     `notes` tell of what was done otherwise than usual, without a doubt of the mesh; `unplaced` are the photos
     whose camera was not found.
     """
@@ -83,6 +84,7 @@ class Reconstruction:
     seconds: dict[str, float]
     frame: str
     cameras: tuple[Camera, ...] = ()
+    outlines: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     views: Int[np.ndarray, " n"] | None = None
     sd_mm: Float[np.ndarray, " n"] | None = None
     notes: tuple[str, ...] = ()
@@ -197,6 +199,7 @@ def _reconstructed(
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
         cameras=tuple(scaled.cameras),
+        outlines=tuple(one.outline_px() for one in fruit.silhouettes),
         views=checked.views,
         sd_mm=checked.error.sd_mm,
         unplaced=tuple(p.name for i, p in enumerate(photos) if i not in poses.used),

@@ -186,6 +186,8 @@ class FruitEntry:
     forced: tuple[str, ...] = ()
     """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
     photo: Picture | None = None
+    outlines: Picture | None = None
+    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
     mesh_picture: Picture | None = None
     scene: bytes = b""
     """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from reports.photo import within
+
 _QUALITIES = (80, 65, 50)
 """WebP's quality, 0 to 100, best first: below 50 edges of patches and hatching smear (by eye)."""
 _SHRINK = 0.8
@@ -22,7 +24,7 @@ def webp_within(coded: bytes, *, most_bytes: int, longest_px: int) -> bytes:
     """
     image = _decoded(coded)
     while image is not None:
-        image = _at_most(image, longest_px)
+        image, _ = within(image, longest_px)
         for quality in _QUALITIES:
             done, made = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])
             if done and made.size <= most_bytes:
@@ -42,12 +44,3 @@ def _decoded(coded: bytes) -> UInt8[np.ndarray, "h w 3"] | None:
     except cv2.error:
         return None
     return None if image is None else np.asarray(image, np.uint8)
-
-
-def _at_most(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> UInt8[np.ndarray, "h2 w2 3"]:
-    """The picture scaled down, where it is larger."""
-    scale = longest_px / max(image.shape[:2])
-    if scale >= 1.0:
-        return image
-    size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -233,7 +233,7 @@ def _curves_by_grasp(fruit: FruitEntry) -> list[tuple[ForceCurve, ...]]:
 
 def _image(picture: Picture, alt: str) -> Markup:
     """The picture inside the page, leading to its file at full size; where it has no bytes, words that do."""
-    shown: Markup | str = "Picture in its own file"
+    shown: Markup | str = alt
     if picture.webp:
         content = base64.b64encode(picture.webp).decode("ascii")
         shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)

@@ -12,10 +12,20 @@ def thumbnail_jpeg(image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = 560, 
 
     A report of sixty fruits stays below ten megabytes of photos with the sizes given here.
     """
+    return jpeg(within(image, longest_px)[0], quality=quality)
+
+
+def within(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> tuple[UInt8[np.ndarray, "_h _w 3"], float]:
+    """The picture with its longer side at most ``longest_px``, and the factor by which it was scaled."""
     scale = longest_px / max(image.shape[:2])
-    if scale < 1.0:
-        size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    if scale >= 1.0:
+        return image, 1.0
+    size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8), scale
+
+
+def jpeg(image: UInt8[np.ndarray, "h w 3"], *, quality: int = 82) -> bytes:
+    """A BGR picture as JPEG. Raises ValueError for one that has no pixels or too many for the format."""
     done, coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise ValueError(f"An image of shape {image.shape} cannot be written as JPEG.")

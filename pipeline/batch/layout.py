@@ -180,8 +180,13 @@ class FruitResults:
 
     @property
     def photo(self) -> Path:
-        """A small photo for the report."""
+        """A small photo for the report, with the outline that was used."""
         return self.root / "photo.jpg"
+
+    @property
+    def outlines(self) -> Path:
+        """All photos that were used, with their outlines."""
+        return self.root / "outlines.jpg"
 
     @property
     def picture(self) -> Path:
@@ -231,6 +236,7 @@ class FruitResults:
             self.fruit_ply,
             self.pit_ply,
             self.photo,
+            self.outlines,
             self.picture,
             self.scene,
             self.coverage,

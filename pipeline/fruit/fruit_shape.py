@@ -105,6 +105,8 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     )
     made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path), record=KeptMesh)
     write_whole(task.results.photo, made.photo.tobytes())
+    if len(made.outlines):
+        write_whole(task.results.outlines, made.outlines.tobytes())
     shape = _shape(made.vertices, made.faces, made.mesh_from_fruit, source="photos")
     return replace(
         shape,

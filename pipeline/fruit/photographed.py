@@ -22,13 +22,15 @@ from recon.learned.fruit_model import SHIPPED
 from recon.surface.fruit_frame import to_fruit_frame
 from recon.underside import with_underside
 from recon.wording import listed
+from reports.outlined_photos import OutlinedPhoto, outline_sheet_jpeg, outlined_photo_jpeg
 from reports.photo import thumbnail_jpeg
 
 
 class KeptMesh(StageRecord):
     """The stage "mesh": a fruit's surface in its own frame (mm), and what the photos say of it.
 
-    `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG.
+    `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG;
+    `outlines`: of one with all photos used and their outlines, none where a geometry model was used.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -37,6 +39,7 @@ class KeptMesh(StageRecord):
     views: Int[np.ndarray, " n"] | None
     sd_mm: Float[np.ndarray, " n"] | None
     photo: UInt8[np.ndarray, " b"]
+    outlines: UInt8[np.ndarray, " c"]
     scale_sd: float
     surface_sd_mm: float | None
     quality: QualityRecord
@@ -71,13 +74,16 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
     quality = replace(whole.quality, views_given=len(given))
     vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
+    used = _used(checked.photos, made)
+    photo, outlines = _pictures(given[0], used, made)
     return KeptMesh(
         vertices=vertices,
         faces=whole.faces,
         mesh_from_fruit=np.linalg.inv(fruit_from_mesh),
         views=whole.views,
         sd_mm=whole.sd_mm,
-        photo=np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
+        photo=np.frombuffer(photo, dtype=np.uint8),
+        outlines=np.frombuffer(outlines, dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
         quality=QualityRecord.of(quality),
@@ -85,7 +91,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
             *checked.warnings,
             *whole.warnings,
             *whole.notes,
-            *_photo_doubts(checked.photos, made),
+            *_photo_doubts(checked.photos, used, made),
             *shape_doubts(vertices, whole.faces, body=task.body),
         ),
     )
@@ -104,14 +110,34 @@ def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
     )
 
 
-def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
-    """Photos that were not used, and those that show the fruit elsewhere, by name."""
+def _used(photos: Sequence[Photo], made: Reconstruction) -> list[UInt8[np.ndarray, "_h _w 3"]]:
+    """The photos of the mesh's cameras, without distortion."""
+    by_name = {photo.name: photo for photo in photos}
+    cameras = [replace(camera, k1=made.quality.k1) for camera in made.cameras]
+    return [straightened(by_name[camera.name], camera)[0] for camera in cameras]
+
+
+def _pictures(
+    first: Photo, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction
+) -> tuple[bytes, bytes]:
+    """JPEGs: a photo, with its outline where there is one, and all photos with theirs, else nothing."""
+    outlined = [
+        OutlinedPhoto(camera.name, image, outline)
+        for camera, image, outline in zip(made.cameras, images, made.outlines, strict=False)
+        if len(outline)
+    ]
+    if not outlined:
+        return thumbnail_jpeg(first.image), b""
+    return outlined_photo_jpeg(outlined[0]), outline_sheet_jpeg(outlined)
+
+
+def _photo_doubts(
+    photos: Sequence[Photo], images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction
+) -> list[str]:
+    """Photos that were not used, and those that show the fruit elsewhere, by name; `images`: those used."""
     if not made.cameras:
         return []
-    by_name = {photo.name: photo for photo in photos}
-    used = [replace(camera, k1=made.quality.k1) for camera in made.cameras]
-    images = [straightened(by_name[c.name], c)[0] for c in used]
-    unused = [name for name in by_name if name not in {c.name for c in made.cameras}]
+    unused = [photo.name for photo in photos if photo.name not in {c.name for c in made.cameras}]
     doubts = []
     if unused:
         ground = "mat" if made.frame == "mat" else "ground around it"

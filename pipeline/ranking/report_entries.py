@@ -183,6 +183,7 @@ def _fruit_entry(
         doubts=record.doubts,
         forced=record.forced,
         photo=shown.photo,
+        outlines=shown.outlines,
         mesh_picture=shown.mesh,
         scene=shown.scene,
         has_pit=record.pit is not None,

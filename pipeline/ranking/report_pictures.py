@@ -31,15 +31,18 @@ class _Room(NamedTuple):
 
 _ROOMS: dict[str, _Room] = {
     "photo": _Room(8_500, 420),
+    "outlines": _Room(0, 0),
     "mesh": _Room(7_000, 640),
     "coverage": _Room(5_500, 420),
     "surface_sd": _Room(5_500, 420),
     "views": _Room(9_500, 420),
 }
-"""Bytes and pixels by picture. A graded fruit has at most the first four: 26 500 bytes, in a page (base64,
-four characters for three bytes) 35 kB. `views` is of a fruit that was not graded."""
+"""Bytes and pixels by picture. A graded fruit has at most the first five: 26 500 bytes, in a page (base64,
+four characters for three bytes) 35 kB; the outlines are a link to their file. `views` is of a fruit that was
+not graded."""
 _ROOMS_OF_MANY: dict[str, _Room] = {
     "photo": _Room(2_500, 220),
+    "outlines": _Room(0, 0),
     "mesh": _Room(3_500, 360),
     "coverage": _Room(0, 0),
     "surface_sd": _Room(0, 0),
@@ -52,16 +55,18 @@ class _Thumbnails(StageRecord):
     """WebP bytes by picture, empty where there is none."""
 
     photo: UInt8[np.ndarray, " a"]
-    mesh: UInt8[np.ndarray, " b"]
-    coverage: UInt8[np.ndarray, " c"]
-    surface_sd: UInt8[np.ndarray, " d"]
-    views: UInt8[np.ndarray, " e"]
+    outlines: UInt8[np.ndarray, " b"]
+    mesh: UInt8[np.ndarray, " c"]
+    coverage: UInt8[np.ndarray, " d"]
+    surface_sd: UInt8[np.ndarray, " e"]
+    views: UInt8[np.ndarray, " f"]
 
 
 class FruitPictures(NamedTuple):
     """Those that a fruit has."""
 
     photo: Picture | None = None
+    outlines: Picture | None = None
     mesh: Picture | None = None
     coverage: Picture | None = None
     surface_sd: Picture | None = None
@@ -82,6 +87,7 @@ class ReportPictures:
         """Pictures of one fruit; of one without a mesh (not `measured`) or graded those that fit it."""
         wanted = {
             "photo": files.photo,
+            "outlines": files.outlines,
             "mesh": files.picture,
             "coverage": files.coverage,
             "surface_sd": files.surface_sd,
@@ -123,6 +129,7 @@ class ReportPictures:
         }
         return FruitPictures(
             photo=shown.get("photo"),
+            outlines=shown.get("outlines"),
             mesh=shown.get("mesh"),
             coverage=shown.get("coverage"),
             surface_sd=shown.get("surface_sd"),

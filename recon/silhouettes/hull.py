@@ -39,6 +39,16 @@ class Silhouette:
         far = float(self.distance_px.max())
         return np.asarray(sampled(self.distance_px, pixels, outside=far) * local[:, 2] / self.camera.focal_px)
 
+    def outline_px(self) -> Float[np.ndarray, "n 2"]:
+        """The outline of the largest part as a closed curve, pixels of the photo; empty where nothing is
+        inside.
+        """
+        inside = (self.distance_px > 0).astype(np.uint8)
+        contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        if not contours:
+            return np.zeros((0, 2))
+        return self.window.from_small(max(contours, key=cv2.contourArea)[:, 0].astype(float))
+
 
 def sampled(
     picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float

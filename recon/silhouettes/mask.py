@@ -66,6 +66,10 @@ class Window:
         """Pixels of the photo as pixels of the shrunk window."""
         return np.asarray((pixels - np.array(self.corner_px) - (self.shrink - 1) / 2) / self.shrink)
 
+    def from_small(self, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Pixels of the shrunk window as pixels of the photo: `into_small`, undone."""
+        return np.asarray(pixels * self.shrink + (self.shrink - 1) / 2 + np.array(self.corner_px))
+
 
 @dataclass(frozen=True)
 class Behind:

@@ -1,17 +1,20 @@
-"""What is said of photos that were not used."""
+"""What is said of photos that were not used, and what is shown of those that were."""
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
-from pipeline.fruit.photographed import _photo_doubts, _plan
+from pipeline.fruit.photographed import _photo_doubts, _pictures, _plan
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
 from recon.cameras.view_plan import plan_words
 from recon.checks.quality import NOTHING_KNOWN
 from recon.fruit_mesh import Reconstruction
 from recon.silhouettes.hull import ball
+from reports.outlined_photos import NAME_PX, TILE_PX
+from reports.photo import thumbnail_jpeg
 
 NAMES = [f"{i}.jpg" for i in range(6)]
 
@@ -51,7 +54,19 @@ def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
 @pytest.mark.parametrize(("frame", "asked"), [("mat", "the mat in view"), ("shape", "the ground around it")])
 def test_a_photo_left_out_is_asked_for_again_with_what_there_is(made, frame, asked):
     photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:5]]
-    said = _photo_doubts(photos, replace(made, frame=frame))[0]
+    said = _photo_doubts(photos, [photo.image for photo in photos[:4]], replace(made, frame=frame))[0]
     assert said.startswith("Left out: 4.jpg:")
     assert asked in said
     assert ("mat" in said) == (frame == "mat")
+
+
+def test_a_photo_is_shown_with_its_outline_where_there_is_one(made):
+    photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:4]]
+    images = [photo.image for photo in photos]
+    square = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 50.0], [20.0, 50.0]])
+    outlined = replace(made, outlines=(np.zeros((0, 2)), square, square, square))
+    photo, sheet = _pictures(photos[0], images, outlined)
+    decoded = cv2.imdecode(np.frombuffer(sheet, np.uint8), cv2.IMREAD_COLOR)
+    assert decoded.shape == (TILE_PX + NAME_PX, 3 * TILE_PX, 3)
+    assert photo != _pictures(photos[0], images, made)[0]
+    assert _pictures(photos[0], images, made) == (thumbnail_jpeg(photos[0].image), b"")

@@ -173,3 +173,22 @@ def test_a_picture_is_sampled_bilinearly_and_outside_of_it_is_what_is_asked():
     )  # OpenCV's fractions of a pixel are thirty-seconds
     missing = np.array([[-5.0, 3.0], [200.0, 3.0], [3.0, 90.0]], np.float32)
     np.testing.assert_array_equal(sampled(plane, missing, outside=-7.0), -7.0)
+
+
+@pytest.mark.parametrize("direction", directions(4).tolist())
+def test_the_outline_runs_where_the_distance_is_nought(direction):
+    silhouette = exact_silhouette(camera_towards(np.array(direction)))
+    outline = silhouette.outline_px()
+    away = sampled(
+        silhouette.distance_px, silhouette.window.into_small(outline).astype(np.float32), outside=np.nan
+    )
+    assert len(outline) > 100
+    assert np.abs(away).max() < 1.5 * silhouette.window.shrink
+    np.testing.assert_allclose(
+        silhouette.window.from_small(silhouette.window.into_small(outline)), outline, atol=1e-9
+    )
+
+
+def test_nothing_inside_has_no_outline():
+    full = exact_silhouette(camera_towards(directions(4)[0]))
+    assert Silhouette(full.distance_px * 0 - 1, full.window, full.camera).outline_px().shape == (0, 2)
