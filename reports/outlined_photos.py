@@ -12,8 +12,9 @@ from jaxtyping import Float, UInt8
 
 from reports.photo import jpeg, within
 
-LINE_BGR, CASING_BGR, INK_BGR = (40, 220, 255), (30, 30, 30), (29, 25, 22)
-"""Yellow with a dark edge, which stands out from fruit, paper and shadow alike; names as the page's text."""
+LINE_BGR, INK_BGR = (255, 190, 0), (29, 25, 22)
+"""A light blue, which no stone fruit has, and which shows on paper and in shadow too; names as the page's
+text."""
 TILE_PX, MARGIN = 220, 0.18
 """Height and width of a photo on the sheet (px), and what is shown around the outline, over its size. Set by
 hand: outlines can be judged to a pixel of the screen, and 24 photos take 250 kB."""
@@ -24,8 +25,8 @@ NAME_LETTERS = 28
 BLUR = 0.45
 """Standard deviation of the blur before a photo is shrunk, in pixels of the sheet: half a pixel stands for an
 area's mean."""
-LINE_PX = 2.0
-"""Width of the line in the finished picture, px."""
+LINE_PX = 1
+"""Width of the line in the finished picture, px: a wider one hides the edge that it is to be held against."""
 _SUBPIXEL_BITS = 4
 """Of the coordinates that OpenCV draws: sixteenths of a pixel."""
 
@@ -79,14 +80,13 @@ def _tile(photo: OutlinedPhoto) -> UInt8[np.ndarray, "_t _t 3"]:
 
 
 def _drawn(image: UInt8[np.ndarray, "h w 3"], curve: Float[np.ndarray, "n 2"]) -> UInt8[np.ndarray, "h w 3"]:
-    """The picture with the closed curve, dark first and bright upon it."""
+    """A copy of the picture with the closed curve."""
     drawn = image.copy()
     points = [np.round(curve * 2**_SUBPIXEL_BITS).astype(np.int32)]
-    for colour, wide in ((CASING_BGR, LINE_PX + 2), (LINE_BGR, LINE_PX)):
-        cv2.polylines(
-            drawn, points, isClosed=True, color=colour, thickness=round(wide), lineType=cv2.LINE_AA,
-            shift=_SUBPIXEL_BITS,
-        )  # fmt: skip
+    cv2.polylines(
+        drawn, points, isClosed=True, color=LINE_BGR, thickness=LINE_PX, lineType=cv2.LINE_AA,
+        shift=_SUBPIXEL_BITS,
+    )  # fmt: skip
     return drawn
 
 
