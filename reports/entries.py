@@ -197,6 +197,8 @@ class FruitEntry:
     views: Picture | None = None
     """Where photos were taken, and where more are needed, of a fruit that lacks views."""
     surface_sd: Picture | None = None
+    residual: Picture | None = None
+    """Where the fitted model and the recorded skin differ at the greatest force."""
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()
     frames: tuple[ModulusByFrame, ...] = ()

@@ -87,22 +87,44 @@ def sides_of(
             half_width_mm=half,
             half_height_mm=half,
         )
-        front_surface = surface.seen_from(view, width_px=view_px * samples, height_px=view_px * samples)
         sides.append(
-            MapSide(
-                name=name,
-                view=view,
-                front_surface=front_surface,
-                blind=front_surface.hit & (np.nan_to_num(front_surface.of_vertices(visible)) < hatched_below),
-                outlines={pad: _outline(front_surface, points) for pad, points in touched.items()},
+            side_of(
+                name,
+                surface,
+                view,
+                visible,
+                hatched_below=hatched_below,
+                touched_mm=touched,
+                side_px=view_px * samples,
             )
         )
     return tuple(sides)
 
 
+def side_of(
+    name: str,
+    surface: TracedSurface,
+    view: Viewing,
+    visible: Float[np.ndarray, " n"],
+    *,
+    hatched_below: float,
+    touched_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
+    side_px: int,
+) -> MapSide:
+    """One view of a surface, `side_px` wide and high, as `sides_of` makes six of a whole fruit."""
+    front_surface = surface.seen_from(view, width_px=side_px, height_px=side_px)
+    return MapSide(
+        name=name,
+        view=view,
+        front_surface=front_surface,
+        blind=front_surface.hit & (np.nan_to_num(front_surface.of_vertices(visible)) < hatched_below),
+        outlines={pad: _outline(front_surface, points) for pad, points in (touched_mm or {}).items()},
+    )
+
+
 def map_picture(
     sides: Sequence[MapSide],
-    scores: Float[np.ndarray, " n"],
+    scores: Float[np.ndarray, " n"] | Sequence[Float[np.ndarray, " n"]],
     *,
     style: MapStyle,
     seen: Bool[np.ndarray, " n"],
@@ -110,11 +132,13 @@ def map_picture(
     radius_mm: float | None = None,
     samples: int = 2,
 ) -> bytes:
-    """PNG of six views in two rows over a colour bar; `scores` per vertex, their range from those `seen`.
+    """PNG of the views, three in a row, over a colour bar; `scores` per vertex, for all views or for each its
+    own, their range from those `seen`.
 
     A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
     """
-    within = np.abs(scores[seen]) if seen.any() else np.abs(scores)
+    of_sides = [scores] * len(sides) if isinstance(scores, np.ndarray) else scores
+    within = np.abs([own[seen] if seen.any() else own for own in of_sides])
     limit = max(float(np.nanmax(within, initial=0.0)), style.least)
     view_px = len(sides[0].front_surface.hit) // samples
     columns, bar_px = 3, 74
@@ -122,8 +146,8 @@ def map_picture(
     width, height = columns * view_px, rows * view_px + bar_px
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
-    for k, side in enumerate(sides):
-        image = _coloured(side, scores, limit=limit, style=style)
+    for k, (side, own) in enumerate(zip(sides, of_sides, strict=True)):
+        image = _coloured(side, own, limit=limit, style=style)
         image = image.reshape(view_px, samples, view_px, samples, 3).mean(axis=(1, 3))
         row, column = divmod(k, columns)
         place = (column / columns, 1 - (row + 1) * view_px / height, 1 / columns, view_px / height)

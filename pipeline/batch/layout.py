@@ -209,6 +209,11 @@ class FruitResults:
         return self.root / "surface-sd.png"
 
     @property
+    def residual(self) -> Path:
+        """The map of where the fitted model and the recorded skin differ."""
+        return self.root / "residual.png"
+
+    @property
     def views(self) -> Path:
         """Where photos were taken and where more are needed, of a fruit that lacks them."""
         return self.root / "views.png"
@@ -241,6 +246,7 @@ class FruitResults:
             self.scene,
             self.coverage,
             self.surface_sd,
+            self.residual,
             self.views,
             self.traceback,
         )

@@ -1,4 +1,6 @@
-"""What the fitted model makes of a recording, for people to see: travel under each force, E by frame."""
+"""What the fitted model makes of a recording, for people to see: travel under each force, E by frame, and
+where on the skin they differ.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +14,9 @@ from pipeline.batch.records import FrameRecord, ModelCurveRecord
 OWN_SHARE = 0.95
 """Quantile over a pad's markers that stands for the skin's deepest way, whatever one marker's noise. Set by
 hand, as tactile.plain_jaw.DEEPEST."""
+
+FULL_LOAD = 0.9
+"""Of the greatest force: frames from there on are averaged, against the noise of each. Set by hand."""
 
 
 def model_curves(
@@ -62,3 +67,25 @@ def frame_records(found: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) ->
         for one in found.frames
         if one.pad == BOTH and np.isfinite(one.E_MPa) and one.E_MPa > 0
     ]
+
+
+def residual_at_full_load(
+    found: ModulusEstimate,
+    history: GraspHistory,
+    axes: Float[np.ndarray, "p t 3"],
+    normal_N: Float[np.ndarray, "p t"],
+) -> dict[str, tuple[Float[np.ndarray, "_k 3"], Float[np.ndarray, " _k"]]]:
+    """By pad: places on the skin (mm) of the markers that touch at FULL_LOAD, and their mean residual, um.
+
+    Along each pad's axis into the fruit: positive where the skin went farther in than the model's.
+    """
+    used = np.flatnonzero(found.loaded)
+    force = normal_N.sum(axis=0)[used]
+    full = force >= FULL_LOAD * force.max()
+    by_pad = {}
+    for k, pad in enumerate(history.pads):
+        own = found.residual_mm[:, history.pad_of_marker == k][full]
+        along = np.einsum("fnx,fx->fn", own, axes[k][used][full])
+        touching = np.isfinite(along).all(axis=0)
+        by_pad[pad.name] = pad.surface_mm[touching], 1e3 * along[:, touching].mean(axis=0)
+    return by_pad

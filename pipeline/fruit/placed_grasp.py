@@ -12,8 +12,9 @@ from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
-from pipeline.fruit.model_curve import frame_records, model_curves
+from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
+from reports.residual_map import PatchResidual
 from tactile.checks.finding import Finding
 from tactile.checks.jaw_share import jaw_share_findings
 from tactile.checks.of_recording import recording_findings
@@ -178,6 +179,29 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
     return {pad: np.vstack([g.touched_mm[pad] for g in grasps if pad in g.touched_mm]) for pad in names}
 
 
+def patch_residuals(
+    grasps: Sequence[PlacedGrasp], found: Sequence[ModulusEstimate | FemFailure]
+) -> list[PatchResidual]:
+    """What the model leaves under each pad at the greatest force, of all grasps whose modulus comes from
+    markers' motion since first touch.
+    """
+    patches = []
+    for grasp, own in zip(grasps, found, strict=True):
+        if not isinstance(own, FemFailure) and own.form == "first-touch":
+            residuals = residual_at_full_load(own, history(grasp), *_axes_and_forces(grasp))
+            patches += [
+                PatchResidual(name=f"{grasp.name}, {pad}", places_mm=places, residual_um=values)
+                for pad, (places, values) in residuals.items()
+            ]
+    return patches
+
+
+def _axes_and_forces(grasp: PlacedGrasp) -> tuple[Float[np.ndarray, "p t 3"], Float[np.ndarray, "p t"]]:
+    """Of each pad over time: its axis into the fruit, and its normal force (N)."""
+    pads = grasp.contact.pads
+    return np.array([pad.pose[:, :3, 2] for pad in pads]), np.array([pad.total_normal_N for pad in pads])
+
+
 def history(grasp: PlacedGrasp) -> GraspHistory:
     """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame.
 
@@ -231,13 +255,8 @@ def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> Gra
     curves, travel_mm = force_curves(grasp)
     frames: list[FrameRecord] = []
     if found.form == "first-touch":
-        models = model_curves(
-            found,
-            history(grasp),
-            np.array([pad.pose[:, :3, 2] for pad in grasp.contact.pads]),
-            travel_mm,
-            np.array([pad.total_normal_N for pad in grasp.contact.pads]),
-        )
+        axes, normal_N = _axes_and_forces(grasp)
+        models = model_curves(found, history(grasp), axes, travel_mm, normal_N)
         curves = [
             curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)
         ]

@@ -27,7 +27,7 @@ from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
-from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
+from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
 from pipeline.fruit.pressed_fruit import grade_pressed
 from pipeline.fruit.sensor_scale import sensor_scale_sd
@@ -35,6 +35,7 @@ from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.mesh_picture import mesh_picture
+from reports.residual_map import residual_map
 from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure
 
@@ -156,6 +157,9 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             facts.screen = screened_fruit(task, fruit, found, solids)
     solids.clear()
     with log.stage("picture"):
+        residual = residual_map(shape.vertices, shape.faces, patch_residuals(placed, found.grasps))
+        if residual is not None:
+            write_whole(task.results.residual, residual)
         write_whole(
             task.results.picture,
             mesh_picture(

@@ -190,6 +190,7 @@ def _fruit_entry(
         coverage=shown.coverage,
         views=shown.views,
         surface_sd=shown.surface_sd,
+        residual=shown.residual,
         estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
         curves=tuple(curves_of(record.grasps)),
         frames=tuple(frames_of(record.grasps)),

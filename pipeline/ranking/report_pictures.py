@@ -35,10 +35,11 @@ _ROOMS: dict[str, _Room] = {
     "mesh": _Room(7_000, 640),
     "coverage": _Room(5_500, 420),
     "surface_sd": _Room(5_500, 420),
+    "residual": _Room(3_500, 400),
     "views": _Room(9_500, 420),
 }
-"""Bytes and pixels by picture. A graded fruit has at most the first five: 26 500 bytes, in a page (base64,
-four characters for three bytes) 35 kB; the outlines are a link to their file. `views` is of a fruit that was
+"""Bytes and pixels by picture. A graded fruit has at most the first six: 30 000 bytes, in a page (base64,
+four characters for three bytes) 40 kB; the outlines are a link to their file. `views` is of a fruit that was
 not graded."""
 _ROOMS_OF_MANY: dict[str, _Room] = {
     "photo": _Room(2_500, 220),
@@ -46,6 +47,7 @@ _ROOMS_OF_MANY: dict[str, _Room] = {
     "mesh": _Room(3_500, 360),
     "coverage": _Room(0, 0),
     "surface_sd": _Room(0, 0),
+    "residual": _Room(0, 0),
     "views": _Room(3_500, 300),
 }
 """The same beyond MANY fruit: 2000 of them take 16 MB; the maps are links to their files alone."""
@@ -59,7 +61,8 @@ class _Thumbnails(StageRecord):
     mesh: UInt8[np.ndarray, " c"]
     coverage: UInt8[np.ndarray, " d"]
     surface_sd: UInt8[np.ndarray, " e"]
-    views: UInt8[np.ndarray, " f"]
+    residual: UInt8[np.ndarray, " f"]
+    views: UInt8[np.ndarray, " g"]
 
 
 class FruitPictures(NamedTuple):
@@ -70,6 +73,7 @@ class FruitPictures(NamedTuple):
     mesh: Picture | None = None
     coverage: Picture | None = None
     surface_sd: Picture | None = None
+    residual: Picture | None = None
     views: Picture | None = None
     scene: bytes = b""
 
@@ -91,6 +95,7 @@ class ReportPictures:
             "mesh": files.picture,
             "coverage": files.coverage,
             "surface_sd": files.surface_sd,
+            "residual": files.residual,
         }
         paths = wanted if measured else {}
         if not graded:
@@ -133,6 +138,7 @@ class ReportPictures:
             mesh=shown.get("mesh"),
             coverage=shown.get("coverage"),
             surface_sd=shown.get("surface_sd"),
+            residual=shown.get("residual"),
             views=shown.get("views"),
         )
 

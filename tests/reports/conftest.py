@@ -43,6 +43,8 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         mesh_picture=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
         coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
         surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
+        residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
+        outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
         estimates=(
             GraspEstimate(
                 grasp="grasp-1",

@@ -1,0 +1,108 @@
+"""Map of where the fitted model and the recorded skin differ, each pad's patch from straight above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from reports.raycast import TracedSurface, Viewing
+from reports.skin_map import MapStyle, map_picture, side_of
+
+REACH = 1.6
+"""Skin farther from every marker than so many distances of neighbours is hatched, as patches are painted in
+reports.fruit_scene."""
+NEIGHBOURS = 6
+"""Markers of which a place's value is the mean, by a Gaussian of one marker's distance: a marker's own noise
+does not stand out, a patch's tilt or dome does. Set by hand."""
+MOST_SHARE = 0.98
+"""The bar reaches what this share of the values stays below."""
+LEAST_UM = 20.0
+"""The bar reaches at least so far, um: twice a usual gel's noise, so that noise does not look like misfit.
+Set by hand."""
+VIEW_PX, SAMPLES = 200, 2
+"""Pixels of a view, and rays for each of them along a side."""
+MARGIN = 1.35
+"""Half of a view over the patch's reach: some skin around it, and room for its name (by eye)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PatchResidual:
+    """Markers of a pad in a grasp: their places on the skin (fruit frame, mm) and residuals (um).
+
+    Positive: the recorded skin went farther in than the model's.
+    """
+
+    name: str
+    places_mm: Float[np.ndarray, "k 3"]
+    residual_um: Float[np.ndarray, " k"]
+
+
+def residual_map(
+    vertices_mm: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"], patches: Sequence[PatchResidual]
+) -> bytes | None:
+    """PNG with each patch seen from straight above, coloured by its residual on one scale; None where no
+    patch has two markers.
+    """
+    surface = TracedSurface.of(vertices_mm, triangles)
+    middle_mm = 0.5 * (vertices_mm.min(axis=0) + vertices_mm.max(axis=0))
+    sides, values, seen = [], [], []
+    for patch in patches:
+        if len(patch.places_mm) < 2:
+            continue
+        own, near = on_skin(vertices_mm, patch.places_mm, patch.residual_um)
+        values.append(own)
+        seen.append(near)
+        view = _above(patch.places_mm, middle_mm)
+        sides.append(
+            side_of(
+                patch.name, surface, view, near.astype(float), hatched_below=0.5, side_px=VIEW_PX * SAMPLES
+            )
+        )
+    if not sides:
+        return None
+    measured = np.concatenate([np.abs(own[near]) for own, near in zip(values, seen, strict=True)])
+    limit = max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM)
+    style = MapStyle(
+        low="less far in (um)",
+        high="farther in",
+        signed=True,
+        hatched="no marker of this gel",
+        least=limit,
+    )
+    scores = [np.clip(own, -limit, limit) for own in values]
+    return map_picture(sides, scores, style=style, seen=np.zeros(len(vertices_mm), bool), samples=SAMPLES)
+
+
+def _above(places_mm: Float[np.ndarray, "k 3"], middle_mm: Float[np.ndarray, " 3"]) -> Viewing:
+    """Straight down onto a patch, from outside the fruit."""
+    centre = 0.5 * (places_mm.min(axis=0) + places_mm.max(axis=0))
+    x, y, z = centre - middle_mm
+    half = MARGIN * float(np.linalg.norm(places_mm - centre, axis=1).max())
+    return Viewing(
+        centre_mm=centre,
+        azimuth_deg=float(np.rad2deg(np.arctan2(y, x))),
+        elevation_deg=float(np.rad2deg(np.arctan2(z, np.hypot(x, y)))),
+        half_width_mm=half,
+        half_height_mm=half,
+    )
+
+
+def on_skin(
+    vertices_mm: Float[np.ndarray, "n 3"],
+    places_mm: Float[np.ndarray, "k 3"],
+    values: Float[np.ndarray, " k"],
+) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """The markers' values carried to the vertices, and which vertices are near enough to a marker."""
+    tree = cKDTree(places_mm)
+    pitch = float(np.median(np.asarray(tree.query(places_mm, k=2)[0])[:, 1]))
+    pitch = max(pitch, 1e-6)
+    count = min(NEIGHBOURS, len(places_mm))
+    away, which = (
+        np.asarray(one).reshape(len(vertices_mm), count) for one in tree.query(vertices_mm, k=count)
+    )
+    weight = np.exp(-0.5 * ((away**2 - away[:, :1] ** 2) / pitch**2))
+    return (weight * values[which]).sum(axis=1) / weight.sum(axis=1), away[:, 0] < REACH * pitch
