@@ -199,6 +199,9 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
     for words, picture in (
         ("coloured by how many photos show each part", "coverage"),
         ("coloured by the standard deviation of the surface in mm", "surface_sd"),
+        ("coloured by how far it and the model differ", "residual"),
+        ('href="fruits/N%201/outlines.jpg">All photos with their outlines', "outlines"),
+        ("the outline that the shape was made from", "outlines"),
     ):
         assert words in report_html(replace(empty_batch, fruits=(fruit,)))
         assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, **{picture: None}),)))
