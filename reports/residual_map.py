@@ -23,8 +23,9 @@ MOST_SHARE = 0.98
 LEAST_UM = 20.0
 """The bar reaches at least so far, um: twice a usual gel's noise, so that noise does not look like misfit.
 Set by hand."""
-VIEW_PX, SAMPLES = 200, 2
-"""Pixels of a view, and rays for each of them along a side."""
+VIEW_PX, SAMPLES = 200, 1
+"""Pixels of a view, and rays for each of them along a side: with two the map of four
+patches takes .5 s of CPU instead of .23, and looks the same."""
 MARGIN = 1.35
 """Half of a view over the patch's reach: some skin around it, and room for its name (by eye)."""
 
@@ -67,7 +68,7 @@ def residual_map(
     measured = np.concatenate([np.abs(own[near]) for own, near in zip(values, seen, strict=True)])
     limit = max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM)
     style = MapStyle(
-        low="less far in (um)",
+        low="less far in (µm)",
         high="farther in",
         signed=True,
         hatched="no marker of this gel",
