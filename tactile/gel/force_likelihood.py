@@ -44,10 +44,11 @@ def most_likely_hyperparameters(
     """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
     The contact is found anew after every round of climbing. Where depth is not seen, contact and prior depend
-    so much on each other that it is found anew at every step of one more climb: from the noise of each round,
-    as a contact that is far too small makes noise of the gel's motion, which then shows no contact at all.
+    so much on each other that it is found anew at every step of one more climb. A contact found far too small
+    makes noise of the gel's motion, which then shows no contact at all: the noise of the round before it
+    is taken.
     """
-    best, noises = start, set[float]()
+    best, noises = start, list[float]()
     seen = displacement_by(grid) if observed is None else observed
     for turn in range(rounds):
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
@@ -67,28 +68,27 @@ def most_likely_hyperparameters(
                     if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
                         break
                     best, value = trial, found
-        noises.add(best.noise)
-    blind = InvertedForce(grid, information_per_mm2, best, observed=observed)
-    if blind.sees_depth:
+        noises.append(best.noise)
+    if InvertedForce(grid, information_per_mm2, best, observed=observed).sees_depth or not noises:
         return best
-    tried = [_with_contact(grid, information_per_mm2, noise, frames_mm) for noise in sorted(noises)]
-    return max(tried, key=lambda one: one[1])[0]
+    for noise in reversed(noises):
+        solver = InvertedForce(grid, information_per_mm2, replace(INITIAL_HYPERPARAMETERS, noise=noise))
+        best = _with_contact(solver, frames_mm)
+        if any(solver.with_prior(best).active_set(y).touching.any() for y in frames_mm):
+            break
+    return best
 
 
 def _with_contact(
-    grid: GelGrid,
-    information_per_mm2: Float[np.ndarray, "n 3 3"],
-    noise: float,
-    frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
-) -> tuple[PriorHyperparameters, float]:
-    """The climb from the usual prior at this noise, with the contact of every trial; its log likelihood."""
-    best = replace(INITIAL_HYPERPARAMETERS, noise=noise)
-    solver = InvertedForce(grid, information_per_mm2, best)
+    solver: InvertedForce, frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"]
+) -> PriorHyperparameters:
+    """The climb from the solver's prior, noise as it is, with the contact of every trial."""
 
     def likelihood(trial: PriorHyperparameters) -> float:
         tried = solver.with_prior(trial)
         return sum(tried.active_set(y).log_likelihood for y in frames_mm)
 
+    best = solver.hyperparameters
     value = likelihood(best)
     for name in CLIMBED_WITH_CONTACT:
         for factor in (2.0, 0.5):
@@ -97,19 +97,7 @@ def _with_contact(
                 if (found := likelihood(trial)) <= value:
                     break
                 best, value = trial, found
-    return best, value + sum(_of_noise(information_per_mm2, y, noise) for y in frames_mm)
-
-
-def _of_noise(information: np.ndarray, y: np.ndarray, noise: float) -> float:
-    """What a frame's log likelihood holds of its noise alone, whatever touches."""
-    usable = np.isfinite(y).all(axis=1)
-    misfit = float(np.einsum("ni,nij,nj->", y[usable], information[usable], y[usable]))
-    return -0.5 * misfit / noise**2 - _directions(information, usable) * float(np.log(noise))
-
-
-def _directions(information: np.ndarray, usable: np.ndarray) -> int:
-    """Numbers that a frame tells: those seen of each marker."""
-    return int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum())
+    return best
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +128,7 @@ def _sufficient_statistics(
         normal=weighted.T @ flat,
         right=weighted.T @ y[usable].ravel(),
         misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
-        directions=_directions(information, usable),
+        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
         motion_mm=motion_of(np.where(usable[:, None], y, 0.0)),
     )
 

@@ -194,3 +194,25 @@ def test_markers_get_the_nodes_sum_and_moment() -> None:
 def test_too_few_markers_are_refused() -> None:
     with pytest.raises(ValueError, match="nine markers; there are 4"):
         gel_grid(SLAB, MARKERS[:4])
+
+
+def test_a_contact_that_drags_more_than_it_presses_is_not_taken_for_noise() -> None:
+    """Dots alone 2 mm apart, dragged by 1.4 mm under a patch smaller than their pitch."""
+    slab = GelSlab(thickness_mm=4.0, E_MPa=0.3, nu=0.48)
+    markers = marker_grid(6, 8, pitch_mm=(2.0, 2.0), first_mm=None)
+    fine = gel_grid(slab, markers, pitch_mm=0.9)
+    from_middle = (fine.nodes_mm[:, :2] - [-1.0, 5.1]) / [1.0, 1.3]
+    touched = np.linalg.norm(from_middle, axis=1) < 1.7
+    force = np.outer(touched, [-0.2, -0.98, 0.3])
+    moved = (fine.compliance @ force.ravel()).reshape(-1, 3)
+    scale = 1.4 / np.abs(moved).max()
+    rng = np.random.default_rng(19)
+    frames = [part * scale * moved + 0.002 * rng.normal(size=moved.shape) for part in (1.0, 0.8, 0.6)]
+    for frame in frames:
+        frame[:, 2] = 0.0
+    information = np.tile(np.diag([1 / 0.0027**2, 1 / 0.0027**2, 0.0]), (len(markers), 1, 1))
+    grid = gel_grid(slab, markers)
+    hyperparameters = most_likely_hyperparameters(grid, information, frames)
+    found = InvertedForce(grid, information, hyperparameters).solve(frames[0])
+    total = scale * force.sum(axis=0)
+    assert np.linalg.norm(found.force_N.sum(axis=0)[:2] - total[:2]) < 0.1 * np.linalg.norm(total)
