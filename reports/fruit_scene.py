@@ -1,13 +1,14 @@
 """The fruit in three dimensions, as binary glTF 2.0: pit, and the skin with its contact patches painted on.
 
-Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows.
+Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows. A map
+of the skin is a second set of colours (COLOR_1), its ends in the skin's `extras`.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyvista
@@ -15,6 +16,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from reports.mesh_picture import FLESH, PADS, PIT
+from reports.skin_map import SkinLayer
 
 SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
 """Of the decimated surfaces. Set by hand: 40 kB a fruit, and facets of 4 mm on one of 60 mm."""
@@ -47,17 +49,39 @@ class SceneSurface:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A mesh of the scene: its sets of vertex colours (RGBA, 0 to 1), and what else its glTF holds."""
+
+    name: str
+    surface: SceneSurface
+    colours: list[Float[np.ndarray, "_n 4"]]
+    extras: dict[str, object] = field(default_factory=dict)
+
+
 def fruit_scene(
-    skin: SceneSurface, pit: SceneSurface | None, contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]]
+    skin: SceneSurface,
+    pit: SceneSurface | None,
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]],
+    layer: SkinLayer | None = None,
 ) -> bytes:
-    """A GLB in millimetres, z to the stem; `contacts_mm`: points that each pad's markers touch."""
-    parts = []
+    """A GLB in millimetres, z to the stem; `contacts_mm`: points that each pad's markers touch; `layer`: a
+    map over the skin's vertices.
+    """
+    parts: list[_Part] = []
     if pit is not None and len(pit.faces):
         inner = pit.decimated(PIT_TRIANGLES)
-        parts.append(("pit", inner, np.tile([*PIT, 1.0], (len(inner.vertices), 1))))
+        parts.append(_Part("pit", inner, [np.tile([*PIT, 1.0], (len(inner.vertices), 1))]))
     outer = skin.decimated(SKIN_TRIANGLES)
-    parts.append(("skin", outer, _painted(outer.vertices, contacts_mm)))
-    return _glb(parts)
+    painted = _Part("skin", outer, [_painted(outer.vertices, contacts_mm)])
+    if layer is not None:
+        _, nearest = cKDTree(skin.vertices).query(outer.vertices)
+        colour = np.tile([*FLESH, SKIN_ALPHA], (len(outer.vertices), 1))
+        shown = layer.shown[nearest]
+        colour[shown] = np.insert(layer.colours[nearest[shown]], 3, PATCH_ALPHA, axis=1)
+        painted.colours.append(colour)
+        painted.extras["map"] = {"low": layer.low, "high": layer.high}
+    return _glb([*parts, painted])
 
 
 def _painted(
@@ -75,7 +99,7 @@ def _painted(
     return colour
 
 
-def _glb(parts: list[tuple[str, SceneSurface, np.ndarray]]) -> bytes:
+def _glb(parts: list[_Part]) -> bytes:
     """Header, JSON chunk and binary chunk (glTF 2.0, 4.4)."""
     buffer = bytearray()
     views: list[dict[str, int]] = []
@@ -98,21 +122,31 @@ def _glb(parts: list[tuple[str, SceneSurface, np.ndarray]]) -> bytes:
         return len(accessors) - 1
 
     meshes = []
-    for name, surface, colour in parts:
-        places = np.asarray(surface.vertices, dtype="<f4")
+    for part in parts:
+        places = np.asarray(part.surface.vertices, dtype="<f4")
         limits = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
-        bytes_of = np.round(255 * colour).astype(np.uint8)
+        painted = {
+            f"COLOR_{k}": held(
+                np.round(255 * colour).astype(np.uint8),
+                _UNSIGNED_BYTE,
+                "VEC4",
+                _VERTICES,
+                normalized=True,
+            )
+            for k, colour in enumerate(part.colours)
+        }
         meshes.append(
             {
-                "name": name,
+                "name": part.name,
+                **({"extras": part.extras} if part.extras else {}),
                 "primitives": [
                     {
                         "attributes": {
                             "POSITION": held(places, _FLOAT, "VEC3", _VERTICES, **limits),
-                            "COLOR_0": held(bytes_of, _UNSIGNED_BYTE, "VEC4", _VERTICES, normalized=True),
+                            **painted,
                         },
                         "indices": held(
-                            np.asarray(surface.faces, dtype="<u2"), _UNSIGNED_SHORT, "SCALAR", _TRIANGLES
+                            np.asarray(part.surface.faces, dtype="<u2"), _UNSIGNED_SHORT, "SCALAR", _TRIANGLES
                         ),
                         "material": 0,
                     }

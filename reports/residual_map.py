@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from reports.raycast import TracedSurface, Viewing
-from reports.skin_map import MapStyle, map_picture, side_of
+from reports.skin_map import MapStyle, SkinLayer, map_picture, side_of
 
 REACH = 1.6
 """Skin farther from every marker than so many distances of neighbours is hatched, as patches are painted in
@@ -65,8 +65,7 @@ def residual_map(
         )
     if not sides:
         return None
-    measured = np.concatenate([np.abs(own[near]) for own, near in zip(values, seen, strict=True)])
-    limit = max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM)
+    limit = _limit_um(values, seen)
     style = MapStyle(
         low="less far in (µm)",
         high="farther in",
@@ -76,6 +75,38 @@ def residual_map(
     )
     scores = [np.clip(own, -limit, limit) for own in values]
     return map_picture(sides, scores, style=style, seen=np.zeros(len(vertices_mm), bool), samples=SAMPLES)
+
+
+def residual_layer(
+    vertices_mm: Float[np.ndarray, "n 3"], patches: Sequence[PatchResidual]
+) -> SkinLayer | None:
+    """The same over the whole skin, the mean of grasps where their patches overlap; None without a patch of
+    two markers.
+    """
+    carried = [
+        on_skin(vertices_mm, patch.places_mm, patch.residual_um)
+        for patch in patches
+        if len(patch.places_mm) >= 2
+    ]
+    if not carried:
+        return None
+    values, seen = (np.array(one) for one in zip(*carried, strict=True))
+    count = seen.sum(axis=0)
+    return SkinLayer(
+        values=np.where(seen, values, 0.0).sum(axis=0) / np.maximum(count, 1),
+        shown=count > 0,
+        limit=_limit_um(values, seen),
+        unit="µm",
+    )
+
+
+def _limit_um(
+    values: Sequence[Float[np.ndarray, " n"]] | Float[np.ndarray, "g n"],
+    seen: Sequence[Bool[np.ndarray, " n"]] | Bool[np.ndarray, "g n"],
+) -> float:
+    """How far the bar reaches."""
+    measured = np.concatenate([np.abs(own[near]) for own, near in zip(values, seen, strict=True)])
+    return max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM)
 
 
 def _above(places_mm: Float[np.ndarray, "k 3"], middle_mm: Float[np.ndarray, " 3"]) -> Viewing:

@@ -53,6 +53,33 @@ class MapStyle:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class SkinLayer:
+    """A map about zero over a surface's vertices: its value where `shown`, in the colours of a bar that
+    reaches from -`limit` to `limit`; `low` and `high` are the ends of the bar as they are read.
+    """
+
+    values: Float[np.ndarray, " n"]
+    shown: Bool[np.ndarray, " n"]
+    limit: float
+    unit: str
+
+    @property
+    def low(self) -> str:
+        """The bar's lower end with its unit."""
+        return f"-{self.high}"
+
+    @property
+    def high(self) -> str:
+        """The bar's upper end with its unit."""
+        return f"{self.limit:.3g} {self.unit}"
+
+    @property
+    def colours(self) -> Float[np.ndarray, "n 3"]:
+        """RGB of each vertex, 0 to 1."""
+        return np.asarray(SIGNED(np.clip(0.5 + 0.5 * self.values / self.limit, 0.0, 1.0)))[:, :3]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MapSide:
     """The fruit from one side: what each pixel sees, the blind zone, and each pad's outline."""
 

@@ -35,7 +35,7 @@ from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.mesh_picture import mesh_picture
-from reports.residual_map import residual_map
+from reports.residual_map import residual_layer, residual_map
 from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure
 
@@ -157,7 +157,8 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             facts.screen = screened_fruit(task, fruit, found, solids)
     solids.clear()
     with log.stage("picture"):
-        residual = residual_map(shape.vertices, shape.faces, patch_residuals(placed, found.grasps))
+        patches = patch_residuals(placed, found.grasps)
+        residual = residual_map(shape.vertices, shape.faces, patches)
         if residual is not None:
             write_whole(task.results.residual, residual)
         write_whole(
@@ -177,6 +178,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 SceneSurface(shape.vertices, shape.faces),
                 SceneSurface(pit.vertices, pit.faces) if len(pit.faces) else None,
                 touched_by_pad(placed),
+                residual_layer(shape.vertices, patches),
             ),
         )
 

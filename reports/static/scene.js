@@ -5,7 +5,10 @@
   if (!dialog || !dialog.showModal) return;
   const canvas = dialog.querySelector("canvas");
   const lacking = dialog.querySelector(".lacking");
+  const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar");
   let gl = null, uniforms = null, parts = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+
+  const colours = (part) => part.colours[Math.min(Number(choice.value), part.colours.length - 1)];
 
   function partsOf(bytes) {
     const length = new DataView(bytes.buffer).getUint32(12, true);
@@ -19,7 +22,8 @@
       return new kind(bytes.slice(at, at + accessor.count * wide * kind.BYTES_PER_ELEMENT).buffer);
     };
     return gltf.meshes.flatMap((mesh) => mesh.primitives.map((one) => ({
-      place: read(one.attributes.POSITION), colour: read(one.attributes.COLOR_0), corner: read(one.indices),
+      place: read(one.attributes.POSITION), corner: read(one.indices), ends: mesh.extras && mesh.extras.map,
+      colours: ["COLOR_0", "COLOR_1"].filter((name) => name in one.attributes).map((name) => read(one.attributes[name])),
     })));
   }
 
@@ -62,18 +66,32 @@
       });
       const array = gl.createVertexArray();
       gl.bindVertexArray(array);
-      [[part.place, 3, gl.FLOAT, false], [part.colour, 4, gl.UNSIGNED_BYTE, true]].forEach(([data, wide, kind, unit], k) => {
-        gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      const paint = gl.createBuffer();
+      [[gl.createBuffer(), part.place, 3, gl.FLOAT, false], [paint, part.colours[0], 4, gl.UNSIGNED_BYTE, true]].forEach(([buffer, data, wide, kind, unit], k) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
         gl.enableVertexAttribArray(k);
         gl.vertexAttribPointer(k, wide, kind, unit, 0, 0);
       });
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.corner, gl.STATIC_DRAW);
-      return { array, count: part.corner.length, solid: part.colour[3] === 255 };
+      return { array, paint, colours: part.colours, ends: part.ends, count: part.corner.length, solid: part.colours[0][3] === 255 };
     });
+    const mapped = parts.find((part) => part.ends);
+    choice.closest("p").hidden = !mapped;
+    choice.value = "0";
+    if (mapped) [bar.firstElementChild.textContent, bar.lastElementChild.textContent] = [mapped.ends.low, mapped.ends.high];
+    painted();
     middle = low.map((value, k) => (value + high[k]) / 2);
     reach = 0.62 * Math.hypot(...high.map((value, k) => value - low[k]));
+  }
+
+  function painted() {
+    bar.hidden = choice.value === "0";
+    for (const part of parts) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, part.paint);
+      gl.bufferData(gl.ARRAY_BUFFER, colours(part), gl.STATIC_DRAW);
+    }
   }
 
   function draw() {
@@ -116,6 +134,10 @@
     if (!lacking.hidden) return;
     [yaw, pitch, zoom] = [0.6, 0.35, 1];
     load(Uint8Array.from(atob(button.dataset.scene), (one) => one.charCodeAt(0)));
+    draw();
+  });
+  choice.addEventListener("change", () => {
+    painted();
     draw();
   });
   canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));

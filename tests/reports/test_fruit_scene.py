@@ -1,13 +1,15 @@
 """The fruit in three dimensions: what another reader of glTF finds in the file."""
 
 import io
+import json
 
 import numpy as np
 import pytest
 import trimesh
 
 from reports.fruit_scene import PIT_TRIANGLES, SKIN_TRIANGLES, SceneSurface, fruit_scene
-from reports.mesh_picture import PADS
+from reports.mesh_picture import FLESH, PADS
+from reports.skin_map import SkinLayer
 
 
 def ball(radius_mm: float, subdivisions: int) -> SceneSurface:
@@ -54,3 +56,29 @@ def test_the_skin_is_painted_where_a_pad_touched_and_lets_the_pit_show(opened: t
 def test_a_fruit_without_a_pit_is_its_skin_alone() -> None:
     found = trimesh.load(io.BytesIO(fruit_scene(ball(30.0, 2), None, {})), file_type="glb")
     assert list(found.geometry) == ["skin"]
+
+
+def test_a_map_of_the_skin_is_a_second_set_of_colours() -> None:
+    """As another reader finds it; red is low, blue is high, skin that is not shown is flesh."""
+    skin = ball(30.0, 5)
+    x, _, z = skin.vertices.T
+    layer = SkinLayer(values=np.sign(z) * 50.0, shown=x > 10.0, limit=50.0, unit="µm")
+    made = fruit_scene(skin, ball(12.0, 2), {}, layer)
+    content = json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
+    pit, outer = content["meshes"]
+    assert "extras" not in pit
+    assert outer["extras"]["map"] == {"low": "-50 µm", "high": "50 µm"}
+    assert {"COLOR_0", "COLOR_1"} < set(outer["primitives"][0]["attributes"])
+    outer["primitives"][0]["attributes"]["COLOR_0"] = outer["primitives"][0]["attributes"].pop("COLOR_1")
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    rest = made[20 + int.from_bytes(made[12:16], "little") :]
+    head = b"glTF" + (2).to_bytes(4, "little") + (20 + len(text) + len(rest)).to_bytes(4, "little")
+    swapped = head + len(text).to_bytes(4, "little") + b"JSON" + text + rest
+    found = trimesh.load(io.BytesIO(swapped), file_type="glb").geometry["skin"]
+    colour = found.visual.vertex_attributes["color"].astype(int)
+    x, _, z = found.vertices.T
+    assert (colour[x < 8][:, :3] == np.round(255 * np.array(FLESH))).all()
+    low, high = colour[(x > 12) & (z < -3)], colour[(x > 12) & (z > 3)]
+    assert (low[:, 0] > low[:, 2] + 60).all()
+    assert (high[:, 2] > high[:, 0] + 60).all()

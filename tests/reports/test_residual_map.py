@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from recon.silhouettes.hull import ball
-from reports.residual_map import REACH, VIEW_PX, PatchResidual, on_skin, residual_map
+from reports.residual_map import REACH, VIEW_PX, PatchResidual, on_skin, residual_layer, residual_map
 
 DIRECTIONS, FACES = ball(4)
 SPHERE_MM = 25.0 * DIRECTIONS
@@ -72,3 +72,18 @@ def test_a_lone_marker_makes_no_map() -> None:
     lone = PatchResidual(name="g", places_mm=patch()[:1], residual_um=np.zeros(1))
     assert residual_map(SPHERE_MM, FACES, [lone]) is None
     assert residual_map(SPHERE_MM, FACES, []) is None
+
+
+def test_over_the_whole_skin_grasps_that_overlap_are_averaged() -> None:
+    places = patch()
+    patches = [
+        PatchResidual(name=name, places_mm=places, residual_um=np.full(len(places), value))
+        for name, value in (("g, left", 60.0), ("h, left", 20.0))
+    ]
+    layer = residual_layer(SPHERE_MM, patches)
+    assert layer is not None
+    assert layer.values[layer.shown] == pytest.approx(40.0)
+    assert (layer.values[~layer.shown] == 0).all()
+    assert layer.limit == pytest.approx(60.0)
+    assert 0 < layer.shown.sum() < 0.5 * len(SPHERE_MM)
+    assert residual_layer(SPHERE_MM, []) is None
