@@ -55,8 +55,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
     if missing or model.distance_mm is None or model.pitch_mm is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
-            f"{model.name}: nobody publishes what {', '.join(missing)} would say, expected it measured; "
-            "give it.",
+            f"{model.name}: nobody publishes what {', '.join(missing)} would say; measure it and give it.",
         )
     if picture is None:
         raise TactileFailure(

@@ -32,14 +32,24 @@ def first_touch(trace: IndenterTrace) -> int:
 
 
 def require_force(trace: IndenterTrace) -> NoContactNoise:
-    """The noise of one recording; raises FemFailure (no-load) where no force stands out from it."""
+    """The noise of one recording; raises FemFailure (no-load) where no force stands out from it, or the
+    indenter never moves.
+    """
+    for values, what in ((trace.force_N, "force"), (trace.travel_mm, "travel")):
+        if np.ptp(values) == 0:
+            raise FemFailure(
+                FemProblem.NO_LOAD,
+                f"indenter trace: found a {what} of {values[0]:.3g} {'N' if what == 'force' else 'mm'} in "
+                f"every frame, expected one that changes: was another column taken for the {what}?",
+            )
     touch = first_touch(trace)
     no_contact = no_contact_noise(trace, touch)
     if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
         raise FemFailure(
             FemProblem.NO_LOAD,
             f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
-            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
+            f"{no_contact.slow_N:.2g} N (of what comes before the touch), expected ten times the noise: "
+            "press deeper, or more slowly where the machine's own motion shakes the load cell.",
         )
     return no_contact
 

@@ -22,5 +22,6 @@ def said_when_interrupted(what_is_left: str) -> Iterator[None]:
 def about(path: Path, reason: Exception) -> str:
     """The reason, with the path in front where it does not begin with it."""
     said = str(reason)
-    named = [f"{name}{mark}" for name in (str(path), path.name) if name for mark in ":/ "]
+    last_two = str(Path(*path.parts[-2:]))
+    named = [f"{name}{mark}" for name in (str(path), last_two, path.name) if name for mark in ":/ "]
     return said if said.startswith(tuple(named)) else f"{path}: {said}"

@@ -91,8 +91,8 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     default). Raises BatchRefused with every problem found.
     """
     if not path.is_dir():
-        found = "is a file; give the folder of a case" if path.exists() else "there is no such folder"
-        raise BatchRefused([Problem(str(path), f"{found}.")])
+        is_file = f"is a file; give the folder of a case: {_HOLDS}."
+        raise BatchRefused([Problem(str(path), is_file if path.exists() else "there is no such folder.")])
     if (path / "batch.toml").is_file():
         if fruit_id is None:
             raise BatchRefused([Problem(str(path), _which_fruit(path))])
@@ -112,10 +112,11 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     raise BatchRefused([Problem(str(path), _NEITHER)])
 
 
-_NEITHER = (
-    "there is no case.toml and no batch.toml; a case needs fruit.ply, recordings (*.h5) and a case.toml with "
-    'at least the line category = "nectarine".'
+_HOLDS = (
+    'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply, which a '
+    "load cell's traces go without"
 )
+_NEITHER = f"there is no case.toml and no batch.toml; a case holds {_HOLDS}."
 _NO_CASE = f"case.toml: {_NEITHER}"
 
 

@@ -14,6 +14,7 @@ from pipeline.batch.records import MeshRecord, OrientationRecord, PitRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.photographed import KeptMesh, photographed
 from pipeline.fruit.size_doubts import size_doubts
+from pipeline.fruit.trace_geometry import stated_in_table
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.surface.fruit_frame import orientation_warnings
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
@@ -81,7 +82,13 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         return _shape(vertices, faces, np.eye(4), source="fruit.ply")
     if not folder.photo_files():
         astray = folder.photos_elsewhere().rstrip(".")
-        raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{f' (photos/: {astray})' if astray else ''}")
+        where = f"{folder.root}{f' (photos/: {astray})' if astray else ''}"
+        if stated_in_table(task.given).specimen.diameters_mm is not None:
+            where += (
+                ", nor a recording of bare plates alone in grasps/, with which the three diameters of "
+                "fruits.csv would do"
+            )
+        raise FruitEnded(Outcome.NO_SHAPE, where)
     if task.mat is None and task.given.height_mm is None:
         raise FruitEnded(Outcome.NO_SCALE, task.fruit_id)
     model = task.settings.recon.geometry_model

@@ -21,6 +21,7 @@ from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
 from tactile.io.load_cell import TABLES, is_trace, read_trace
+from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
@@ -50,6 +51,13 @@ KINDS = (
 WHAT_PRESSED = (
     "is a load cell's trace; give --indenter ball and --radius-mm (or flat and --radius-mm, or plates with "
     "the specimen between them: docs/formats.md, A load cell)."
+)
+
+
+FRAMES_ALONE = (
+    "holds pictures or a video of a gel, and nothing says of which sensor and when; put them into a folder "
+    "with grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp) and give that "
+    "folder. drupe sensor writes the description."
 )
 
 
@@ -191,8 +199,15 @@ def _of_any_kind(
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
         found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
         return found, []
+    if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
+        raise BatchRefused([Problem(str(source), FRAMES_ALONE)])
     there = "is nothing that can be converted" if source.exists() else "does not exist"
     raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
+
+
+def _in_and_below(source: Path) -> list[Path]:
+    """The file itself, or what a folder and its own folders hold."""
+    return [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source] * source.is_file()
 
 
 def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:

@@ -57,7 +57,11 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
             [Problem(str(sensor), "a ball's press needs --ball-mm, --reference and one --press or more.")]
         )
     if not presses.ball and presses.load_cell is None:
-        raise BatchRefused([Problem(str(sensor), "nothing to calibrate with; give --press or --load-cell.")])
+        what = (
+            "nothing to calibrate with; give --press or --load-cell, or, of a squeeze that measures a rig, "
+            "--rigid and --size-mm."
+        )
+        raise BatchRefused([Problem(str(sensor), what)])
     described = _described(sensor)
     kept = described.get("calibration_file") if not presses.ball else None
     look_up = None if kept is None else _look_up(sensor, kept)

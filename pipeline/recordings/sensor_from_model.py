@@ -61,7 +61,8 @@ def unknown_of(model: SensorModel) -> str:
     try:
         described(model, None, source="")
     except TactileFailure as failure:
-        return str(failure) if "nobody publishes" in str(failure) else ""
+        said = str(failure).removeprefix(f"{model.name}: ")
+        return f"{said[0].upper()}{said[1:]}" if said.startswith("nobody publishes") else ""
     return ""
 
 

@@ -177,3 +177,11 @@ def test_a_slip_in_the_table_is_named(tmp_path, row, said):
     (tmp_path / "fruits.csv").write_text(f"{HEADER},pit_share\n{row}\n")
     (tmp_path / "fruits" / "a" / "grasps").mkdir(parents=True)
     assert said in run("check", tmp_path)[1]
+
+
+def test_three_diameters_without_a_recording_are_not_only_told_to_be_photographed(tmp_path):
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text(f"{HEADER}\na,60,60,57,b\n")
+    (tmp_path / "fruits" / "a" / "grasps").mkdir(parents=True)
+    said = run("grade", tmp_path, "--out", tmp_path / "out")[1]
+    assert "nor a recording of bare plates alone in grasps/, with which the three diameters" in said

@@ -94,3 +94,7 @@ def test_refusals_say_what_was_found_and_what_to_do():
     assert "thickness -1" in failure_of((time, force, travel), thickness_mm=-1.0).detail
     noise = np.random.default_rng(7).standard_normal(len(time))
     assert failure_of((time, noise, travel)).problem is FemProblem.NO_LOAD
+    assert "more slowly where the machine" in failure_of((time, noise, travel)).detail
+    nothing = np.zeros(len(time))
+    assert "found a force of 0 N in every frame" in failure_of((time, nothing, travel)).detail
+    assert "another column taken for the travel" in failure_of((time, force, nothing)).detail

@@ -189,6 +189,13 @@ def test_a_ball_without_its_radius_is_refused(draft: Path, tmp_path: Path) -> No
     assert "needs --ball-mm, --reference and one --press or more" in str(result.exception)
 
 
+def test_without_a_press_both_ways_are_named(draft: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["calibrate", str(draft), str(tmp_path / "o.toml")])
+    assert "give --press or --load-cell, or, of a squeeze that measures a rig, --rigid" in str(
+        result.exception
+    )
+
+
 def test_a_description_is_written_as_it_was_read() -> None:
     values = tomllib.loads(DRAFT.format(springs='note = "a \\"quoted\\" \\\\ word"'))
     values["lights"] = [{"direction": [1.0, 0.0, -0.5], "colour": [1.0, 0.0, 0.0]}] * 3

@@ -14,6 +14,8 @@ from raw_folder import SENSOR, shear, write_raw
 from tac3d_folder import write_sensor
 
 from pipeline.cli import app
+from pipeline.problem import BatchRefused
+from pipeline.recordings.conversion import ConvertRequest, convert
 from tactile.io.field_tables import COLUMNS
 from tactile.io.recording import GelPad, IndenterPad, read_recording
 
@@ -146,6 +148,19 @@ def test_a_load_cell_of_three_axes_and_a_machine_that_says_its_place_are_still_t
     pad = read_recording(tmp_path / "out.h5").pads[0]
     assert isinstance(pad, IndenterPad)
     np.testing.assert_array_equal(pad.force_z_N, [0, 1, 4])
+
+
+@pytest.mark.parametrize("name", ["clip.avi", "frame.png", "trial"])
+def test_frames_without_a_description_are_told_what_they_need(tmp_path: Path, name: str) -> None:
+    (tmp_path / "trial" / "left").mkdir(parents=True)
+    for place in ("clip.avi", "frame.png", "trial/left/frame_000000.png"):
+        (tmp_path / place).write_bytes(b"RIFF")
+    with pytest.raises(BatchRefused) as refused:
+        convert(tmp_path / name, tmp_path / "out.h5", ConvertRequest(), report=print)
+    said = str(refused.value)
+    assert "holds pictures or a video of a gel" in " ".join(said.split())
+    assert "with grasp.toml, log.csv and the sensor's description" in " ".join(said.split())
+    assert not (tmp_path / "out.h5").exists()
 
 
 @pytest.mark.parametrize("name", ["nothing", "notes.txt"])

@@ -219,7 +219,7 @@ def test_a_bad_case_is_refused_in_one_line(drupe, finder, case, tmp_path, name):
 def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, tmp_path):
     for arguments, words in (
         ((tmp_path / "nowhere",), "there is no such folder"),
-        ((case / "fruit.ply",), "is a file"),
+        ((case / "fruit.ply",), "is a file; give the folder of a case: recordings (*.h5), a case.toml with"),
         ((case, "--json", tmp_path / "no" / "a.json"), "there is no such folder"),
         ((case, "--html", tmp_path), "is a folder"),
         ((case, "--fruit", "N1"), "--fruit is for batches"),

@@ -88,6 +88,20 @@ def test_a_gel_of_ones_own_needs_its_numbers(tmp_path: Path, empty: Path) -> Non
     assert read_sensor(out).outline is None
 
 
+def test_the_list_says_once_what_each_sensor_is_and_needs() -> None:
+    said = run("sensor")[1]
+    assert "digit: DIGIT, with printed dots. Nobody publishes what --pitch-mm would say; measure it" in said
+    assert said.count("DIGIT") == 1
+
+
+def test_a_refused_picture_is_named_once(tmp_path: Path) -> None:
+    no_picture = tmp_path / "empty.csv"
+    no_picture.write_text("1,2")
+    code, said = run("sensor", "gelsight-mini", tmp_path / "mini.toml", "--picture", no_picture)
+    assert code == 3
+    assert said.count("empty.csv") == 1
+
+
 def test_what_cannot_be_is_said(tmp_path: Path, empty: Path) -> None:
     out = tmp_path / "mini.toml"
     assert "is no sensor that drupe knows by name; known are digit," in run("sensor", "gelsight", out)[1]
