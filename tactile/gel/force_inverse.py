@@ -81,6 +81,11 @@ class GelContact:
     displacement_mm: Float[np.ndarray, "n 3"]
 
 
+def sees_depth(information_per_mm2: Float[np.ndarray, "n 3 3"]) -> bool:
+    """Whether markers are seen in three directions; they are all seen by the same cameras."""
+    return bool(np.linalg.matrix_rank(information_per_mm2[0], hermitian=True, rtol=1e-6) == 3)
+
+
 class InvertedForce:
     """The inverse of one gel, ready for frames: everything that frames share is computed here.
 
@@ -106,7 +111,7 @@ class InvertedForce:
         self._data = self._weighted.T @ self._observed_by
         self._size = 3 * len(grid.nodes_mm)
         self._adjacent_nodes = _neighbours(grid.laplacian < 0)
-        self.sees_depth = bool(np.linalg.matrix_rank(information_per_mm2[0], hermitian=True, rtol=1e-6) == 3)
+        self.sees_depth = sees_depth(information_per_mm2)
         self._take(hyperparameters)
 
     def _take(self, hyperparameters: PriorHyperparameters) -> None:

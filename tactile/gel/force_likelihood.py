@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.force_inverse import InvertedForce, sees_depth
 from tactile.gel.force_prior import (
     INITIAL_HYPERPARAMETERS,
     PriorDeterminant,
@@ -54,7 +54,7 @@ def most_likely_hyperparameters(
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
         touching = [everywhere for _ in frames_mm]
         if turn:
-            solver = InvertedForce(grid, information_per_mm2, best, observed=observed)
+            solver = InvertedForce(grid, information_per_mm2, best, observed=seen)
             touching = [solver.solve(y).touching for y in frames_mm]
         pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
         if not pairs:
@@ -69,10 +69,12 @@ def most_likely_hyperparameters(
                         break
                     best, value = trial, found
         noises.append(best.noise)
-    if InvertedForce(grid, information_per_mm2, best, observed=observed).sees_depth or not noises:
+    if not noises or sees_depth(information_per_mm2):
         return best
     for noise in reversed(noises):
-        solver = InvertedForce(grid, information_per_mm2, replace(INITIAL_HYPERPARAMETERS, noise=noise))
+        solver = InvertedForce(
+            grid, information_per_mm2, replace(INITIAL_HYPERPARAMETERS, noise=noise), observed=seen
+        )
         best = _with_contact(solver, frames_mm)
         if any(solver.with_prior(best).active_set(y).touching.any() for y in frames_mm):
             break
