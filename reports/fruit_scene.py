@@ -75,7 +75,7 @@ def fruit_scene(
     outer = skin.decimated(SKIN_TRIANGLES)
     painted = _Part("skin", outer, [_painted(outer.vertices, contacts_mm)])
     if layer is not None:
-        _, nearest = cKDTree(skin.vertices).query(outer.vertices)
+        nearest = np.asarray(cKDTree(skin.vertices).query(outer.vertices)[1])
         colour = np.tile([*FLESH, SKIN_ALPHA], (len(outer.vertices), 1))
         shown = layer.shown[nearest]
         colour[shown] = np.insert(layer.colours[nearest[shown]], 3, PATCH_ALPHA, axis=1)
