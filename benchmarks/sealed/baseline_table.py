@@ -12,6 +12,8 @@ NINETY = 1.645
 """Standard deviations that hold 90 % of a normal distribution on either side."""
 CLASSES = 2
 """Truths among a bank's cases, at least, for a forest to be trained on them."""
+FOLDS = 5
+"""Parts of the sealed cases where no bank is at hand: a case is answered by a forest of the other parts."""
 FINDER = "this finder"
 
 
@@ -37,23 +39,48 @@ def baseline_table(
     for name in BASELINES[:-1]:
         answers[name] = [one.row.get("baselines", {}).get(name) for one in cases]
     lines = ["", f"beside baselines ({len(cases)} cases{f', {lost} more without an answer' if lost else ''})"]
-    if find_spec("sklearn") and len({row["truth"] for row in bank}) >= CLASSES:
-        from random_forest import Forest
-
-        forest = Forest(bank)
-        usable = [one.row.get("features") for one in cases]
-        answers[BASELINES[-1]] = [None if row is None else forest.answer(row) for row in usable]
-        lines.append(
-            f"  random forest: trained on {len(bank)} cases of a bank, {forest.accuracy():.0%} of them right "
-            "by forests of other fruit"
-        )
+    forest = _forest_answers(cases, bank) if find_spec("sklearn") else None
+    if forest is None:
+        lines.append("  random forest: not trained (needs scikit-learn, and cases of two truths at least)")
     else:
-        lines.append("  random forest: not trained (needs --bank and scikit-learn)")
+        answers[BASELINES[-1]], said = forest
+        lines.append(f"  random forest: {said}")
     lines.append(
         f"  {'':18s} {'false alarms':>14s} {'first name':>12s} {'both of pair':>13s} {'unknown':>9s} "
         f"{'held-out':>9s} {'E inside':>10s} {'E error':>8s}"
     )
     return lines + [row_of(name, cases, own) for name, own in answers.items()]
+
+
+def _forest_answers(
+    cases: Sequence[Scored], bank: Sequence[Mapping[str, Any]]
+) -> tuple[list[dict[str, Any] | None], str] | None:
+    """Its answers, and what it was trained on: a bank, or else the other parts of these very cases, which are
+    drawn alike, so that it is judged kindly.
+    """
+    from random_forest import Forest
+
+    features = [one.row.get("features") for one in cases]
+    if len({row["truth"] for row in bank}) >= CLASSES:
+        forest = Forest(bank)
+        return [None if own is None else forest.answer(own) for own in features], (
+            f"trained on {len(bank)} cases of a bank, {forest.accuracy():.0%} of them right by forests of "
+            "other fruit"
+        )
+    rows = [
+        {"truth": one.truth, "fruit": one.case, "features": own}
+        for one, own in zip(cases, features, strict=True)
+        if own is not None
+    ]
+    if len({row["truth"] for row in rows}) < CLASSES or len(rows) < FOLDS:
+        return None
+    found: dict[str, dict[str, Any]] = {}
+    for part in range(FOLDS):
+        forest = Forest([row for k, row in enumerate(rows) if k % FOLDS != part])
+        found |= {row["fruit"]: forest.answer(row["features"]) for row in rows[part::FOLDS]}
+    return [found.get(one.case) for one in cases], (
+        f"trained on {FOLDS - 1} fifths of these cases, asked about the rest"
+    )
 
 
 def row_of(name: str, cases: Sequence[Scored], answers: Sequence[Mapping[str, Any] | None]) -> str:

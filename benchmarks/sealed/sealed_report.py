@@ -61,6 +61,10 @@ def tables(cases: Sequence[Scored]) -> list[str]:
     wrong = [one.detected and not one.unknown and not _is_kin(one) for one in outside]
     return [
         share("false alarms in sound cases", [one.detected for one in sound]),
+        *(
+            share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
+            for law in sorted({str(one.label.get("law")) for one in sound})
+        ),
         share("single effects detected", [one.detected for one in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
         share("  named first, all", [one.named_first for one in singles]),
