@@ -60,11 +60,11 @@ class BorrowedPictures(ReportPictures):
         super().__init__(results, fruits=fruits)
         self._results, self._ids = results, ids
 
-    def of(self, files, *, measured, graded):  # noqa: D102
+    def of(self, files, *, measured, graded, explained=False):  # noqa: D102
         group, _, number = files.root.name.partition("-")
         index = (int(group[1:]) - 1) * 100 + int(number)
         own = self._results.fruit(self._ids[index % len(self._ids)])
-        return super().of(own, measured=measured, graded=graded)
+        return super().of(own, measured=measured, graded=graded, explained=explained)
 
 
 def main() -> None:

@@ -191,6 +191,8 @@ class FruitEntry:
     mesh_picture: Picture | None = None
     scene: bytes = b""
     """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
+    explained_scene: bytes = b""
+    """The same with the map of `drupe explain`; empty where there is none."""
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
     coverage: Picture | None = None

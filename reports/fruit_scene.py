@@ -1,7 +1,7 @@
 """The fruit in three dimensions, as binary glTF 2.0: pit, and the skin with its contact patches painted on.
 
 Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows. A map
-of the skin is a second set of colours (COLOR_1), its ends in the skin's `extras`.
+of the skin is a second set of colours (COLOR_1), its name and ends in the skin's `extras`.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def fruit_scene(
         shown = layer.shown[nearest]
         colour[shown] = np.insert(layer.colours[nearest[shown]], 3, PATCH_ALPHA, axis=1)
         painted.colours.append(colour)
-        painted.extras["map"] = {"low": layer.low, "high": layer.high}
+        painted.extras["map"] = {"name": layer.name, "low": layer.low, "high": layer.high}
     return _glb([*parts, painted])
 
 

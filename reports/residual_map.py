@@ -93,6 +93,7 @@ def residual_layer(
     values, seen = (np.array(one) for one in zip(*carried, strict=True))
     count = seen.sum(axis=0)
     return SkinLayer(
+        name="residual",
         values=np.where(seen, values, 0.0).sum(axis=0) / np.maximum(count, 1),
         shown=count > 0,
         limit=_limit_um(values, seen),

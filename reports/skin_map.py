@@ -55,9 +55,11 @@ class MapStyle:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SkinLayer:
     """A map about zero over a surface's vertices: its value where `shown`, in the colours of a bar that
-    reaches from -`limit` to `limit`; `low` and `high` are the ends of the bar as they are read.
+    reaches from -`limit` to `limit`; `low` and `high` are the ends of the bar as they are read. `name` is
+    the page's word for it among the colours of the fruit in three dimensions.
     """
 
+    name: str
     values: Float[np.ndarray, " n"]
     shown: Bool[np.ndarray, " n"]
     limit: float

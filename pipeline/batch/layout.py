@@ -224,6 +224,11 @@ class FruitResults:
         return self.root / "mismatch.json"
 
     @property
+    def mismatch_scene(self) -> Path:
+        """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
+        return self.root / "mismatch.glb"
+
+    @property
     def traceback(self) -> Path:
         """Where a fault of drupe's own happened."""
         return self.root / "traceback.txt"
@@ -231,7 +236,7 @@ class FruitResults:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that may be written here."""
-        return (*self._of_grading, self.mismatch)
+        return (*self._of_grading, self.mismatch, self.mismatch_scene)
 
     @property
     def _of_grading(self) -> tuple[Path, ...]:

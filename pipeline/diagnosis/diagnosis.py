@@ -22,6 +22,7 @@ from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.stage_log import StageLog
+from reports.fruit_scene import SceneSurface
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
@@ -39,11 +40,14 @@ AS_GRADED = "E without an effect: {said}."
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """The explanation, with the recordings it is of, where the pads touched, and facts for the page."""
+    """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
+    page.
+    """
 
     explanation: Explanation
     grasps: tuple[str, ...]
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
+    pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
 
 
@@ -153,6 +157,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         explanation=replace(found, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
         contacts_mm=touched_by_pad(fruit.placed),
+        pit=SceneSurface(fruit.pit.vertices, fruit.pit.faces) if len(fruit.pit.faces) else None,
         facts=(
             ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
             ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),

@@ -148,9 +148,10 @@ def _fruit_entry(
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
-    mismatch = record.mismatch or _explained(record, files)
+    answer = _explained(record, files)
+    mismatch = record.mismatch or answer
     decision = decide(record, place, grading, mismatch=mismatch)
-    shown = pictures.of(files, measured=mesh is not None, graded=record.graded)
+    shown = pictures.of(files, measured=mesh is not None, graded=record.graded, explained=answer is not None)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -186,6 +187,7 @@ def _fruit_entry(
         outlines=shown.outlines,
         mesh_picture=shown.mesh,
         scene=shown.scene,
+        explained_scene=shown.explained_scene,
         has_pit=record.pit is not None,
         coverage=shown.coverage,
         views=shown.views,

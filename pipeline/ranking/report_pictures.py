@@ -76,6 +76,7 @@ class FruitPictures(NamedTuple):
     residual: Picture | None = None
     views: Picture | None = None
     scene: bytes = b""
+    explained_scene: bytes = b""
 
 
 class ReportPictures:
@@ -87,8 +88,13 @@ class ReportPictures:
         self._with_scenes = fruits <= MANY_SCENES
         self._made: dict[tuple[str, tuple[tuple[str, int, int], ...]], FruitPictures] = {}
 
-    def of(self, files: FruitResults, *, measured: bool, graded: bool) -> FruitPictures:
-        """Pictures of one fruit; of one without a mesh (not `measured`) or graded those that fit it."""
+    def of(
+        self, files: FruitResults, *, measured: bool, graded: bool, explained: bool = False
+    ) -> FruitPictures:
+        """Pictures of one fruit; of one without a mesh (not `measured`) or graded those that fit it.
+
+        `explained`: `drupe explain` has an answer for it as it is.
+        """
         wanted = {
             "photo": files.photo,
             "outlines": files.outlines,
@@ -107,10 +113,12 @@ class ReportPictures:
         found = (str(files.root), state)
         if found not in self._made:
             self._made[found] = self._pictures(files, there)
-        scene = files.scene if measured and self._with_scenes else None
-        if scene is None or not scene.is_file():
+        if not (measured and self._with_scenes and files.scene.is_file()):
             return self._made[found]
-        return self._made[found]._replace(scene=scene.read_bytes())
+        more = files.mismatch_scene if explained and files.mismatch_scene.is_file() else None
+        return self._made[found]._replace(
+            scene=files.scene.read_bytes(), explained_scene=b"" if more is None else more.read_bytes()
+        )
 
     def _pictures(self, files: FruitResults, there: dict[str, Path]) -> FruitPictures:
         key = stage_key(

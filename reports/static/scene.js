@@ -6,11 +6,11 @@
   const canvas = dialog.querySelector("canvas");
   const lacking = dialog.querySelector(".lacking");
   const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar");
-  let gl = null, uniforms = null, parts = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+  let gl = null, uniforms = null, scenes = [], parts = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
 
-  const colours = (part) => part.colours[Math.min(Number(choice.value), part.colours.length - 1)];
-
-  function partsOf(bytes) {
+  // parts with their sets of colours; the second set is a map, with its name and the ends of its bar
+  function sceneOf(coded) {
+    const bytes = Uint8Array.from(atob(coded), (one) => one.charCodeAt(0));
     const length = new DataView(bytes.buffer).getUint32(12, true);
     const gltf = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));
     const start = 28 + length;
@@ -21,10 +21,11 @@
       const at = start + gltf.bufferViews[accessor.bufferView].byteOffset;
       return new kind(bytes.slice(at, at + accessor.count * wide * kind.BYTES_PER_ELEMENT).buffer);
     };
-    return gltf.meshes.flatMap((mesh) => mesh.primitives.map((one) => ({
-      place: read(one.attributes.POSITION), corner: read(one.indices), ends: mesh.extras && mesh.extras.map,
+    const parts = gltf.meshes.flatMap((mesh) => mesh.primitives.map((one) => ({
+      place: read(one.attributes.POSITION), corner: read(one.indices),
       colours: ["COLOR_0", "COLOR_1"].filter((name) => name in one.attributes).map((name) => read(one.attributes[name])),
     })));
+    return { parts, map: gltf.meshes.map((mesh) => mesh.extras && mesh.extras.map).find(Boolean) };
   }
 
   function begun() {
@@ -37,10 +38,10 @@
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     };
-    add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec2 scale;
+    add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec3 scale;
       out vec3 seen; out vec4 paint;
       void main() { seen = turn * (place - middle); paint = colour;
-        gl_Position = vec4(seen.xy * scale, -seen.z * scale.y * 0.4, 1.0); }`);
+        gl_Position = vec4(seen.xy * scale.xy, -seen.z * scale.z, 1.0); }`);
     add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec4 paint; out vec4 shown;
       void main() { vec3 n = normalize(cross(dFdx(seen), dFdy(seen)));
         float light = 0.45 + 0.55 * abs(dot(n, normalize(vec3(-0.4, 0.5, 0.75))));
@@ -57,41 +58,38 @@
     return true;
   }
 
-  function load(bytes) {
+  function load() {
     const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    parts = partsOf(bytes).map((part) => {
+    const name = choice.value, shown = scenes.find((scene) => name && scene.map && scene.map.name === name) || scenes[0];
+    for (const part of parts) {
+      gl.deleteVertexArray(part.array);
+      part.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
+    }
+    parts = shown.parts.map((part) => {
+      const paint = name && part.colours[1] || part.colours[0], buffers = [0, 1, 2].map(() => gl.createBuffer());
       part.place.forEach((value, k) => {
         low[k % 3] = Math.min(low[k % 3], value);
         high[k % 3] = Math.max(high[k % 3], value);
       });
       const array = gl.createVertexArray();
       gl.bindVertexArray(array);
-      const paint = gl.createBuffer();
-      [[gl.createBuffer(), part.place, 3, gl.FLOAT, false], [paint, part.colours[0], 4, gl.UNSIGNED_BYTE, true]].forEach(([buffer, data, wide, kind, unit], k) => {
-        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      [[part.place, 3, gl.FLOAT, false], [paint, 4, gl.UNSIGNED_BYTE, true]].forEach(([data, wide, kind, unit], k) => {
+        gl.bindBuffer(gl.ARRAY_BUFFER, buffers[k]);
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
         gl.enableVertexAttribArray(k);
         gl.vertexAttribPointer(k, wide, kind, unit, 0, 0);
       });
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[2]);
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.corner, gl.STATIC_DRAW);
-      return { array, paint, colours: part.colours, ends: part.ends, count: part.corner.length, solid: part.colours[0][3] === 255 };
+      return { array, buffers, count: part.corner.length, solid: part.colours[0][3] === 255 };
     });
-    const mapped = parts.find((part) => part.ends);
-    choice.closest("p").hidden = !mapped;
-    choice.value = "0";
-    if (mapped) [bar.firstElementChild.textContent, bar.lastElementChild.textContent] = [mapped.ends.low, mapped.ends.high];
-    painted();
     middle = low.map((value, k) => (value + high[k]) / 2);
-    reach = 0.62 * Math.hypot(...high.map((value, k) => value - low[k]));
-  }
-
-  function painted() {
-    bar.hidden = choice.value === "0";
-    for (const part of parts) {
-      gl.bindBuffer(gl.ARRAY_BUFFER, part.paint);
-      gl.bufferData(gl.ARRAY_BUFFER, colours(part), gl.STATIC_DRAW);
-    }
+    reach = 0.6 * Math.max(...high.map((value, k) => value - low[k]));
+    bar.hidden = !name;
+    if (!name) return;
+    const said = choice.selectedOptions[0].dataset;
+    bar.firstElementChild.textContent = `${said.below} (${shown.map.low})`;
+    bar.lastElementChild.textContent = `${said.above} (${shown.map.high})`;
   }
 
   function draw() {
@@ -101,7 +99,7 @@
     const rows = [[c, s, 0], [-t * s, t * c, d], [d * s, -d * c, t]];
     gl.uniformMatrix3fv(uniforms.turn, true, rows.flat());
     gl.uniform3fv(uniforms.middle, middle);
-    gl.uniform2f(uniforms.scale, zoom / reach * canvas.height / canvas.width, zoom / reach);
+    gl.uniform3f(uniforms.scale, zoom / reach * canvas.height / canvas.width, zoom / reach, 0.5 / reach);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(0, 0, 0, 0);
     gl.depthMask(true);
@@ -133,11 +131,15 @@
     lacking.hidden = gl !== null || begun();
     if (!lacking.hidden) return;
     [yaw, pitch, zoom] = [0.6, 0.35, 1];
-    load(Uint8Array.from(atob(button.dataset.scene), (one) => one.charCodeAt(0)));
+    scenes = [button.dataset.scene, button.dataset.explained].filter(Boolean).map(sceneOf);
+    for (const option of choice.options) option.hidden = option.disabled = option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
+    choice.closest("p").hidden = !scenes.some((scene) => scene.map);
+    choice.value = "";
+    load();
     draw();
   });
   choice.addEventListener("change", () => {
-    painted();
+    load();
     draw();
   });
   canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));

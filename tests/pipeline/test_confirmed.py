@@ -12,7 +12,7 @@ from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import SPECS
 from pipeline.batch.confirmed_effects import ConfirmedEffect, PitFound, pit_found
-from pipeline.batch.layout import FruitResults
+from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.settings import PitSettings, Settings
 from pipeline.fruit.effect_spread import _shifted
 from pipeline.fruit.flesh_effects import (
@@ -25,6 +25,7 @@ from pipeline.fruit.flesh_effects import (
 from pipeline.fruit.flesh_model import error_budget, poisson_ratio
 from pipeline.fruit.fruit_shape import embedded_pit
 from pipeline.ranking.report_entries import _explained
+from pipeline.ranking.report_pictures import MANY_SCENES, ReportPictures
 from recon.surface.mesh_file import write_mesh
 
 NU = ConfirmedEffect(effect="poisson_ratio", parameters={"nu": 0.41}, sd={"nu": 0.007})
@@ -141,3 +142,18 @@ def test_an_answer_of_other_inputs_is_not_the_fruits(tmp_path):
     assert _explained(SimpleNamespace(key="k2"), files) is None
     files.mismatch.write_text("half a fi")
     assert _explained(record, files) is None
+
+
+def test_the_map_of_an_answer_of_other_inputs_is_not_shown(tmp_path):
+    results = Results(tmp_path)
+    files = results.fruit("N01")
+    files.root.mkdir(parents=True)
+    for path, content in ((files.outlines, b"a link"), (files.scene, b"own"), (files.mismatch_scene, b"map")):
+        path.write_bytes(content)
+    pictures = ReportPictures(results, fruits=1)
+    shown = [pictures.of(files, measured=True, graded=True, explained=one) for one in (True, False)]
+    assert [(one.scene, one.explained_scene) for one in shown] == [(b"own", b"map"), (b"own", b"")]
+    many = ReportPictures(results, fruits=MANY_SCENES + 1).of(
+        files, measured=True, graded=True, explained=True
+    )
+    assert (many.scene, many.explained_scene) == (b"", b"")

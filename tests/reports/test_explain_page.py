@@ -1,10 +1,13 @@
 """The page of a mismatch: verdict first, everything inside one file, hostile text escaped, nothing lost."""
 
+import io
+import json
 import re
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+import trimesh
 
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
@@ -26,6 +29,9 @@ from reports.explain_entries import (
     WhereEntry,
 )
 from reports.explain_page import explain_html
+from reports.explain_scene import explained_scene
+from reports.fruit_scene import SceneSurface
+from reports.mesh_picture import FLESH
 from reports.next_grasp_picture import _painted, next_grasp_picture
 from reports.raycast import TracedSurface, Viewing
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
@@ -314,3 +320,45 @@ def test_frames_that_say_nothing_of_E_are_not_drawn():
     ((grasp, chart),) = modulus_over_time(entry())
     assert grasp == "grasp-1"
     assert chart.count("<circle") == 20 + 1
+
+
+def content(made: bytes) -> dict:
+    return json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
+
+
+def painted(made: bytes) -> np.ndarray:
+    """RGBA of the skin's vertices by the map (COLOR_1), in the order of the file."""
+    said = content(made)
+    start = 28 + int.from_bytes(made[12:16], "little")
+    accessor = said["accessors"][said["meshes"][-1]["primitives"][0]["attributes"]["COLOR_1"]]
+    view = said["bufferViews"][accessor["bufferView"]]
+    at = start + view["byteOffset"]
+    return np.frombuffer(made[at : at + 4 * accessor["count"]], np.uint8).reshape(-1, 4)
+
+
+def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen_is_bare():
+    made = explained_scene(entry(), None)
+    assert made is not None
+    assert content(made)["meshes"][0]["extras"]["map"] == {"name": "finder", "low": "-8 σ", "high": "8 σ"}
+    places = np.array(trimesh.load(io.BytesIO(made), file_type="glb").geometry["skin"].vertices)
+    colour = painted(made).astype(int)
+    soft = places[:, 0] > 20
+    assert (colour[soft][:, 0] > colour[soft][:, 2] + 60).all()
+    bare = np.abs(places[:, 0]) < 5
+    assert (colour[bare][:, :3] == np.round(255 * np.array(FLESH))).all()
+
+
+def test_in_three_dimensions_the_pit_is_inside():
+    tetrahedron = SceneSurface(
+        np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    )
+    made = explained_scene(entry(), tetrahedron)
+    assert made is not None
+    assert [mesh["name"] for mesh in content(made)["meshes"]] == ["pit", "skin"]
+
+
+def test_without_a_map_nothing_is_shown_in_three_dimensions():
+    assert explained_scene(entry(maps=None), None) is None
+    unseen = bumpy_map().model_copy(update={"visible": np.zeros(6)})
+    assert explained_scene(entry(maps=unseen), None) is None

@@ -62,12 +62,12 @@ def test_a_map_of_the_skin_is_a_second_set_of_colours() -> None:
     """As another reader finds it; red is low, blue is high, skin that is not shown is flesh."""
     skin = ball(30.0, 5)
     x, _, z = skin.vertices.T
-    layer = SkinLayer(values=np.sign(z) * 50.0, shown=x > 10.0, limit=50.0, unit="µm")
+    layer = SkinLayer(name="m", values=np.sign(z) * 50.0, shown=x > 10.0, limit=50.0, unit="µm")
     made = fruit_scene(skin, ball(12.0, 2), {}, layer)
     content = json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
     pit, outer = content["meshes"]
     assert "extras" not in pit
-    assert outer["extras"]["map"] == {"low": "-50 µm", "high": "50 µm"}
+    assert outer["extras"]["map"] == {"name": "m", "low": "-50 µm", "high": "50 µm"}
     assert {"COLOR_0", "COLOR_1"} < set(outer["primitives"][0]["attributes"])
     outer["primitives"][0]["attributes"]["COLOR_0"] = outer["primitives"][0]["attributes"].pop("COLOR_1")
     text = json.dumps(content).encode()
