@@ -362,3 +362,11 @@ def test_without_a_map_nothing_is_shown_in_three_dimensions():
     assert explained_scene(entry(maps=None), None) is None
     unseen = bumpy_map().model_copy(update={"visible": np.zeros(6)})
     assert explained_scene(entry(maps=unseen), None) is None
+
+
+def test_no_two_parts_of_the_page_have_one_name():
+    """As a screen reader lists them."""
+    page = explain_html(entry())
+    labels = re.findall(r'<(?:section|div)[^>]*aria-label(?:ledby)?="([^"]*)"', page)
+    assert len(labels) > 8
+    assert len(set(labels)) == len(labels)
