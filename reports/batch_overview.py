@@ -50,7 +50,7 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
     for one in fruits:
         if one[1].decision:
             by_list[one[1].decision].append(one)
-    shown = ", ".join(batch.ships)
+    shown = say(" or ").join(batch.ships)
     parted = bool(batch.ships)
     titles = (
         (SHIP, say("Ship"), say("certain (90 % or more) to be {classes}", classes=shown)),

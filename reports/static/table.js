@@ -57,7 +57,10 @@
       body.append(...keyed.map((one) => one[2]));
     });
   });
-  table.caption.append("; " + tools.dataset.sorts);
+  const hint = document.createElement("span");
+  hint.className = "on-screen";
+  hint.textContent = "; " + tools.dataset.sorts;
+  table.caption.append(hint);
   filter();
 })();
 (function () {

@@ -255,3 +255,15 @@ def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(
     )
     assert "Taken into account: viscoelastic" in shown
     assert "Missing physics: none found beyond that (p = 0.40)." in shown
+
+
+def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch: BatchEntry) -> None:
+    """Before it is explained by what the screen suspects, afterwards by the answer."""
+    screen = ScreenEntry(
+        p_value=0.01, suspects=(Suspect(name="skin", short="a skin", advice="Look."),), why_not="", note="so"
+    )
+    for mismatch in (None, "skin"):
+        fruit = replace(awkward_batch.fruits[0], mismatch=mismatch, mismatch_taken=False, screen=screen)
+        page = report_html(replace(awkward_batch, fruits=(fruit,)))
+        assert page.count("how sure that is and what it does to E") == 1
+        assert page.index("<details", page.index("<article")) < page.index("went on without some of it")
