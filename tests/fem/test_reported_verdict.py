@@ -42,6 +42,18 @@ def test_a_name_that_leaves_more_than_half_of_the_misfit_is_no_name(after, fails
     assert fails_held_out(HeldOut(rms_before=0.05, rms_after=after, noise_rms=0.01), of_fruit=True) == fails
 
 
+@pytest.mark.parametrize(("after", "fails"), [(0.0140, False), (0.0143, True), (0.0160, True)])
+def test_a_name_that_leaves_what_sound_recordings_leave_stands(after, fails) -> None:
+    """0.01 beside a noise of 0.01 is 0.01414 together, of which half of the misfit alone would be 0.0129."""
+    assert fails_held_out(HeldOut(rms_before=0.0153, rms_after=after, noise_rms=0.01), of_fruit=True) == fails
+
+
+@pytest.mark.parametrize(("after", "fails"), [(0.0112, False), (0.0114, True)])
+def test_a_name_that_predicts_worse_than_none_never_stands(after, fails) -> None:
+    """Though both are within what sound recordings leave."""
+    assert fails_held_out(HeldOut(rms_before=0.0112, rms_after=after, noise_rms=0.01), of_fruit=True) == fails
+
+
 @pytest.mark.parametrize(("after", "fails"), [(0.049, False), (0.0505, False), (0.051, True)])
 def test_a_fault_of_a_sensor_need_only_predict_no_worse(after, fails) -> None:
     assert fails_held_out(HeldOut(rms_before=0.05, rms_after=after, noise_rms=0.01), of_fruit=False) == fails

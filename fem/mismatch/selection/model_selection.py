@@ -20,6 +20,8 @@ from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import (
+    CLEAR_EXCESS,
+    CLEAR_GAIN,
     ENOUGH_GAIN,
     EQUAL_PROBABILITY,
     MOST_NULLS,
@@ -152,7 +154,7 @@ def select_model(
         )
         for one, p in zip(found, weight, strict=True)
     )
-    verdict = _verdict(linear, ranking, null_case) if detected else NONE
+    verdict = verdict_of(linear, ranking, null_case) if detected else NONE
     without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
     return ModelSelection(ranking=ranking, verdict=verdict, without=without)
 
@@ -291,15 +293,18 @@ def _polished(
     return replace(one, gain=_gain(linear, again, null_case), refit=again)
 
 
-def _verdict(
+def verdict_of(
     linear: LinearRound, ranking: Sequence[Hypothesis], null_case: NullCase
 ) -> str | tuple[str, ...]:
-    """The name of the one likely effect, or all that cannot be told apart, or "unknown"."""
+    """The name of the one likely effect, or all that cannot be told apart, or "unknown": where nothing gains
+    more than effects do on null cases, or the best leaves more chi-square than those do.
+    """
     first = next((one for one in ranking if one.name != NONE), None)
     if first is None or first.refit is None or first.gain <= null_case.least:
         return UNKNOWN
     before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
-    if after > max(UNKNOWN_LEFT * before, UNKNOWN_EXCESS * null_case.chi2):
+    excess = CLEAR_EXCESS if first.gain > CLEAR_GAIN else UNKNOWN_EXCESS
+    if after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
         return UNKNOWN
     indistinguishable = tuple(
         one.name

@@ -1,12 +1,12 @@
 """What the held-out recordings leave of a verdict, and the E that is said with it.
 
 A name that explains all recordings best must not predict those left out worse than the plain model does; a
-property of the fruit must explain at least half of what they show beyond noise (a fault of a sensor shows in
-the balance of forces too, which this does not count). Else it stands for something that the catalogue does
-not have. What E is said goes with the verdict: that of the plain model where nothing is missing, its spread
-what effects that went undetected may do to it too; the mean over all names that cannot be told apart, by
-their probabilities, its spread what they differ by too; and where something unknown is missing that of the
-plain model, as uncertain as unknown physics has made it.
+property of the fruit must explain at least half of what they show beyond noise, or leave no more than sound
+recordings do (a fault of a sensor shows in the balance of forces too, which this does not count). Else it
+stands for something that the catalogue does not have. What E is said goes with the verdict: that of the plain
+model where nothing is missing, its spread what effects that went undetected may do to it too; the mean over
+all names that cannot be told apart, by their probabilities, its spread what they differ by too; and where
+something unknown is missing that of the plain model, as uncertain as unknown physics has made it.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +19,7 @@ from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.thresholds import (
     ABOVE_NOISE_SHARE,
+    HELD_OUT_FLOOR,
     LARGE_MISFIT,
     LARGE_MISFIT_MODULUS_SD,
     MOST_LEFT,
@@ -39,10 +40,13 @@ def fails_held_out(proof: HeldOut | None, *, of_fruit: bool) -> bool:
     """
     if proof is None or proof.rms_before < (1 + ABOVE_NOISE_SHARE) * proof.noise_rms:
         return False
+    if not proof.rms_after <= (1 + WORSE_SHARE) * proof.rms_before:
+        return True
     if not of_fruit:
-        return not proof.rms_after <= (1 + WORSE_SHARE) * proof.rms_before
+        return False
     noise = proof.noise_rms**2
-    return not proof.rms_after**2 - noise <= MOST_LEFT * (proof.rms_before**2 - noise)
+    may_leave = max(MOST_LEFT * (proof.rms_before**2 - noise), HELD_OUT_FLOOR**2)
+    return not proof.rms_after**2 - noise <= may_leave
 
 
 def _of_fruit(again: Refit) -> bool:
