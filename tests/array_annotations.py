@@ -5,6 +5,7 @@ An axis named with an underscore (`list[Float[np.ndarray, "_f _n 3"]]`) may have
 a container; one named without has the same size wherever the name stands in a signature.
 """
 
+import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar, get_args
 
@@ -30,3 +31,37 @@ def has_array(hint: object) -> bool:
     """
     is_array = isinstance(hint, type) and issubclass(hint, AbstractArray)
     return is_array or any(has_array(part) for part in get_args(hint))
+
+
+def only_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
+    """jaxtyping's decorator, which leaves functions alone whose annotations name no array.
+
+    Nothing of them would be checked, but each call would be bound to its signature all the same; likewise a
+    result that is no array is not looked at, which else has the arguments checked a second time.
+    """
+
+    def decorated(*, typechecker: Any) -> Callable[[Any], Any]:
+        wrap = jaxtyped(typechecker=typechecker)
+
+        def decorate(defined: Any) -> Any:
+            function = _function_of(defined)
+            hints = getattr(function, "__annotations__", {})
+            named = {name for name, hint in hints.items() if isinstance(hint, str) or has_array(hint)}
+            if not named:
+                return defined
+            if "return" in named or "return" not in hints:
+                return wrap(defined)
+            function.__annotations__ = {name: hint for name, hint in hints.items() if name != "return"}
+            wrapped = wrap(defined)
+            function.__annotations__ = _function_of(wrapped).__annotations__ = hints
+            return wrapped
+
+        return decorate
+
+    return decorated
+
+
+def _function_of(defined: Any) -> Any:
+    """Of a method of a class or a property its function, of a class how it is made."""
+    function = getattr(defined, "__func__", None) or getattr(defined, "fget", None) or defined
+    return function.__init__ if inspect.isclass(function) else function

@@ -4,15 +4,18 @@ The hook holds for what this process imports; workers that tests start as proces
 checked.
 """
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import array_annotations  # noqa: F401 - the hook's checks, while their folder is on the path
+import array_annotations  # the hook's checks, while their folder is on the path
+import jaxtyping
 import pytest
 from jaxtyping import config, install_import_hook
 
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
 ROOT = Path(__file__).parents[1]
 CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline")
 """The rooms, all of whose modules are checked."""
@@ -28,6 +31,7 @@ def modules_with_arrays() -> list[str]:
     ]
 
 
+jaxtyping.jaxtyped = array_annotations.only_with_arrays(jaxtyping.jaxtyped)
 install_import_hook(modules_with_arrays(), "array_annotations.check")
 
 
