@@ -32,6 +32,12 @@ CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "
 """Likewise, where the contact is found anew at every step."""
 
 
+DRAGGED = 0.4
+"""Share of one direction in the motion of a gel from which it is dragged: 0.54 to 0.91 in the greatest frame
+of three real drags (cheese_tube of Parag, Incipient-Slip-Detection; docs/validation.md), 0.99 and more in
+drawn ones, 0.00 where prints come or go (tests/pipeline/test_reference_messages.py)."""
+
+
 def most_likely_hyperparameters(
     grid: GelGrid,
     information_per_mm2: Float[np.ndarray, "n 3 3"],
@@ -44,9 +50,9 @@ def most_likely_hyperparameters(
     """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
     The contact is found anew after every round of climbing. Where depth is not seen, contact and prior depend
-    so much on each other that it is found anew at every step of one more climb. Where the last round's noise
-    shows no contact, either a contact found far too small made noise of the gel's motion, and that of the
-    round before holds, or nothing presses, as where the reference bears a print: the likelier one is taken.
+    so much on each other that it is found anew at every step of one more climb. A contact found far too small
+    makes noise of the gel's motion, which then shows no contact at all: where the gel is dragged one way, the
+    noise of the round before it is taken. Else nothing presses, as where the reference bears a print.
     """
     best, noises = start, list[float]()
     seen = displacement_by(grid) if observed is None else observed
@@ -71,22 +77,28 @@ def most_likely_hyperparameters(
         noises.append(best.noise)
     if not noises or sees_depth(information_per_mm2):
         return best
-    climbed: list[tuple[float, PriorHyperparameters]] = []
     for noise in reversed(noises):
         solver = InvertedForce(
             grid, information_per_mm2, replace(INITIAL_HYPERPARAMETERS, noise=noise), observed=seen
         )
-        value, best = _with_contact(solver, frames_mm)
-        climbed.append((value + sum(_of_noise(information_per_mm2, y, noise) for y in frames_mm), best))
-        if any(solver.with_prior(best).active_set(y).touching.any() for y in frames_mm):
+        best = _with_contact(solver, frames_mm)
+        touches = any(solver.with_prior(best).active_set(y).touching.any() for y in frames_mm)
+        if touches or max(map(one_way_share, frames_mm)) < DRAGGED:
             break
-    return max(climbed, key=lambda one: one[0])[1]
+    return best
+
+
+def one_way_share(displacement_mm: Float[np.ndarray, "n 3"]) -> float:
+    """|sum |d| d| / sum |d|^2 along the face: 1 where all that moves goes one way, 0 round a press."""
+    along = np.where(np.isfinite(displacement_mm).all(axis=1)[:, None], displacement_mm, 0.0)[:, :2]
+    size = np.linalg.norm(along, axis=1)
+    return float(np.linalg.norm(size @ along) / max(float(size @ size), 1e-300))
 
 
 def _with_contact(
     solver: InvertedForce, frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"]
-) -> tuple[float, PriorHyperparameters]:
-    """The climb from the solver's prior, noise as it is, with the contact of every trial; its likelihood."""
+) -> PriorHyperparameters:
+    """The climb from the solver's prior, noise as it is, with the contact of every trial."""
 
     def likelihood(trial: PriorHyperparameters) -> float:
         tried = solver.with_prior(trial)
@@ -101,19 +113,7 @@ def _with_contact(
                 if (found := likelihood(trial)) <= value:
                     break
                 best, value = trial, found
-    return value, best
-
-
-def _of_noise(information: np.ndarray, y: np.ndarray, noise: float) -> float:
-    """What a frame's log likelihood holds of its noise alone, whatever touches."""
-    usable = np.isfinite(y).all(axis=1)
-    misfit = float(np.einsum("ni,nij,nj->", y[usable], information[usable], y[usable]))
-    return -0.5 * misfit / noise**2 - _directions(information, usable) * float(np.log(noise))
-
-
-def _directions(information: np.ndarray, usable: np.ndarray) -> int:
-    """Numbers that a frame tells: those seen of each marker."""
-    return int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum())
+    return best
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +144,7 @@ def _sufficient_statistics(
         normal=weighted.T @ flat,
         right=weighted.T @ y[usable].ravel(),
         misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
-        directions=_directions(information, usable),
+        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
         motion_mm=motion_of(np.where(usable[:, None], y, 0.0)),
     )
 

@@ -11,13 +11,13 @@ from fem.mismatch.thresholds import CLEAR_GAIN
 NULL_CASE = NullCase(chi2=1000.0, most_chi2=1500.0, compliance_ratio=1.0)
 
 
-def said(*, before: float, after: float, gain: float) -> str | tuple[str, ...]:
-    """The verdict where the plain model leaves chi-square `before` and one effect, gaining so much, `after`."""
+def said(*, before: float, after: float, gain: float, direct: float = 0.0) -> str | tuple[str, ...]:
+    """The verdict where the plain model leaves chi-square `before`, and the one effect tried `after`."""
     only = Hypothesis(
         name="skin",
         gain=gain,
         probability=1.0,
-        linear_fits=(),
+        linear_fits=(SimpleNamespace(direct=direct),),  # type: ignore[arg-type]
         refit=SimpleNamespace(fit=SimpleNamespace(chi2=after)),  # type: ignore[arg-type]
     )
     return verdict_of(SimpleNamespace(null=SimpleNamespace(chi2=before)), (only,), NULL_CASE)  # type: ignore[arg-type]
@@ -39,3 +39,8 @@ def test_what_is_left_is_held_against_what_sound_recordings_leave(after, gain, v
 def test_a_name_that_explains_most_of_a_large_excess_stands() -> None:
     assert said(before=6000.0, after=3900.0, gain=1000.0) == "skin"
     assert said(before=6000.0, after=4100.0, gain=1000.0) == UNKNOWN
+
+
+def test_what_recordings_show_directly_is_named_whatever_is_left() -> None:
+    assert said(before=2400.0, after=2400.0, gain=500.0, direct=CLEAR_GAIN + 1) == "skin"
+    assert said(before=2400.0, after=2400.0, gain=500.0, direct=CLEAR_GAIN - 1) == UNKNOWN

@@ -3,7 +3,7 @@ import pytest
 
 from samples.gel_press import GelBlock, gel_block
 from tactile.gel.force_inverse import InvertedForce
-from tactile.gel.force_likelihood import most_likely_hyperparameters
+from tactile.gel.force_likelihood import DRAGGED, most_likely_hyperparameters, one_way_share
 from tactile.gel.force_prior import PriorHyperparameters
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.slab import GelSlab
@@ -216,3 +216,16 @@ def test_a_contact_that_drags_more_than_it_presses_is_not_taken_for_noise() -> N
     found = InvertedForce(grid, information, hyperparameters).solve(frames[0])
     total = scale * force.sum(axis=0)
     assert np.linalg.norm(found.force_N.sum(axis=0)[:2] - total[:2]) < 0.1 * np.linalg.norm(total)
+
+
+def test_a_drag_goes_one_way_and_a_press_all_ways() -> None:
+    """A twist and a spread have as much to the left as to the right, whatever markers are hidden."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-5, 5, 12), np.linspace(-4, 4, 10)))
+    far = np.exp(-(x**2 + y**2) / 8)[:, None]
+    press = far * np.column_stack([x, y, -np.ones_like(x)])
+    drag = far * np.array([0.6, -0.3, 0.0])
+    assert one_way_share(press) < 0.01
+    assert one_way_share(drag) == pytest.approx(1.0)
+    press[x > 4] = np.nan
+    assert one_way_share(press) < DRAGGED
+    assert one_way_share(np.zeros_like(press)) == 0.0

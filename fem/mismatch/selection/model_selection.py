@@ -297,14 +297,16 @@ def verdict_of(
     linear: LinearRound, ranking: Sequence[Hypothesis], null_case: NullCase
 ) -> str | tuple[str, ...]:
     """The name of the one likely effect, or all that cannot be told apart, or "unknown": where nothing gains
-    more than effects do on null cases, or the best leaves more chi-square than those do.
+    more than effects do on null cases, or the best leaves more chi-square than those do. What the recordings
+    themselves show plainly (SeenDirectly) is named whatever is left beside it.
     """
     first = next((one for one in ranking if one.name != NONE), None)
     if first is None or first.refit is None or first.gain <= null_case.least:
         return UNKNOWN
     before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
+    direct = sum(one.direct for one in first.linear_fits)
     excess = CLEAR_EXCESS if first.gain > CLEAR_GAIN else UNKNOWN_EXCESS
-    if after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
+    if direct < CLEAR_GAIN and after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
         return UNKNOWN
     indistinguishable = tuple(
         one.name
