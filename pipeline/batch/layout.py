@@ -331,6 +331,11 @@ class Results:
         return self.root / "batch.json"
 
     @property
+    def run(self) -> Path:
+        """The fruit of the last run (pipeline.batch.batch_fruits)."""
+        return self.root / ".run.json"
+
+    @property
     def lock(self) -> Path:
         """Held while a run writes here."""
         return self.root / ".lock"

@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -56,6 +56,11 @@ class Batch:
     known: PitPrior | None
     body: PitBody
     prior: PitPrior | None
+
+    @cached_property
+    def row_of(self) -> dict[str, FruitRow]:
+        """The rows by fruit_id."""
+        return {row.fruit_id: row for row in self.rows}
 
 
 @dataclass(frozen=True, kw_only=True)

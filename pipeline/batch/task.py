@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.confirmed_effects import effects_on, keyed
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
@@ -38,16 +39,29 @@ class FruitTask:
     prior: PitPrior | None
     given: Given
     key: str
-    batch_fruits: frozenset[str] | None = None
+    batch_fruits: BatchFruits | None = None
     screen: bool = True
 
 
-def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = True) -> FruitTask:
+def batch_fruits(batch: Batch, results: Results) -> BatchFruits:
+    """Every fruit_id of the batch; another process finds them in the results (`write_run`)."""
+    return BatchFruits(batch.row_of, listed=results.run.absolute())
+
+
+def fruit_task(
+    batch: Batch,
+    fruit_id: str,
+    results: Results,
+    *,
+    screen: bool = True,
+    among: BatchFruits | None = None,
+) -> FruitTask:
     """The task of one fruit of the batch, and the key of everything its result depends on.
 
-    Its paths are absolute: the process that works on it has a current folder of its own.
+    Its paths are absolute: the process that works on it has a current folder of its own. `among`: the fruit
+    of the batch, where many tasks are made of it.
     """
-    row = next(row for row in batch.rows if row.fruit_id == fruit_id)
+    row = batch.row_of[fruit_id]
     folder = batch.folder.fruit(fruit_id)
     own = effects_on(batch.settings.mismatch, fruit_id)
     settings = batch.settings.model_copy(update={"mismatch": own})
@@ -97,6 +111,6 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
         prior=prior,
         given=given_of(row),
         key=key,
-        batch_fruits=frozenset(one.fruit_id for one in batch.rows),
+        batch_fruits=batch_fruits(batch, results) if among is None else among,
         screen=screen,
     )

@@ -33,6 +33,20 @@ def grade(
         bool,
         typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
     ] = True,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Work on the cluster of this scheduler of dask (tcp://node1:8786); BATCH and OUT must lie "
+            "on a file system that all its machines share.",
+        ),
+    ] = None,
+    slurm: Annotated[
+        bool,
+        typer.Option(
+            "--slurm", help="Work in as many jobs of Slurm as --jobs says, one fruit at a time each."
+        ),
+    ] = False,
     provenance: Annotated[
         bool,
         typer.Option("--provenance", help="List the checksums of all inputs in the report (for an annex)."),
@@ -56,6 +70,7 @@ def grade(
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import ReportOptions
         from pipeline.run.console import RunConsole
+        from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
 
     try:
@@ -67,6 +82,7 @@ def grade(
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             force=force,
             screen=screen,
+            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
             options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
         )
     except KeyboardInterrupt:

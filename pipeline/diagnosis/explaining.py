@@ -167,7 +167,8 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
         require_free(results, [fruit], "--out")
     if former_batch(results) is not None:
         require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
-    own = (*results.files, results.lock, results.root / MANIFEST, *fruit.files, fruit.root / MANIFEST)
+    lists = results.root / MANIFEST, fruit.root / MANIFEST
+    own = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)

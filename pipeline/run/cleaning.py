@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
@@ -37,10 +38,13 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
         fruits = [FruitResults(path) for path in _folders(out / "fruits")]
         stages = [path for fruit in fruits for path in _stages(fruit.cache)]
         whole = [path for fruit in fruits for path in fruit.files]
-        wanted = [*stages, *whole, *results.files, *results.tables_on_request] if everything else stages
+        of_batch = [*results.files, results.run, *results.tables_on_request]
+        wanted = [*stages, *whole, *of_batch] if everything else stages
         there = [path for path in wanted if path.is_symlink() or path.exists()]
-        removed = [path for path in there if path in stages or is_ours(path)]
-        left = [path for path in there if path not in set(removed)]
+        kept = set(stages)
+        ours = [path in kept or is_ours(path) for path in there]
+        removed = list(compress(there, ours))
+        left = [path for path, own in zip(there, ours, strict=True) if not own]
         size = sum(path.lstat().st_size for path in removed)
         if not dry:
             for path in removed:

@@ -9,15 +9,16 @@ from pathlib import Path
 
 from rich.console import Console
 
+from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
-from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
 from pipeline.batch.write_guard import require_results_apart, require_temporary_apart
-from pipeline.exit_status import INTERRUPTED
+from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.fruit.stages import grade_fruit
@@ -26,11 +27,12 @@ from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.checking import implausible_batch, implausible_fruit
 from pipeline.run.console import utc_now
+from pipeline.run.engines import WorkPlace, cluster_of, local_pool
 from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report
-from pipeline.run.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
+from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
 
 
@@ -46,13 +48,15 @@ def grade(
     options: ReportOptions | None = None,
     opened: Batch | None = None,
     retried: Collection[str] | None = None,
+    place: WorkPlace | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
     `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
     that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
-    earlier run ended them for a cause that may pass; None: all.
+    earlier run ended them for a cause that may pass; None: all. `place`: where fruit are worked on; None: on
+    this machine, `jobs` at a time.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -62,6 +66,8 @@ def grade(
     written, and NotWritten where the batch's own files cannot be.
     """
     started, since_s = now(), time.monotonic()
+    place = place or WorkPlace()
+    place.require_parts()
     run = _placed(
         opened or open_batch(root, force=force),
         out,
@@ -76,16 +82,25 @@ def grade(
     with results_lock(run.results.root):
         run.require_ours()
         _begun(run.results, run.fruits)
+        write_run(run.results, run.batch.row_of, mark=place.mark)
         records, todo, forced = _sorted_out(run, console, retried)
         with suppress(NotWritten):
             run.write_provenance(records, None)
         so_far = ReportSoFar(run, records)
         try:
-            jobs = _jobs([task for _, task in todo], jobs, console)
-            _work(todo, records, so_far, jobs=jobs, time_limit_s=time_limit_s, console=console)
-        except KeyboardInterrupt:
+            if todo:
+                engine = _engine(
+                    run,
+                    [task for _, task in todo],
+                    place,
+                    jobs=jobs,
+                    time_limit_s=time_limit_s,
+                    console=console,
+                )
+                _work(todo, records, so_far, engine, time_limit_s=time_limit_s, console=console)
+        except (KeyboardInterrupt, BatchRefused) as ended:
             with suppress(NotWritten):
-                run.write_provenance(records, INTERRUPTED)
+                run.write_provenance(records, USAGE if isinstance(ended, BatchRefused) else INTERRUPTED)
             so_far.write(interrupted=True)
             raise
         for fruit_id, record in records.items():
@@ -129,9 +144,10 @@ def _sorted_out(
     run: BatchRun, console: Console, retried: Collection[str] | None
 ) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
     """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
+    among = batch_fruits(run.batch, run.results)
     tasks = {
-        row.fruit_id: fruit_task(run.batch, row.fruit_id, run.results, screen=run.screen)
-        for row in run.batch.rows
+        fruit_id: fruit_task(run.batch, fruit_id, run.results, screen=run.screen, among=among)
+        for fruit_id in run.batch.row_of
     }
     implausible = implausible_fruit(run.batch)
     forced: dict[str, list[str]] = {}
@@ -157,19 +173,42 @@ def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
         fruit.sweep()
 
 
-def _jobs(todo: Sequence[FruitTask], jobs: int, console: Console) -> int:
+def _engine(
+    run: BatchRun,
+    todo: Sequence[FruitTask],
+    place: WorkPlace,
+    *,
+    jobs: int,
+    time_limit_s: float,
+    console: Console,
+) -> Engine:
+    """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
+    need_MiB = max(PER_FRUIT_MIB[_kind(task)] for task in todo)
+    if place.here:
+        fit = _jobs(jobs, console, fruits=len(todo), need_MiB=need_MiB)
+        return local_pool(fit, time_limit_s=time_limit_s)
+    return cluster_of(
+        place,
+        run,
+        fruits=len(todo),
+        per_fruit_MiB=need_MiB,
+        time_limit_s=time_limit_s,
+        tell=lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
+    )
+
+
+def _jobs(jobs: int, console: Console, *, fruits: int, need_MiB: float) -> int:
     """As many fruit at once as asked for, or as memory holds; raises BatchRefused where it holds none."""
     free_MiB = free_memory_MiB()
-    if not todo or free_MiB is None:
+    if free_MiB is None:
         return jobs
-    need_MiB = max(PER_FRUIT_MIB[_kind(task)] for task in todo)
     if free_MiB < LEAST_MIB:
         sentence = (
             f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
             "close other programs, or raise the limit of the container."
         )
         raise BatchRefused([Problem("this machine", sentence)])
-    wanted = min(jobs, len(todo))
+    wanted = min(jobs, fruits)
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
         console.print(
@@ -191,8 +230,8 @@ def _work(
     todo: list[tuple[str, FruitTask]],
     records: dict[str, FruitRecord],
     so_far: ReportSoFar,
+    engine: Engine,
     *,
-    jobs: int,
     time_limit_s: float,
     console: Console,
 ) -> None:
@@ -201,10 +240,11 @@ def _work(
     """
     tasks = dict(todo)
     with (
-        BatchProgress(console, total=len(todo), jobs=jobs) as progress,
-        closing(run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s)) as events,
+        BatchProgress(console, total=len(todo), jobs=engine.at_once) as progress,
+        closing(run_on(engine, grade_fruit, todo)) as events,
     ):
         for event in events:
+            progress.jobs = engine.at_once
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
@@ -221,7 +261,7 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
     if isinstance(event, TimedOut):
         outcome, particulars = Outcome.TIMED_OUT, f"{time_limit_s:g}"
     elif isinstance(event, Died):
-        outcome, particulars = Outcome.CRASHED, _way_of_dying(event.exit_code)
+        outcome, particulars = Outcome.CRASHED, event.how or _way_of_dying(event.exit_code)
     elif isinstance(event, Finished) and isinstance(event.result, BaseException):
         outcome, particulars = ending_of(event.result)
     else:

@@ -37,6 +37,15 @@ class BatchProgress:
         )
         self._task = self._bar.add_task("grading", total=total, left="")
 
+    @property
+    def jobs(self) -> int:
+        """How many fruit are worked on at the same time, by which the time left is reckoned."""
+        return self._time_left.jobs
+
+    @jobs.setter
+    def jobs(self, jobs: int) -> None:
+        self._time_left.jobs = jobs
+
     def __enter__(self) -> Self:
         """Starts the bar on a terminal."""
         if not self._lines:

@@ -1,4 +1,6 @@
-"""Many fruits at once: one process per fruit, a time limit, and a crash that costs that fruit only."""
+"""Many fruits at once on this machine: one process per fruit, a time limit, and a crash that costs that fruit
+only.
+"""
 
 import ctypes
 import multiprocessing
@@ -8,18 +10,28 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from concurrent.futures import wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from pebble import ProcessExpired
 from pebble.concurrent import process
 
 from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.run.scheduling import (
+    Died,
+    Event,
+    Finished,
+    Progressed,
+    TimedOut,
+    Work,
+    run_on,
+)
 from pipeline.safe_start import library_path, python_path
 
 THREAD_VARIABLES = (
@@ -32,105 +44,118 @@ THREAD_VARIABLES = (
 
 
 PROCESS = "drupe fruit"
-
-
-@dataclass(frozen=True)
-class Progressed:
-    """A fruit has begun a stage."""
-
-    fruit_id: str
-    stage: str
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A fruit's process has ended; `result` is what it returned, or the exception that ended it."""
-
-    fruit_id: str
-    result: Any
-
-
-@dataclass(frozen=True)
-class Died:
-    """A fruit's process died (a signal, or the kernel's out-of-memory killer)."""
-
-    fruit_id: str
-    exit_code: int | None
-
-
-@dataclass(frozen=True)
-class TimedOut:
-    """A fruit's process was stopped at the time limit."""
-
-    fruit_id: str
-
-
-Event = Progressed | Finished | Died | TimedOut
-Report = Callable[[str], None]
+LOOK_S = 0.1
+"""Seconds between two looks at what fruit's processes say."""
 
 
 def run_fruits(
-    work: Callable[[Any, Report], Any],
-    tasks: Sequence[tuple[str, Any]],
+    work: Work,
+    tasks: Iterable[tuple[str, Any]],
     *,
     jobs: int,
     time_limit_s: float,
 ) -> Generator[Event, None, None]:
-    """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
+    """`work` on each (fruit_id, task) on this machine, `jobs` at a time (run_on, LocalPool)."""
+    return run_on(LocalPool(jobs=jobs, time_limit_s=time_limit_s), work, tasks)
+
+
+class LocalPool:
+    """Processes of this machine, as many at once as `jobs`.
 
     Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
     one numerical thread, in an empty folder: nothing of the caller's current folder is imported or read, and
     paths in tasks must be absolute. It shares no queue and no lock with the others, and tells its stages in a
     file of its own: one that is killed, at whatever moment, costs its fruit and holds up nobody. The time
-    limit goes by a clock that nobody sets. Leaving the iterator early kills what is running; a killed caller
-    takes its processes along. Ctrl-C is the caller's alone: a terminal sends it to the processes too.
+    limit goes by a clock that nobody sets; `most_MiB` is what a fruit's process may hold. Leaving the pool
+    kills what is running; a killed caller takes its processes along. Ctrl-C is the caller's alone: a terminal
+    sends it to the processes too.
     """
-    with (
-        scratch() as folder,
-        temporary_files_in(_made(folder / "tmp")),
-        _environment(
-            {
-                **dict.fromkeys(THREAD_VARIABLES, "1"),
-                "PYTHONSAFEPATH": "1",
-                "PYTHONPATH": python_path(),
-                "LD_LIBRARY_PATH": library_path(),
-            }
-        ),
-    ):
-        empty = _made(folder / "empty")
-        waiting = [
-            (_Running(fruit_id, folder / f"log-{i}", f"{PROCESS} {i}"), task)
-            for i, (fruit_id, task) in enumerate(tasks)
-        ][::-1]
-        pending: dict[Any, _Running] = {}
-        try:
-            while waiting or pending:
-                while waiting and len(pending) < jobs:
-                    one, task = waiting.pop()
-                    try:
-                        pending[_started(work, one, task, empty)] = one
-                    except OSError:  # killed before it had been told its task, or no process can be made
-                        yield Died(one.fruit_id, None)
-                done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
-                for one in pending.values():
-                    yield from (Progressed(one.fruit_id, stage) for stage in one.news())
-                for future in done:
-                    one = pending.pop(future)
-                    yield _ending(one.fruit_id, future)
-                for future in [f for f, one in pending.items() if one.out_of_time(time_limit_s)]:
-                    one = pending.pop(future)
-                    _kill(one)
-                    yield TimedOut(one.fruit_id)
-        finally:
-            for one in pending.values():
+
+    def __init__(self, *, jobs: int, time_limit_s: float, most_MiB: float | None = None) -> None:
+        self._jobs, self._time_limit_s, self._most_MiB = jobs, time_limit_s, most_MiB
+        self._held = ExitStack()
+        self._pending: dict[Any, _Running] = {}
+        self._begun = 0
+
+    def __enter__(self) -> Self:
+        """Makes the folders in which the fruit's processes work."""
+        with ExitStack() as held:
+            self._folder = held.enter_context(scratch())
+            held.enter_context(temporary_files_in(_made(self._folder / "tmp")))
+            held.enter_context(
+                _environment(
+                    {
+                        **dict.fromkeys(THREAD_VARIABLES, "1"),
+                        "PYTHONSAFEPATH": "1",
+                        "PYTHONPATH": python_path(),
+                        "LD_LIBRARY_PATH": library_path(),
+                    }
+                )
+            )
+            self._empty = _made(self._folder / "empty")
+            self._held = held.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Kills what is running."""
+        with self._held:
+            for one in self._pending.values():
                 _kill(one)
+            self._pending.clear()
+
+    @property
+    def at_once(self) -> int:
+        """How many fruit are worked on at the same time."""
+        return self._jobs
+
+    def room(self) -> int:
+        """How many more fruit it takes now."""
+        return self._jobs - len(self._pending)
+
+    def begin(self, fruit_id: str, packed: bytes) -> None:
+        """Starts a fruit's process; raises OSError where that cannot be."""
+        number, self._begun = self._begun, self._begun + 1
+        one = _Running(fruit_id, self._folder / f"log-{number}", f"{PROCESS} {number}")
+        self._pending[_started(packed, one, self._empty)] = one
+
+    def happened(self) -> Iterator[Event]:
+        """Stages and endings since the last call."""
+        done, _ = wait(self._pending, timeout=LOOK_S, return_when="FIRST_COMPLETED")
+        for one in self._pending.values():
+            yield from (Progressed(one.fruit_id, stage) for stage in one.news())
+        for future in done:
+            one = self._pending.pop(future)
+            one.log.unlink(missing_ok=True)
+            yield _ending(one.fruit_id, future)
+        for future, one in list(self._pending.items()):
+            if one.out_of_time(self._time_limit_s):
+                yield self._killed(future, TimedOut(one.fruit_id))
+            elif self._most_MiB is not None and _memory_MiB(one) > self._most_MiB:
+                beyond = MemoryError(f"more than the {self._most_MiB:.0f} MiB that a fruit may have here")
+                yield self._killed(future, Finished(one.fruit_id, beyond))
+
+    def _killed(self, future: Any, ending: Event) -> Event:
+        _kill(self._pending.pop(future))
+        return ending
 
 
-def _started(work: Callable[[Any, Report], Any], one: "_Running", task: Any, folder: Path) -> Any:
+def _memory_MiB(one: "_Running") -> float:
+    """What a fruit's process holds; 0 where the system does not tell."""
+    for child in multiprocessing.active_children():
+        if child.name == one.process:
+            with suppress(OSError, ValueError, IndexError):
+                pages = int(Path(f"/proc/{child.pid}/statm").read_text().split()[1])
+                return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return 0.0
+
+
+def _started(packed: bytes, one: "_Running", folder: Path) -> Any:
     """The future of a fruit's process, which is running."""
     run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
     with _deaf_to_ctrl_c():
-        return run(os.getpid(), folder, one.log, pickle.dumps((work, task)))
+        return run(os.getpid(), folder, one.log, packed)
 
 
 def _kill(one: "_Running") -> None:

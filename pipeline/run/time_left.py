@@ -3,7 +3,20 @@
 import heapq
 import time
 from collections.abc import Callable
-from statistics import fmean
+from dataclasses import dataclass
+
+
+@dataclass
+class _Taken:
+    """What a stage took so far: how often, and s together."""
+
+    count: int = 0
+    total_s: float = 0.0
+
+    @property
+    def mean_s(self) -> float:
+        """s, of one."""
+        return self.total_s / self.count
 
 
 class TimeLeft:
@@ -16,12 +29,12 @@ class TimeLeft:
     """
 
     def __init__(self, *, total: int, jobs: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.jobs = jobs
         self._waiting = total
-        self._jobs = jobs
         self._clock = clock
         self._running: dict[str, dict[str, float]] = {}
-        self._finished: dict[str, list[float]] = {}
-        self._broken_off: dict[str, list[float]] = {}
+        self._finished: dict[str, _Taken] = {}
+        self._broken_off: dict[str, _Taken] = {}
         self._ended = 0
 
     def stage(self, fruit_id: str, stage: str) -> None:
@@ -47,16 +60,20 @@ class TimeLeft:
     def seconds(self) -> float | None:
         """Until the last fruit has ended; None while that is not known."""
         expected = {
-            stage: fmean(self._finished.get(stage) or self._broken_off[stage])
+            stage: (self._finished.get(stage) or self._broken_off[stage]).mean_s
             for stage in {**self._finished, **self._broken_off}
         }
         if not self._ended or not expected:
             return None
         free = [self._left(begun, expected) for begun in self._running.values()]
-        free += [0.0] * (self._jobs - len(free))
+        free += [0.0] * (self.jobs - len(free))
+        whole_s, waiting = sum(expected.values()), self._waiting
         heapq.heapify(free)
-        for _ in range(self._waiting):
-            heapq.heappush(free, heapq.heappop(free) + sum(expected.values()))
+        # No process is busy for longer than a fruit takes, so that every round gives each of them one more.
+        rounds = max(0, waiting // len(free) - 1)
+        free, waiting = [busy + rounds * whole_s for busy in free], waiting - rounds * len(free)
+        for _ in range(waiting):
+            heapq.heappush(free, heapq.heappop(free) + whole_s)
         return max(free)
 
     def _left(self, begun: dict[str, float], expected: dict[str, float]) -> float:
@@ -65,7 +82,9 @@ class TimeLeft:
         here = max(0.0, expected.get(last, 0.0) - (self._clock() - begun[last]))
         return here + sum(takes for stage, takes in expected.items() if stage not in begun)
 
-    def _close(self, begun: dict[str, float], taken: dict[str, list[float]]) -> None:
+    def _close(self, begun: dict[str, float], taken: dict[str, _Taken]) -> None:
         if begun:
             last = next(reversed(begun))
-            taken.setdefault(last, []).append(self._clock() - begun[last])
+            one = taken.setdefault(last, _Taken())
+            one.count += 1
+            one.total_s += self._clock() - begun[last]

@@ -1,0 +1,128 @@
+"""What one worker of a cluster does: it looks whether it is what the run needs, and works on one fruit."""
+
+import multiprocessing
+import platform
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from pipeline.batch.batch_fruits import is_run
+from pipeline.batch.cache import ROOMS, code_version, file_hash
+from pipeline.files.manifest import json_in
+from pipeline.problem import BatchRefused
+from pipeline.run.runner import LocalPool
+from pipeline.run.scheduling import Event, Progressed
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunNeeds:
+    """What a run needs of its workers: drupe as it is here, its batch and results at the same paths, memory.
+
+    `code`: pipeline.batch.cache.code_version; `settings_sha256`: of batch.toml; `mark`: what the run wrote
+    into its list of fruit (`run`).
+    """
+
+    drupe: str
+    python: str
+    code: str
+    settings: Path
+    settings_sha256: str
+    run: Path
+    mark: str
+    per_fruit_MiB: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitOrder:
+    """One fruit for a worker; `packed` as in pipeline.run.scheduling.Engine."""
+
+    fruit_id: str
+    packed: bytes
+    time_limit_s: float
+    needs: RunNeeds
+
+
+@dataclass(frozen=True)
+class Unfit:
+    """Why a worker cannot work for the run."""
+
+    sentence: str
+
+
+def python_version() -> str:
+    """Major and minor: pickles of one are not those of another."""
+    return ".".join(platform.python_version_tuple()[:2])
+
+
+def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
+    """Why a worker with so many threads and so much memory (None: no limit) cannot work for the run, as a
+    sentence; empty where it can.
+    """
+    if threads != 1:
+        return f"has {threads} threads, expected 1, one fruit at a time; start it with --nthreads 1."
+    if most_MiB is not None and most_MiB < needs.per_fruit_MiB:
+        return (
+            f"may use {most_MiB:.0f} MiB of memory, and one fruit needs about {needs.per_fruit_MiB:.0f} MiB; "
+            "start it with a larger --memory-limit, or fewer workers on the machine."
+        )
+    return _not_the_same(needs)
+
+
+@cache
+def _not_the_same(needs: RunNeeds) -> str:
+    """The same of what does not change while a worker lives: its drupe, and what it sees of the files."""
+    own = metadata.version("drupe")
+    if own != needs.drupe or python_version() != needs.python:
+        return (
+            f"runs drupe {own} on Python {python_version()}, and this command drupe {needs.drupe} on Python "
+            f"{needs.python}; install the same on both."
+        )
+    if code_version(ROOMS) != needs.code:
+        return (
+            f"runs a drupe {own} whose source or numerical libraries differ from those of this command; "
+            "install the same on both, best one environment on the shared file system."
+        )
+    if (here := file_hash(needs.settings)) != needs.settings_sha256:
+        found = "is not there" if here.startswith("unreadable") else "is another file"
+        return f"{needs.settings} {found} for it: BATCH must lie on a file system that all machines share."
+    said = json_in(needs.run)
+    if not is_run(said) or said.get("mark") != needs.mark:
+        return f"does not see {needs.run.parent} as this command does: {_SHARED}"
+    try:
+        with tempfile.TemporaryFile(dir=needs.run.parent):
+            return ""
+    except OSError as error:
+        return f"cannot write into {needs.run.parent} ({error.strerror}): {_SHARED}"
+
+
+_SHARED = "OUT must lie on a file system that all machines share and may write to."
+
+
+def fruit_here(
+    order: FruitOrder,
+    *,
+    tell: Callable[[str], None],
+    wanted: Callable[[], bool],
+    most_MiB: float | None,
+) -> Event | Unfit | None:
+    """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
+
+    `tell` gets its stages; it is stopped, and None returned, when it is no longer `wanted`.
+    """
+    # A nanny starts its worker as a daemon of multiprocessing, which must have no processes of its own lest
+    # they outlive it. A fruit's does not: it ends with its parent (pipeline.run.runner).
+    multiprocessing.current_process().daemon = False
+    try:
+        with LocalPool(jobs=1, time_limit_s=order.time_limit_s, most_MiB=most_MiB) as pool:
+            pool.begin(order.fruit_id, order.packed)
+            while wanted():
+                for event in pool.happened():
+                    if not isinstance(event, Progressed):
+                        return event
+                    tell(event.stage)
+    except BatchRefused as refused:  # no temporary folder
+        return Unfit(str(refused))
+    return None

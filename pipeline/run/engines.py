@@ -1,0 +1,86 @@
+"""What a run's fruit are worked on by: this machine, or a cluster that is asked for."""
+
+import importlib.util
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import metadata
+
+from pipeline.batch.cache import ROOMS, code_version, file_hash
+from pipeline.problem import BatchRefused, Problem
+from pipeline.run.batch_run import BatchRun
+from pipeline.run.runner import LocalPool
+from pipeline.run.scheduling import Engine
+from pipeline.safe_start import elsewhere
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkPlace:
+    """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
+
+    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
+    from any other.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    slurm: bool = False
+    mark: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    @property
+    def here(self) -> bool:
+        """Whether it is this machine."""
+        return self.scheduler is None and not self.slurm
+
+    def require_parts(self) -> None:
+        """Raises BatchRefused where what is asked for contradicts itself, or is not installed."""
+        option = "--slurm" if self.slurm else "--scheduler"
+        if self.slurm and self.scheduler is not None:
+            sentence = "is given together with --scheduler; give the one or the other."
+            raise BatchRefused([Problem("--slurm", sentence)])
+        if self.slurm and self.jobs is None:
+            raise BatchRefused([Problem("--slurm", "needs --jobs: how many jobs Slurm is asked for.")])
+        wanted = () if self.here else ("distributed", *(("dask_jobqueue",) if self.slurm else ()))
+        if any(importlib.util.find_spec(name) is None for name in wanted):
+            sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
+            raise BatchRefused([Problem(option, sentence)])
+
+
+def local_pool(jobs: int, *, time_limit_s: float) -> Engine:
+    """Processes of this machine."""
+    return LocalPool(jobs=jobs, time_limit_s=time_limit_s)
+
+
+def cluster_of(
+    place: WorkPlace,
+    run: BatchRun,
+    *,
+    fruits: int,
+    per_fruit_MiB: float,
+    time_limit_s: float,
+    tell: Callable[[str], None],
+) -> Engine:
+    """The cluster that `place` names, for so many fruit of the run."""
+    with elsewhere():
+        from pipeline.run.cluster import Cluster, ClusterPlace
+        from pipeline.run.cluster_worker import RunNeeds, python_version
+
+    settings = run.batch.folder.settings.absolute()
+    needs = RunNeeds(
+        drupe=metadata.version("drupe"),
+        python=python_version(),
+        code=code_version(ROOMS),
+        settings=settings,
+        settings_sha256=file_hash(settings),
+        run=run.results.run.absolute(),
+        mark=place.mark,
+        per_fruit_MiB=per_fruit_MiB,
+    )
+    workers = min(place.jobs or 1, fruits) if place.slurm else 0
+    return Cluster(
+        ClusterPlace(address=place.scheduler, workers=workers),
+        needs=needs,
+        time_limit_s=time_limit_s,
+        tell=tell,
+        most=place.jobs,
+    )

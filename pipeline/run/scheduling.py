@@ -1,0 +1,103 @@
+"""The border between a run and what works on its fruit: one loop, and behind it this machine or a cluster."""
+
+import pickle
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+
+@dataclass(frozen=True)
+class Progressed:
+    """A fruit has begun a stage."""
+
+    fruit_id: str
+    stage: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A fruit's process has ended; `result` is what it returned, or the exception that ended it."""
+
+    fruit_id: str
+    result: Any
+
+
+@dataclass(frozen=True)
+class Died:
+    """A fruit's process died (a signal, or the kernel's out-of-memory killer), or what it ran on: `how`."""
+
+    fruit_id: str
+    exit_code: int | None
+    how: str = ""
+
+
+@dataclass(frozen=True)
+class TimedOut:
+    """A fruit's process was stopped at the time limit."""
+
+    fruit_id: str
+
+
+Event = Progressed | Finished | Died | TimedOut
+Report = Callable[[str], None]
+Work = Callable[[Any, Report], Any]
+
+
+class Engine(Protocol):
+    """What works on fruit, one process each; a context: what it began is ended with it.
+
+    pipeline.run.runner.LocalPool (processes of this machine) and pipeline.run.cluster.Cluster
+    (dask.distributed) are the two.
+    """
+
+    def __enter__(self) -> Self:
+        """Makes ready; raises BatchRefused where that cannot be."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends whatever fruit are worked on still."""
+
+    @property
+    def at_once(self) -> int:
+        """How many fruit are worked on at the same time, now."""
+
+    def room(self) -> int:
+        """How many more fruit it takes now; what waits in it is little, however long the batch."""
+
+    def begin(self, fruit_id: str, packed: bytes) -> None:
+        """Takes a fruit on: pickled (work, task), opened in the fruit's own process. Raises OSError where no
+        process can be made.
+        """
+
+    def happened(self) -> Iterable[Event]:
+        """What has happened since the last call; waits for a moment where that is nothing. Every fruit that
+        was begun ends in one event that is no Progressed.
+        """
+
+
+def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Generator[Event, None, None]:
+    """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
+
+    `tasks` are taken as there is room for them. Leaving the iterator early ends what is running.
+    """
+    waiting, all_begun, begun = iter(tasks), False, 0
+    with engine:
+        while True:
+            while not all_begun and engine.room() > 0:
+                one = next(waiting, None)
+                if one is None:
+                    all_begun = True
+                    break
+                fruit_id, task = one
+                try:
+                    engine.begin(fruit_id, pickle.dumps((work, task)))
+                    begun += 1
+                except OSError:  # killed before it had been told its task, or no process can be made
+                    yield Died(fruit_id, None)
+            if all_begun and not begun:
+                return
+            for event in engine.happened():
+                begun -= not isinstance(event, Progressed)
+                yield event
