@@ -4,10 +4,11 @@ Each is held against the ranges of its category (recon.pit.priors.Plausible), ag
 fruit and against the other fruit of the batch. The sentence names the likely slip.
 """
 
+import bisect
 import itertools
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pipeline.batch.fruits_table import DIAMETERS, HARDNESS, MEASURES, FruitRow
@@ -123,40 +124,74 @@ def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
             )
 
 
-def table_doubts(rows: Sequence[FruitRow], kind: PlausibleRange) -> dict[str, str]:
+class TableColumns:
+    """The measures of a table's fruit, in order of size: one of many fruit is held against the others in no
+    more time than one of few.
+    """
+
+    def __init__(self, rows: Iterable[FruitRow]) -> None:
+        fruit = [row for row in rows if not row.reference]
+        self._ids = {row.fruit_id for row in fruit}
+        self._values: dict[str, list[float]] = {
+            name: sorted(float(value) for row in fruit if (value := getattr(row, name)) is not None)
+            for name in MEASURES
+        }
+
+    def of(self, name: str) -> Sequence[float]:
+        """Its values, least first."""
+        return self._values[name]
+
+    def middle_without(self, row: FruitRow, name: str) -> float | None:
+        """The median of the other fruit, where there are enough."""
+        values = self._values[name]
+        own: float | None = getattr(row, name)
+        if row.fruit_id not in self._ids or own is None:
+            return statistics.median(values) if len(values) >= FEWEST_OTHERS else None
+        count = len(values) - 1
+        if count < FEWEST_OTHERS:
+            return None
+        at = bisect.bisect_left(values, own)
+        low, high = (values[k if k < at else k + 1] for k in ((count - 1) // 2, count // 2))
+        return (low + high) / 2
+
+
+def table_doubts(rows: Sequence[FruitRow] | TableColumns, kind: PlausibleRange) -> dict[str, str]:
     """Sentences on the columns that are out of range in every row: one slip, not many."""
     said = {}
-    rows = [row for row in rows if not row.reference]
+    columns = rows if isinstance(rows, TableColumns) else TableColumns(rows)
     for name in MEASURES:
-        values = [value for row in rows if (value := getattr(row, name)) is not None]
+        values = columns.of(name)
         limits = kind.of(name)
-        if limits is None or len(values) < 2 or not (max(values) < limits[0] or min(values) > limits[1]):
+        if limits is None or len(values) < 2 or not (values[-1] < limits[0] or values[0] > limits[1]):
             continue
         slip = _meant(statistics.median(values), SLIPS[name], limits, UNITS[name])
         said[name] = f"{name} of all {len(values)} fruit is {_spread(values)}; {_range(name, kind)}{slip}"
     return said
 
 
-def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: PlausibleRange) -> Iterator[str]:
+def row_doubts(row: FruitRow, rows: Sequence[FruitRow] | TableColumns, kind: PlausibleRange) -> Iterator[str]:
     """Sentences on what one fruit's numbers cannot be: alone, together, and among the other fruit.
 
     What `table_doubts` says of a whole column is not said again. A reference body stands alone, and no fruit
-    is held against one.
+    is held against one. `rows`: the table, as TableColumns where many are asked for.
     """
-    rows = [] if row.reference else [one for one in rows if not one.reference]
+    if row.reference:
+        rows = ()
+    columns = rows if isinstance(rows, TableColumns) else TableColumns(rows)
     own = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
     if said := _exchanged(own, kind):
         yield said
         return
-    wrong = {name for name in table_doubts(rows, kind) if name in own}
+    wrong = {name for name in table_doubts(columns, kind) if name in own}
     for name, value in own.items():
         limits = kind.of(name)
         if name not in wrong and limits is not None and not _within(value, limits):
             wrong.add(name)
-            slip = _meant(value, SLIPS[name], limits, UNITS[name], like=_middle(name, row, rows))
+            like = columns.middle_without(row, name)
+            slip = _meant(value, SLIPS[name], limits, UNITS[name], like=like)
             yield f"{name} {value:g}: {_range(name, kind)}{slip}"
     for name in [one for one in own if one not in HARDNESS and one not in wrong]:
-        said = _apart(name, own[name], _middle(name, row, rows), kind)
+        said = _apart(name, own[name], columns.middle_without(row, name), kind)
         if said:
             wrong.add(name)
             yield said
@@ -236,12 +271,6 @@ def _in_some_unit(name: str, value: float, limits: tuple[float, float]) -> bool:
 
 def _within(value: float, limits: tuple[float, float]) -> bool:
     return limits[0] <= value <= limits[1]
-
-
-def _middle(name: str, row: FruitRow, rows: Sequence[FruitRow]) -> float | None:
-    """The median of the other fruit of the batch, where there are enough."""
-    values = [v for r in rows if r.fruit_id != row.fruit_id and (v := getattr(r, name)) is not None]
-    return statistics.median(values) if len(values) >= FEWEST_OTHERS else None
 
 
 def _apart(name: str, value: float, middle: float | None, kind: PlausibleRange) -> str:

@@ -16,7 +16,7 @@ from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
 from pipeline.problem import BatchRefused, Problem
-from pipeline.run.checking import implausible_fruit
+from pipeline.run.checking import ImplausibleNumbers
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
 from tactile.io.specimen import PressedSpecimen
@@ -210,7 +210,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
         near = difflib.get_close_matches(fruit_id, known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else "add a row for it."
         raise BatchRefused([Problem(str(batch.folder.table), f'there is no fruit "{fruit_id}"; {hint}')])
-    if said := implausible_fruit(batch).get(fruit_id):
+    if said := ImplausibleNumbers(batch).said(batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
     notes: tuple[str, ...] = ()
     if held := batch.settings.mismatch:

@@ -10,7 +10,6 @@ from pathlib import Path
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
-from pipeline.batch.records import FruitRecord
 from pipeline.batch.write_guard import require_free
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.batch_faults import BatchFault
@@ -71,12 +70,12 @@ class BatchRun:
 
     def write_provenance(
         self,
-        records: Mapping[str, FruitRecord],
+        outcomes: Mapping[str, str],
         status: int | None,
         finding: ReferenceFinding | None = None,
         faults: Sequence[BatchFault] = (),
     ) -> None:
-        """batch.json, with the outcomes so far; `status` is None before the end. Raises NotWritten."""
+        """batch.json, with what fruit came to so far; `status` is None before the end. Raises NotWritten."""
         write_provenance(
             self.results.provenance,
             batch=batch_folder(self.batch),
@@ -85,7 +84,7 @@ class BatchRun:
             started=self.started,
             finished=None if status is None else self.until_now(),
             exit_status=status,
-            outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
+            outcomes=outcomes,
             reference=None if finding is None else asdict(finding),
             force=self.force,
             screened=self.screen,

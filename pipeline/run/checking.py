@@ -1,7 +1,7 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from pipeline.batch.opening import Batch, Survey, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
+    TableColumns,
     grading_doubts,
     kind_of,
     mesh_doubt,
@@ -66,22 +67,37 @@ def check(root: Path) -> tuple[Problem, ...]:
         )
         return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {})))
     read: Read = {}
-    fruit = [p for row in found.rows for p in fruit_problems(found, row, read)]
+    columns = TableColumns(found.rows)
+    fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns)]
     return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
+
+
+class ImplausibleNumbers:
+    """Says of fruit of a batch, one by one, whether its own numbers are those of no fruit of the category."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch, self._columns = batch, TableColumns(batch.rows)
+
+    def said(self, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
+        """The sentences on what was measured of it and on the size of its ready mesh; empty: none.
+
+        `box_mm`: the mesh's sides, where they are known; it is read otherwise.
+        """
+        kind = kind_of(category_of(row, self._batch.known))
+        doubts = list(row_doubts(row, self._columns, kind))
+        if box_mm is None or mesh_doubt(box_mm, _height_mm(row, kind), kind):
+            path = self._batch.folder.fruit(row.fruit_id).fruit_ply
+            mesh, _ = _closed_mesh(row, path)  # the fruit's own work says what is wrong with it
+            doubts += _size_doubt(mesh, row, kind)
+        return " ".join(doubts)
 
 
 def implausible_fruit(batch: Batch) -> dict[str, str]:
     """For each fruit whose own numbers no fruit of the category has, the sentence that says so: what was
     measured of it, or the size of its ready mesh.
     """
-    said = {}
-    for row in batch.rows:
-        kind = kind_of(category_of(row, batch.known))
-        mesh, _ = _closed_mesh(row, batch.folder.fruit(row.fruit_id).fruit_ply)  # the fruit's own work says
-        doubts = [*row_doubts(row, batch.rows, kind), *_size_doubt(mesh, row, kind)]
-        if doubts:
-            said[row.fruit_id] = " ".join(doubts)
-    return said
+    numbers = ImplausibleNumbers(batch)
+    return {row.fruit_id: said for row in batch.rows if (said := numbers.said(row))}
 
 
 def implausible_batch(batch: Batch) -> dict[str, list[str]]:
@@ -101,13 +117,15 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     }
 
 
-def fruit_problems(batch: Survey, row: FruitRow, read: Read) -> Iterator[Problem]:
+def fruit_problems(
+    batch: Survey, row: FruitRow, read: Read, columns: TableColumns | None = None
+) -> Iterator[Problem]:
     """What stands in the way of grading one fruit, and what puts its E in doubt.
 
-    Its recordings that can be used are added to `read`.
+    Its recordings that can be used are added to `read`; `columns`: of the batch's table, where many ask.
     """
     kind = kind_of(category_of(row, batch.category))
-    for sentence in row_doubts(row, batch.rows or (), kind):
+    for sentence in row_doubts(row, columns or batch.rows or (), kind):
         named = f"{row.fruit_id}: {sentence}"
         yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
     folder = batch.folder.fruit(row.fruit_id)
@@ -258,14 +276,19 @@ def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
                 yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 
+def _height_mm(row: FruitRow, kind: PlausibleRange) -> float | None:
+    """The height to hold a mesh against: none that is said to be wrong already, with its own slip."""
+    limits, height_mm = kind.ranges.height_mm, row.height_mm
+    known = height_mm is None or limits is None or limits[0] <= height_mm <= limits[1]
+    return height_mm if known else None
+
+
 def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: PlausibleRange) -> Iterator[str]:
     """A sentence where the ready mesh, if there is one, is of no fruit's size."""
     if mesh is None:
         return
     vertices, _ = mesh
-    limits, height_mm = kind.ranges.height_mm, row.height_mm
-    if height_mm is not None and limits is not None and not limits[0] <= height_mm <= limits[1]:
-        height_mm = None  # said already, with its own slip
+    height_mm = _height_mm(row, kind)
     doubt = mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
     if not doubt:
         return

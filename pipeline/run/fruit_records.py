@@ -29,12 +29,14 @@ def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) ->
     now = tuple(forced) if record.graded else ()
     if now == record.forced:
         return record
+    path = results.fruit(record.fruit_id).record
+    record = read_record(path) or record
     doubts, warnings = (
         (*now, *(one for one in said if one not in record.forced))
         for said in (record.doubts, record.warnings)
     )
     record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
-    write_record(results.fruit(record.fruit_id).record, record)
+    write_record(path, record)
     return record
 
 
@@ -90,19 +92,33 @@ def kept_records(
     `retried`: fruit whose ending of RETRIED does not hold; None: of all.
     """
     for fruit_id, task in tasks.items():
-        kept = read_record(task.results.record)
-        if kept is None or kept.key != task.key:
-            continue
-        record = _taken_up(kept)
-        if record.outcome in RETRIED and (retried is None or fruit_id in retried):
-            continue
-        if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
-            continue
-        if record.graded and record.mesh is not None and not task.results.fruit_ply.is_file():
-            continue
-        if record.graded and task.screen and (record.screen is None or record.screen.again):
-            continue
-        record = record.model_copy(update={"given": task.given})
-        if record != kept:
-            write_record(task.results.record, record)
-        yield fruit_id, record
+        before = read_record(task.results.record)
+        if before is not None and (kept := kept_record(task, before, tasks, retried=retried)) is not None:
+            yield fruit_id, kept
+
+
+def kept_record(
+    task: FruitTask,
+    before: FruitRecord,
+    batch_fruits: Collection[str],
+    *,
+    retried: Collection[str] | None = None,
+) -> FruitRecord | None:
+    """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
+    it does not hold. `batch_fruits`: every fruit_id of the batch; `retried` as in `kept_records`.
+    """
+    if before.key != task.key:
+        return None
+    record = _taken_up(before)
+    if record.outcome in RETRIED and (retried is None or task.fruit_id in retried):
+        return None
+    if any((named_row(name, batch_fruits) is not None) != was for name, was in record.strangers.items()):
+        return None
+    if record.graded and record.mesh is not None and not task.results.fruit_ply.is_file():
+        return None
+    if record.graded and task.screen and (record.screen is None or record.screen.again):
+        return None
+    record = record.model_copy(update={"given": task.given})
+    if record != before:
+        write_record(task.results.record, record)
+    return record

@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
 from datetime import datetime
 from pathlib import Path
@@ -11,12 +11,12 @@ from rich.console import Console
 
 from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.control_chart import chart_path, require_chart_place
-from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.layout import FruitFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
-from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
+from pipeline.batch.task import FruitTask
 from pipeline.batch.write_guard import require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
@@ -25,11 +25,12 @@ from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
-from pipeline.run.checking import implausible_batch, implausible_fruit
 from pipeline.run.console import utc_now
 from pipeline.run.engines import WorkPlace, cluster_of, local_pool
-from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
+from pipeline.run.fruit_queue import FruitQueue, WaitingFruit
+from pipeline.run.fruit_records import ended_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
+from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
@@ -83,28 +84,23 @@ def grade(
         run.require_ours()
         _begun(run.results, run.fruits)
         write_run(run.results, run.batch.row_of, mark=place.mark)
-        records, todo, forced = _sorted_out(run, console, retried)
+        queue = FruitQueue(run, console, retried)
+        records = queue.records
         with suppress(NotWritten):
-            run.write_provenance(records, None)
+            run.write_provenance(records.outcomes, None)
         so_far = ReportSoFar(run, records)
         try:
-            if todo:
-                engine = _engine(
-                    run,
-                    [task for _, task in todo],
-                    place,
-                    jobs=jobs,
-                    time_limit_s=time_limit_s,
-                    console=console,
-                )
-                _work(todo, records, so_far, engine, time_limit_s=time_limit_s, console=console)
+            if queue.todo:
+                engine = _engine(run, queue, place, jobs=jobs, time_limit_s=time_limit_s, console=console)
+                _work(queue, records, so_far, engine=engine, time_limit_s=time_limit_s, console=console)
         except (KeyboardInterrupt, BatchRefused) as ended:
             with suppress(NotWritten):
-                run.write_provenance(records, USAGE if isinstance(ended, BatchRefused) else INTERRUPTED)
+                status = USAGE if isinstance(ended, BatchRefused) else INTERRUPTED
+                run.write_provenance(records.outcomes, status)
             so_far.write(interrupted=True)
             raise
-        for fruit_id, record in records.items():
-            records[fruit_id] = with_forced(record, forced.get(fruit_id, ()), run.results)
+        for fruit_id in records:
+            records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
         return report(run, records)
 
 
@@ -140,31 +136,6 @@ def _placed(
     )
 
 
-def _sorted_out(
-    run: BatchRun, console: Console, retried: Collection[str] | None
-) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
-    """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
-    among = batch_fruits(run.batch, run.results)
-    tasks = {
-        fruit_id: fruit_task(run.batch, fruit_id, run.results, screen=run.screen, among=among)
-        for fruit_id in run.batch.row_of
-    }
-    implausible = implausible_fruit(run.batch)
-    forced: dict[str, list[str]] = {}
-    if run.force:
-        for fruit_id, sentence in implausible.items():
-            console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
-        forced, implausible = _forced(run.batch, implausible), {}
-    plausible = {name: task for name, task in tasks.items() if name not in implausible}
-    records = dict(kept_records(plausible, retried=retried))
-    todo = [(name, task) for name, task in tasks.items() if name not in {*records, *implausible}]
-    if records:
-        console.print(f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False)
-    for fruit_id, sentence in implausible.items():
-        records[fruit_id] = refused_record(tasks[fruit_id], sentence)
-    return records, todo, forced
-
-
 def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
     """The list of what is written is begun, and what killed runs left unfinished is gone."""
     results.claim()
@@ -175,7 +146,7 @@ def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
 
 def _engine(
     run: BatchRun,
-    todo: Sequence[FruitTask],
+    queue: FruitQueue,
     place: WorkPlace,
     *,
     jobs: int,
@@ -183,32 +154,31 @@ def _engine(
     console: Console,
 ) -> Engine:
     """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
-    need_MiB = max(PER_FRUIT_MIB[_kind(task)] for task in todo)
     if place.here:
-        fit = _jobs(jobs, console, fruits=len(todo), need_MiB=need_MiB)
-        return local_pool(fit, time_limit_s=time_limit_s)
+        return local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
     return cluster_of(
         place,
         run,
-        fruits=len(todo),
-        per_fruit_MiB=need_MiB,
+        fruits=len(queue.todo),
+        per_fruit_MiB=_per_fruit_MiB(queue.todo),
         time_limit_s=time_limit_s,
         tell=lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
     )
 
 
-def _jobs(jobs: int, console: Console, *, fruits: int, need_MiB: float) -> int:
+def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
     """As many fruit at once as asked for, or as memory holds; raises BatchRefused where it holds none."""
     free_MiB = free_memory_MiB()
     if free_MiB is None:
         return jobs
+    need_MiB = _per_fruit_MiB(todo)
     if free_MiB < LEAST_MIB:
         sentence = (
             f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
             "close other programs, or raise the limit of the container."
         )
         raise BatchRefused([Problem("this machine", sentence)])
-    wanted = min(jobs, fruits)
+    wanted = min(jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
         console.print(
@@ -219,39 +189,51 @@ def _jobs(jobs: int, console: Console, *, fruits: int, need_MiB: float) -> int:
     return fit
 
 
-def _kind(task: FruitTask) -> str:
+def _per_fruit_MiB(todo: Sequence[WaitingFruit]) -> float:
+    """What the largest of them may need."""
+    return max(PER_FRUIT_MIB[kind] for kind in {_kind(one.folder) for one in todo})
+
+
+def _kind(fruit: FruitFolder) -> str:
     """What a fruit's memory goes by."""
-    if task.folder.fruit_ply.is_file():
+    if fruit.fruit_ply.is_file():
         return "mesh"
-    return "traces" if task.folder.without_shape() else "photos"
+    return "traces" if fruit.without_shape() else "photos"
 
 
 def _work(
-    todo: list[tuple[str, FruitTask]],
-    records: dict[str, FruitRecord],
+    todo: FruitQueue,
+    records: PackedRecords,
     so_far: ReportSoFar,
-    engine: Engine,
     *,
+    engine: Engine,
     time_limit_s: float,
     console: Console,
 ) -> None:
     """Grades what is to do, shows how far it is, and puts each record into `records` as it comes; ranking and
     report of those that are done are written between.
     """
-    tasks = dict(todo)
     with (
-        BatchProgress(console, total=len(todo), jobs=engine.at_once) as progress,
+        BatchProgress(console, total=len(todo.todo), jobs=engine.at_once) as progress,
         closing(run_on(engine, grade_fruit, todo)) as events,
     ):
+
+        def told(record: FruitRecord) -> None:
+            progress.done(record.fruit_id, _in_a_line(record), whole=record.graded)
+
         for event in events:
+            while todo.refused:
+                told(todo.refused.popleft())
             progress.jobs = engine.at_once
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
-            record = _record_of(event, tasks[event.fruit_id], time_limit_s)
+            record = _record_of(event, todo.ended(event.fruit_id), time_limit_s)
             records[event.fruit_id] = record
-            progress.done(event.fruit_id, _in_a_line(record), whole=record.graded)
+            told(record)
             so_far.write_when_due()
+        while todo.refused:
+            told(todo.refused.popleft())
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:
@@ -271,14 +253,6 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
         with suppress(NotWritten):
             write_whole(task.results.traceback, str(getattr(event.result, "traceback", particulars)))
     return record
-
-
-def _forced(batch: Batch, of_fruit: Mapping[str, str]) -> dict[str, list[str]]:
-    """What each fruit is graded in spite of, as sentences for its doubts."""
-    said = implausible_batch(batch)
-    for fruit_id, sentence in of_fruit.items():
-        said.setdefault(fruit_id, []).append(sentence)
-    return {name: [f"{one} Graded all the same (--force)." for one in all_] for name, all_ in said.items()}
 
 
 def _way_of_dying(exit_code: int | None) -> str:

@@ -7,7 +7,7 @@ from functools import partial
 
 from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
 from pipeline.batch.layout import Results, write_whole
-from pipeline.batch.records import FruitRecord, write_record
+from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted, with_copies
@@ -51,7 +51,8 @@ def report(run: BatchRun, records: Mapping[str, FruitRecord]) -> tuple[int, Batc
     status = _status(in_order, finding)
     entry = _entry_of(run)(in_order, exit_status=status, finding=finding, chart=chart, faults=faults)
     _write(entry, run)
-    run.write_provenance(records, status, finding, faults)
+    outcomes = {record.fruit_id: record.outcome for record in measured}
+    run.write_provenance(outcomes, status, finding, faults)
     if run.chart is not None and own:
         update_chart(run.chart, own)
     return status, entry
@@ -141,6 +142,7 @@ def _keep_comparisons(
     fruit have too, beside what was measured.
     """
     for record, one in zip(measured, compared, strict=True):
-        kept = with_copies(as_measured(record, one), one.copied)
-        if kept != record:
-            write_record(results.fruit(record.fruit_id).record, kept)
+        if with_copies(as_measured(record, one), one.copied) != record:
+            path = results.fruit(record.fruit_id).record
+            whole = read_record(path) or record
+            write_record(path, with_copies(as_measured(whole, one), one.copied))
