@@ -98,9 +98,7 @@ class Cluster:
             held.callback(self._disconnect)
             self._count()
             self._require_fit()
-            self._tell(
-                f"cluster at {self._address}: {_counted(len(self._workers))}, dashboard {self._dashboard()}"
-            )
+            self._tell(f"cluster at {self._address}: {_counted(len(self._workers))}; {self._dashboard()}")
             if not self._workers:
                 self._tell(f"waiting for workers (dask worker {self._address} --nthreads 1)")
             self._held = held.pop_all()
@@ -250,7 +248,9 @@ class Cluster:
         self._counted_s = time.monotonic()
 
     def _dashboard(self) -> str:
-        return str(self._client.dashboard_link)
+        """Where its dashboard is; one without bokeh has none."""
+        served = "dashboard" in self._client.scheduler_info(n_workers=0)["services"]
+        return f"dashboard {self._client.dashboard_link}" if served else "it has no dashboard"
 
     def _require_fit(self) -> None:
         """Raises BatchRefused with what is wrong with the workers that are there; one that comes later is

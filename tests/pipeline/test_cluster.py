@@ -1,0 +1,176 @@
+"""Fruit on a cluster end as they do on one machine, whatever dies on the way."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import dask
+import psutil
+import pytest
+from cluster_work import needs_of, patient, work
+from distributed import LocalCluster
+
+from pipeline.problem import BatchRefused
+from pipeline.run.cluster import Cluster, ClusterPlace
+from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def address():
+    """A scheduler with two workers of one thread, of which one fruit may take one along and not two."""
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, memory_limit="300 MiB", dashboard_address=":0"
+        ) as workers,
+    ):
+        yield workers.scheduler_address
+
+
+def engine(address, folder, *, said=None, time_limit_s=60.0, **changed):
+    return Cluster(
+        ClusterPlace(address=address),
+        needs=needs_of(folder, **changed),
+        time_limit_s=time_limit_s,
+        tell=print if said is None else said.append,
+    )
+
+
+@pytest.fixture(scope="module")
+def ran(address, tmp_path_factory):
+    """Events and endings of fruit that each end in another way, and what the run said."""
+    folder, said = tmp_path_factory.mktemp("run"), []
+    tasks = {
+        "fine": "fine", "crash": "crash", "raise": "raise", "hang": "hang", "fill": "fill",
+        "once": f"take-the-worker-along {folder / 'once'}",
+        "always": f"take-every-worker-along {folder / 'always'}",
+        "also fine": "also fine",
+    }  # fmt: skip
+    events = list(run_on(engine(address, folder, said=said, time_limit_s=4.0), work, tasks.items()))
+    return events, {one.fruit_id: one for one in events if not isinstance(one, Progressed)}, said
+
+
+def test_each_fruit_ends_in_its_own_way_and_once(ran):
+    events, ended, _ = ran
+    assert set(Counter(one.fruit_id for one in events if not isinstance(one, Progressed)).values()) == {1}
+    assert ended["fine"].result[0] == "fine"
+    assert ended["also fine"].result[::2] == ("also fine", "1")
+    assert ended["crash"] == Died("crash", -11)
+    assert ended["hang"] == TimedOut("hang")
+    assert isinstance(ended["raise"].result, RuntimeError)
+    assert Progressed("fine", "working") in events
+
+
+def test_each_has_a_process_of_its_own(ran):
+    assert ran[1]["fine"].result[1] != ran[1]["also fine"].result[1]
+
+
+def test_one_that_takes_more_memory_than_its_worker_has_costs_that_fruit_alone(ran):
+    assert isinstance(ran[1]["fill"].result, MemoryError)
+    assert "more than the 300 MiB" in str(ran[1]["fill"].result)
+
+
+def test_a_worker_killed_in_a_fruit_costs_nothing_but_time(ran):
+    assert ran[1]["once"] == Finished("once", "at the second time")
+
+
+def test_a_fruit_that_takes_every_worker_along_is_given_up(ran):
+    ending = ran[1]["always"]
+    assert isinstance(ending, Died)
+    assert ending.how.startswith("2 workers lost with it, the last tcp://")
+
+
+def test_workers_and_dashboard_are_said(ran, address):
+    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; dashboard http://")
+
+
+def test_leaving_early_ends_what_is_running(address, tmp_path):
+    mark = tmp_path / "mark"
+    with closing(run_on(engine(address, tmp_path), work, [("a", f"sleep {mark}")])) as events:
+        assert next(events) == Progressed("a", "working")
+    process = int(mark.read_text())
+    wait_until(lambda: not psutil.pid_exists(process))
+
+
+def test_a_run_whose_folder_the_workers_do_not_see_is_refused(address, tmp_path):
+    with pytest.raises(BatchRefused) as refused:
+        list(run_on(engine(address, tmp_path, mark="another run"), work, [("a", "fine")]))
+    assert str(refused.value).startswith("2 workers (tcp://")
+    assert "results as this command does: OUT must lie on a file system" in str(refused.value)
+
+
+def test_a_worker_that_comes_later_is_asked_too(address, tmp_path, monkeypatch):
+    monkeypatch.setattr(Cluster, "_require_fit", lambda self: None)
+    with pytest.raises(BatchRefused, match=r"a worker .* whose source or numerical libraries differ"):
+        list(run_on(engine(address, tmp_path, code="another"), work, [("a", "fine")]))
+
+
+def wait_until(happened, seconds=60):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@contextmanager
+def started(folder, *arguments):
+    """A part of dask's in a process of its own, killed with all that it started."""
+    command = [sys.executable, "-m", *arguments]
+    path = {"PYTHONPATH": str(Path(__file__).parent)}
+    with subprocess.Popen(command, env=os.environ | path, stderr=subprocess.DEVNULL, cwd=folder) as process:
+        try:
+            yield process
+        finally:
+            kill(process)
+
+
+def kill(process):
+    if process.poll() is None:
+        for one in [*psutil.Process(process.pid).children(recursive=True), process]:
+            one.kill()
+        process.wait()
+
+
+def test_a_scheduler_killed_and_started_again_loses_no_fruit(tmp_path):
+    port = free_port()
+    place = f"tcp://127.0.0.1:{port}"
+    scheduler = (
+        "distributed.cli.dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--no-dashboard",
+    )
+    worker = ("distributed.cli.dask_worker", place, "--nthreads", "1", "--no-dashboard")
+    tasks = [(name, f"{tmp_path / name} {tmp_path / f'{name}-go'}") for name in ("a", "b", "c")]
+    said = []
+    with started(tmp_path, *scheduler) as first, started(tmp_path, *worker):
+        events = run_on(engine(place, tmp_path, said=said), patient, tasks)
+        assert next(events) == Progressed("a", "working")
+        (tmp_path / "a-go").touch()
+        assert next(events).fruit_id == "a"
+        assert next(events) == Progressed("b", "working")
+        lost = int((tmp_path / "b").read_text())
+        kill(first)
+        wait_until(lambda: not psutil.pid_exists(lost))  # the fruit's process ends with its worker
+        for name in ("b", "c"):
+            (tmp_path / f"{name}-go").touch()
+        with started(tmp_path, *scheduler), started(tmp_path, *worker):
+            ended = [one for one in events if isinstance(one, Finished)]
+    assert [one.fruit_id for one in ended] == ["b", "c"]
+    assert any(line.startswith(f"the scheduler at {place} is gone; 2 fruit wait") for line in said)
+    assert any(line.startswith("the scheduler is back") for line in said)

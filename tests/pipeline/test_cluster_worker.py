@@ -1,0 +1,55 @@
+"""A worker that is not what a run needs says so in a sentence, before any fruit is lost on it."""
+
+import pytest
+from cluster_work import needs_of
+
+from pipeline.run.cluster_worker import unfit
+
+
+def said(needs, *, threads=1, most_MiB=None):
+    return unfit(needs, threads=threads, most_MiB=most_MiB)
+
+
+def test_one_that_is_as_this_machine_is_fit(tmp_path):
+    assert said(needs_of(tmp_path)) == ""
+    assert said(needs_of(tmp_path), most_MiB=100.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"drupe": "9.9"}, "and this command drupe 9.9 on Python"),
+        ({"python": "3.99"}, "on Python 3.99; install the same on both."),
+        ({"code": "of another checkout"}, "whose source or numerical libraries differ from those of this"),
+        ({"settings_sha256": "0"}, "batch.toml is another file for it: BATCH must lie on a file system"),
+        ({"mark": "another run"}, "as this command does: OUT must lie on a file system that all machines"),
+    ],
+)
+def test_what_differs_is_named(tmp_path, changed, sentence):
+    assert sentence in said(needs_of(tmp_path, **changed))
+
+
+def test_a_batch_and_results_that_are_not_there_are_named(tmp_path):
+    assert "batch.toml is not there for it: BATCH must lie" in said(
+        needs_of(tmp_path, settings=tmp_path / "nowhere" / "batch.toml")
+    )
+    assert "nowhere as this command does: OUT must lie" in said(
+        needs_of(tmp_path, run=tmp_path / "nowhere" / ".run.json")
+    )
+
+
+def test_results_that_cannot_be_written_to_are_named(tmp_path, monkeypatch):
+    def refused(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pipeline.run.cluster_worker.tempfile.TemporaryFile", refused)
+    assert "(Permission denied): OUT must lie" in said(needs_of(tmp_path))
+
+
+def test_threads_and_memory_are_named_with_what_to_start_it_with(tmp_path):
+    assert said(needs_of(tmp_path), threads=8) == (
+        "has 8 threads, expected 1, one fruit at a time; start it with --nthreads 1."
+    )
+    assert said(needs_of(tmp_path), most_MiB=99.0).startswith(
+        "may use 99 MiB of memory, and one fruit needs about 100 MiB; start it with a larger --memory-limit"
+    )
