@@ -180,7 +180,7 @@ def run(graded: Path, batch: Path, *, jobs: int, work_s: float, simulated: bool,
         some_report(self, **options)
         so_far_s += time.monotonic() - began
 
-    grading.BatchProgress, grading.report, grading.grade_fruit = Measured, timed_report, stub
+    grading.BatchProgress, grading.report, grading.work_on = Measured, timed_report, stub
     ReportSoFar.write = timed_write if reports else lambda _self, **_: None
     if simulated:
         fruits_table.MOST_FRUIT = 10**6

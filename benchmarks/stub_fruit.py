@@ -17,6 +17,7 @@ def stub(task, report):
     """Copies of the graded fruit's record and pictures, after as long as is asked for."""
     from pipeline.batch.records import read_record, write_record
     from pipeline.files.manifest import enter
+    from pipeline.run.fruit_work import keep_pictures
 
     for stage in STAGES:
         report(stage)
@@ -30,6 +31,7 @@ def stub(task, report):
             shutil.copyfile(graded / name, task.results.root / name)
     record = drawn(read_record(graded / "record.json"), task.fruit_id, task.key)
     write_record(task.results.record, record)
+    keep_pictures(task, record)
     return record
 
 
@@ -52,3 +54,10 @@ def burn(seconds, report):
     while time.process_time() - began < seconds:
         sum(range(10_000))
     return time.process_time() - began
+
+
+def idle(seconds, report):
+    """Waits for so many seconds."""
+    report("waiting")
+    time.sleep(seconds)
+    return seconds

@@ -268,6 +268,8 @@ class FruitResults:
 
     def in_the_way(self) -> Iterator[Path]:
         """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
+        if not _stands(self.root):
+            return
         yield from (path for path in (*self.files, self.cache) if path.is_symlink())
         yield from strange_list(self.root)
         if not self._made_by_an_earlier_version():

@@ -37,8 +37,8 @@ AHEAD = 2
 """Fruit in the cluster for each worker: one that is worked on, one that waits, so that no worker waits for
 this process. More would only fill the scheduler's memory."""
 OWN_MIB = 500.0
-"""What a worker and its nanny take beside the fruit's process: 2 x 0.2 GiB measured
-(benchmarks/cluster_speed.py), and a quarter on top."""
+"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
+(benchmarks/cluster_speed.py), as much for its nanny, and as much again for what grows."""
 FAILURES = 3
 """Workers that may be lost with a fruit before it is given up, where this process starts the scheduler;
 dask's own default, which applies elsewhere (`distributed.scheduler.allowed-failures`)."""
@@ -100,7 +100,10 @@ class Cluster:
             self._require_fit()
             self._tell(f"cluster at {self._address}: {_counted(len(self._workers))}; {self._dashboard()}")
             if not self._workers:
-                self._tell(f"waiting for workers (dask worker {self._address} --nthreads 1)")
+                start = (
+                    "Slurm" if self._place.address is None else f"dask worker {self._address} --nthreads 1"
+                )
+                self._tell(f"waiting for workers ({start})")
             self._held = held.pop_all()
         return self
 

@@ -21,7 +21,6 @@ from pipeline.batch.write_guard import require_results_apart, require_temporary_
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
@@ -29,6 +28,7 @@ from pipeline.run.console import utc_now
 from pipeline.run.engines import WorkPlace, cluster_of, local_pool
 from pipeline.run.fruit_queue import FruitQueue, WaitingFruit
 from pipeline.run.fruit_records import ended_record, with_forced
+from pipeline.run.fruit_work import work_on
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
@@ -117,17 +117,19 @@ def _placed(
     """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
     options.require_parts()
     results = Results(out or batch.folder.default_results)
-    require_results_apart(results, batch.folder, read_files(batch), "--out")
+    inputs = _inputs(batch)
+    read = [*inputs, *_models(batch)]
+    require_results_apart(results, batch.folder, read, "--out")
     require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
     named = batch.settings.reference.chart
     chart = None if named is None else chart_path(batch.folder, named)
     if chart is not None:
-        require_chart_place(chart, batch.folder, results, read_files(batch))
+        require_chart_place(chart, batch.folder, results, read)
     return BatchRun(
         batch=batch,
         results=results,
         chart=chart,
-        inputs=input_hashes(batch.folder.root, _inputs(batch)),
+        inputs=input_hashes(batch.folder.root, inputs),
         force=force,
         screen=screen,
         options=options,
@@ -215,7 +217,7 @@ def _work(
     """
     with (
         BatchProgress(console, total=len(todo.todo), jobs=engine.at_once) as progress,
-        closing(run_on(engine, grade_fruit, todo)) as events,
+        closing(run_on(engine, work_on, todo)) as events,
     ):
 
         def told(record: FruitRecord) -> None:
@@ -273,8 +275,12 @@ def _in_a_line(record: FruitRecord) -> str:
 
 def read_files(batch: Batch) -> list[Path]:
     """Every file that grading the batch reads."""
+    return [*_inputs(batch), *_models(batch)]
+
+
+def _models(batch: Batch) -> list[Path]:
     model = batch.settings.recon.geometry_model
-    return _inputs(batch) + ([] if model is None else [batch.folder.root / model])
+    return [] if model is None else [batch.folder.root / model]
 
 
 def _inputs(batch: Batch) -> list[Path]:

@@ -1,23 +1,31 @@
 """Fruit on a cluster end as they do on one machine, whatever dies on the way."""
 
+import io
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections import Counter
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import dask
 import psutil
 import pytest
-from cluster_work import needs_of, patient, work
+from cluster_work import graded_unless_it_dies, needs_of, patient, work
 from distributed import LocalCluster
+from rich.console import Console
 
+from pipeline.batch.records import read_record
 from pipeline.problem import BatchRefused
+from pipeline.run import grading
 from pipeline.run.cluster import Cluster, ClusterPlace
+from pipeline.run.engines import WorkPlace
 from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
 
 pytestmark = pytest.mark.slow
 
@@ -112,6 +120,34 @@ def test_a_worker_that_comes_later_is_asked_too(address, tmp_path, monkeypatch):
         list(run_on(engine(address, tmp_path, code="another"), work, [("a", "fine")]))
 
 
+def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
+    """What is done is kept by its content; the fruit that died here is graded there."""
+    directions, faces = ball(2)
+    for name in ("A", "B"):
+        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
+        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text("fruit_id\nA\nB\n")
+    monkeypatch.setattr(grading, "work_on", graded_unless_it_dies)
+    monkeypatch.setattr(grading, "PER_FRUIT_MIB", {"mesh": 100.0})
+
+    def outcomes(**options):
+        said = io.StringIO()
+        console = Console(file=said, width=200)
+        grading.grade(tmp_path, None, jobs=2, time_limit_s=60, console=console, **options)
+        records = [read_record(tmp_path / "results" / "fruits" / name / "record.json") for name in ("A", "B")]
+        return [one.outcome for one in records], [one.peak_memory_MiB for one in records], said.getvalue()
+
+    ended, (first, _), _ = outcomes()
+    assert ended == ["graded", "crashed"]
+    (tmp_path / "batch.toml").with_name("mended").touch()
+    ended, (kept, _), said = outcomes(place=WorkPlace(scheduler=address))
+    assert ended == ["graded", "graded"]
+    assert kept == first  # the process that worked on it
+    assert "1 of 2 fruit unchanged since the last run" in said
+    assert f"cluster at {address}: 2 workers" in said
+
+
 def wait_until(happened, seconds=60):
     end = time.monotonic() + seconds
     while not happened():
@@ -174,3 +210,46 @@ def test_a_scheduler_killed_and_started_again_loses_no_fruit(tmp_path):
     assert [one.fruit_id for one in ended] == ["b", "c"]
     assert any(line.startswith(f"the scheduler at {place} is gone; 2 fruit wait") for line in said)
     assert any(line.startswith("the scheduler is back") for line in said)
+
+
+SBATCH = """#!/bin/sh
+setsid sh -c 'bash "$1"' sh "$1" >"{folder}/job.log" 2>&1 &
+echo $! >>"{folder}/jobs"
+cp "$1" "{folder}/script"
+echo "Submitted batch job $!"
+"""
+
+
+@pytest.fixture
+def slurm(tmp_path, monkeypatch):
+    """A folder on PATH with sbatch and scancel that start jobs here, in sessions of their own."""
+    folder = tmp_path / "slurm"
+    folder.mkdir()
+    (folder / "sbatch").write_text(SBATCH.format(folder=folder))
+    (folder / "scancel").write_text('#!/bin/sh\nfor job; do kill -9 -- "-$job"; done\n')
+    for name in ("sbatch", "scancel"):
+        (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.chdir(tmp_path)
+    yield folder
+    for job in (folder / "jobs").read_text().split():
+        with suppress(ProcessLookupError):
+            os.killpg(int(job), signal.SIGKILL)
+
+
+def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, tmp_path):
+    place = ClusterPlace(address=None, workers=1)
+    engine = Cluster(place, needs=needs_of(tmp_path), time_limit_s=60.0, tell=print)
+    anywhere = dask.config.set({"jobqueue.slurm.scheduler-options": {"dashboard_address": ":0"}})
+    with anywhere:
+        events = list(run_on(engine, work, [("a", "fine")]))
+    (ended,) = (one for one in events if isinstance(one, Finished))
+    assert ended.result[0] == "fine"
+    script = (slurm / "script").read_text()
+    assert "#SBATCH -J drupe" in script
+    assert "#SBATCH --cpus-per-task=1" in script
+    assert "#SBATCH --mem=600M" in script  # 100 of the fruit, 500 of the worker
+    assert "export PYTHONSAFEPATH=1" in script
+    assert "--nthreads 1 --memory-limit 600.00MiB" in script
+    assert "--resources MEMORY=629145600" in script
