@@ -46,6 +46,8 @@ MEMORY = "MEMORY"
 """The resource (bytes) that a fruit asks for where workers declare it; the name of dask's own manual."""
 
 
+BEGUN = ""
+"""In the place of a stage: a worker begins with a fruit, for the first time or again."""
 WORKING = (Status.running, Status.paused, Status.closing_gracefully)
 """A worker's states in which it goes on with its fruit."""
 
@@ -81,6 +83,7 @@ class Cluster:
         self._happened: SimpleQueue[tuple[str, Future | str]] = SimpleQueue()
         self._orders: dict[str, FruitOrder] = {}
         self._futures: dict[str, Future] = {}
+        self._tries: dict[str, int] = {}
         self._workers: dict[str, Any] = {}
         self._counted_s = -float("inf")
         self._topic = f"drupe-{uuid.uuid4().hex}"
@@ -131,7 +134,7 @@ class Cluster:
         order = FruitOrder(
             fruit_id=fruit_id, packed=packed, time_limit_s=self._time_limit_s, needs=self._needs
         )
-        self._orders[fruit_id] = order
+        self._orders[fruit_id], self._tries[fruit_id] = order, 0
         with suppress(OSError):  # the scheduler is gone, which `happened` finds
             self._submit(order)
 
@@ -147,10 +150,12 @@ class Cluster:
     def _events(self, fruit_id: str, news: Future | str) -> Iterator[Event]:
         if fruit_id not in self._orders:
             return
-        if isinstance(news, str):
+        if news == BEGUN:
+            self._tries[fruit_id] += 1
+        elif isinstance(news, str):
             yield Progressed(fruit_id, news)
         elif news is self._futures.get(fruit_id) and (ending := self._ending(fruit_id, news)) is not None:
-            del self._orders[fruit_id], self._futures[fruit_id]
+            del self._orders[fruit_id], self._futures[fruit_id], self._tries[fruit_id]
             yield ending
 
     def _ending(self, fruit_id: str, future: Future) -> Event | None:
@@ -160,9 +165,11 @@ class Cluster:
         try:
             ended = future.result(timeout=CONNECT_S)
         except KilledWorker as killed:
-            lost = _counted(killed.allowed_failures + 1)
-            how = f"{lost} lost with it, the last {killed.last_worker.address}"
-            return Died(fruit_id, None, how)
+            tries = self._tries[fruit_id]
+            if tries > killed.allowed_failures:
+                how = f"{_counted(tries)} lost with it, the last {killed.last_worker.address}"
+                return Died(fruit_id, None, how)
+            ended = None  # dask also blames those that only waited for a worker that was lost
         except (ImportError, AttributeError) as error:
             raise _refused(self._address, f"a worker {_cannot_load(error)}") from None
         except Exception as error:  # noqa: BLE001 - dask's own, of which there are many kinds
@@ -207,9 +214,9 @@ class Cluster:
             why = f"no scheduler of dask answers there ({str(error) or type(error).__name__})"
             sentence = f"{why}; start one with `dask scheduler`, and name the address that it prints."
             raise _refused(self._address, sentence) from None
-        self._client.subscribe_topic(self._topic, self._heard)
+        self._client.subscribe_topic(self._topic, self._stage_begun)
 
-    def _heard(self, event: tuple[float, Any]) -> None:
+    def _stage_begun(self, event: tuple[float, Any]) -> None:
         """A worker's news of a stage, on the client's own thread."""
         fruit_id, stage = event[1]
         self._happened.put((fruit_id, stage))
@@ -298,6 +305,7 @@ def _on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
     def tell(stage: str) -> None:
         worker.log_event(topic, (order.fruit_id, stage))
 
+    tell(BEGUN)
     return fruit_here(order, tell=tell, wanted=wanted, most_MiB=most_MiB)
 
 

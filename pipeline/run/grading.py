@@ -220,22 +220,22 @@ def _work(
         closing(run_on(engine, work_on, todo)) as events,
     ):
 
-        def told(record: FruitRecord) -> None:
+        def show_ended(record: FruitRecord) -> None:
             progress.done(record.fruit_id, _in_a_line(record), whole=record.graded)
 
         for event in events:
             while todo.refused:
-                told(todo.refused.popleft())
+                show_ended(todo.refused.popleft())
             progress.jobs = engine.at_once
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
             record = _record_of(event, todo.ended(event.fruit_id), time_limit_s)
             records[event.fruit_id] = record
-            told(record)
+            show_ended(record)
             so_far.write_when_due()
         while todo.refused:
-            told(todo.refused.popleft())
+            show_ended(todo.refused.popleft())
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:

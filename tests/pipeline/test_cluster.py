@@ -61,7 +61,7 @@ def ran(address, tmp_path_factory):
         "always": f"take-every-worker-along {folder / 'always'}",
         "also fine": "also fine",
     }  # fmt: skip
-    events = list(run_on(engine(address, folder, said=said, time_limit_s=4.0), work, tasks.items()))
+    events = list(run_on(engine(address, folder, said=said, time_limit_s=8.0), work, tasks.items()))
     return events, {one.fruit_id: one for one in events if not isinstance(one, Progressed)}, said
 
 
@@ -213,9 +213,9 @@ def test_a_scheduler_killed_and_started_again_loses_no_fruit(tmp_path):
 
 
 SBATCH = """#!/bin/sh
-setsid sh -c 'bash "$1"' sh "$1" >"{folder}/job.log" 2>&1 &
-echo $! >>"{folder}/jobs"
 cp "$1" "{folder}/script"
+setsid bash "{folder}/script" >"{folder}/job.log" 2>&1 &
+echo $! >>"{folder}/jobs"
 echo "Submitted batch job $!"
 """
 
