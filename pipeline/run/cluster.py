@@ -235,7 +235,8 @@ class Cluster:
         )
         end_s = time.monotonic() + BACK_S
         while True:
-            self._disconnect()
+            with suppress(Exception):
+                self._client.close(timeout=COUNT_S)  # there is nobody to take fruit back from
             try:
                 self._connect()
                 break
