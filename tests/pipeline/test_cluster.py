@@ -1,8 +1,8 @@
 """Fruit on a cluster end as they do on one machine, whatever dies on the way."""
 
-import re
 import io
 import os
+import re
 import signal
 import socket
 import subprocess
