@@ -1,4 +1,8 @@
-"""Fruit on a cluster end as they do on one machine, whatever dies on the way."""
+"""Fruit on a cluster end as they do on one machine, whatever dies on the way.
+
+Apart from the other tests (`pytest -n 0 -m cluster`): they start and kill a dozen processes on time limits of
+seconds, which a machine that is busy with other tests does not keep.
+"""
 
 import io
 import os
@@ -28,7 +32,7 @@ from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.cluster]
 
 
 @pytest.fixture(scope="module")
