@@ -40,8 +40,10 @@ def only_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
     result that is no array is not looked at, which else has the arguments checked a second time.
     """
 
-    def decorated(*, typechecker: Any) -> Callable[[Any], Any]:
-        wrap = jaxtyped(typechecker=typechecker)
+    def decorated(*context: Any, **options: Any) -> Any:
+        if context:  # no decorator: jaxtyped("context") of a with statement
+            return jaxtyped(*context, **options)
+        wrap = jaxtyped(**options)
 
         def decorate(defined: Any) -> Any:
             function = _function_of(defined)
