@@ -30,12 +30,11 @@ ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressur
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
 CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "pressure_MPa", "shear_MPa")
 """Likewise, where the contact is found anew at every step."""
-
-
 DRAGGED = 0.4
 """Share of one direction in the motion of a gel from which it is dragged: 0.54 to 0.91 in the greatest frame
 of three real drags (cheese_tube of Parag, Incipient-Slip-Detection; docs/validation.md), 0.99 and more in
-drawn ones, 0.00 where prints come or go (tests/pipeline/test_reference_messages.py)."""
+drawn ones, 0.00 where prints come or go (tests/pipeline/test_reference_messages.py). Set by hand between
+them, on these clips."""
 
 
 def most_likely_hyperparameters(
