@@ -1,10 +1,20 @@
 """Closest points on a triangle surface, exactly, for many points at once."""
 
+from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
+
+
+BAND = 0.7
+"""Sizes of a band's triangles, the smallest over the largest: a mesh that is fine at its pads has some five."""
+LEAST_BAND = 0.05
+"""Triangles smaller than this share of the largest are one band: a tree each would cost more than it spares."""
+FIRST = 12
+"""Middles of a band looked up for each point at first; where more are near, all of them are."""
 
 
 class Closest(NamedTuple):
@@ -16,43 +26,92 @@ class Closest(NamedTuple):
     distance_mm: Float[np.ndarray, " p"]
 
 
+@dataclass(frozen=True)
+class TriangleSearch:
+    """A triangle surface made ready to be asked for closest points again and again.
+
+    `bands`: its triangles by size, each with the search tree of its middles: the large ones of a surface must
+    not make every small one that is as near be tried.
+    """
+
+    corner: Float[np.ndarray, "f 3 3"]
+    centre: Float[np.ndarray, "f 3"]
+    radius: Float[np.ndarray, " f"]
+    middles: cKDTree
+    bands: tuple[tuple[Int[np.ndarray, " _"], cKDTree, float], ...]
+
+    @classmethod
+    def of(
+        cls, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+    ) -> "TriangleSearch":
+        """Bands of one size within a factor of BAND."""
+        corner = vertices_mm[faces]
+        centre = corner.mean(axis=1)
+        radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
+        band = np.ceil(np.log(np.maximum(radius / radius.max(), LEAST_BAND)) / np.log(BAND))
+        members = [np.flatnonzero(band == one) for one in np.unique(band)]
+        bands = tuple((own, cKDTree(centre[own]), float(radius[own].max())) for own in members)
+        return cls(corner, centre, radius, cKDTree(centre), bands)
+
+    def closest(self, points_mm: Float[np.ndarray, "p 3"]) -> Closest:
+        """The closest point of the surface to each point, of several triangles as close the first.
+
+        Every triangle that can hold it is tried: those whose circumscribed ball reaches within the distance to
+        the triangle with the nearest middle.
+        """
+        if not len(points_mm):
+            return Closest(np.empty(0, dtype=np.int64), points_mm.copy(), points_mm.copy(), np.empty(0))
+        bound, nearest = self.middles.query(points_mm)
+        face = np.asarray(nearest, dtype=np.int64)
+        best, weights = _closest_in_triangle(points_mm, self.corner[face])
+        distance = np.linalg.norm(points_mm - best, axis=1)
+        bound = np.minimum(bound, distance)
+        pairs = [self._within(points_mm, bound, *band) for band in self.bands]
+        owner, tried = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        spot, spot_weights = _closest_in_triangle(points_mm[owner], self.corner[tried])
+        reach = np.linalg.norm(points_mm[owner] - spot, axis=1)
+        order = np.lexsort((tried, reach, owner))
+        first = order[np.r_[True, owner[order][1:] != owner[order][:-1]]]
+        at = owner[first]
+        face[at], weights[at], best[at], distance[at] = (
+            tried[first],
+            spot_weights[first],
+            spot[first],
+            reach[first],
+        )
+        return Closest(face, weights, best, distance)
+
+    def _within(
+        self,
+        points_mm: Float[np.ndarray, "p 3"],
+        bound: Float[np.ndarray, " p"],
+        members: Int[np.ndarray, " _"],
+        tree: cKDTree,
+        largest_mm: float,
+    ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
+        """Pairs (point, triangle of the band) whose ball reaches within the point's bound."""
+        reach = bound + largest_mm
+        count = min(FIRST, len(members))
+        apart, index = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
+        owner, column = np.nonzero(apart <= reach[:, None])
+        tried = members[index[owner, column]]
+        crowded = np.flatnonzero(apart[:, -1] <= reach) if count < len(members) else owner[:0]
+        if len(crowded):
+            lists = tree.query_ball_point(points_mm[crowded], reach[crowded], return_sorted=False)
+            number = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
+            all_of_them = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=number.sum())
+            owner = np.concatenate([owner, np.repeat(crowded, number)])
+            tried = np.concatenate([tried, members[all_of_them]])
+        distance = np.linalg.norm(points_mm[owner] - self.centre[tried], axis=1)
+        near = distance <= bound[owner] + self.radius[tried]
+        return owner[near], tried[near]
+
+
 def closest_on_triangles(
     points_mm: Float[np.ndarray, "p 3"], vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Closest:
-    """The closest point of the surface to each point.
-
-    Every triangle that can hold it is tried: those whose circumscribed ball reaches within the distance to
-    the nearest triangle centre.
-    """
-    if not len(points_mm):
-        return Closest(np.empty(0, dtype=np.int64), points_mm.copy(), points_mm.copy(), np.empty(0))
-    corner = vertices_mm[faces]
-    centre = corner.mean(axis=1)
-    radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
-    tree = cKDTree(centre)
-    bound, nearest = tree.query(points_mm)
-    face = np.asarray(nearest, dtype=np.int64)
-    best, weights = _closest_in_triangle(points_mm, corner[face])
-    distance = np.linalg.norm(points_mm - best, axis=1)
-    bound = np.minimum(bound, distance)
-    lists = tree.query_ball_point(points_mm, bound + radius.max())
-    count = np.fromiter((len(found) for found in lists), dtype=np.int64, count=len(lists))
-    owner = np.repeat(np.arange(len(points_mm)), count)
-    tried = np.concatenate([np.asarray(found, dtype=np.int64) for found in lists])
-    near = np.linalg.norm(points_mm[owner] - centre[tried], axis=1) <= bound[owner] + radius[tried]
-    owner, tried = owner[near], tried[near]
-    spot, spot_weights = _closest_in_triangle(points_mm[owner], corner[tried])
-    reach = np.linalg.norm(points_mm[owner] - spot, axis=1)
-    order = np.lexsort((tried, reach, owner))
-    first = order[np.r_[True, owner[order][1:] != owner[order][:-1]]]
-    at = owner[first]
-    face[at], weights[at], best[at], distance[at] = (
-        tried[first],
-        spot_weights[first],
-        spot[first],
-        reach[first],
-    )
-    return Closest(face, weights, best, distance)
+    """The closest point of the surface to each point (TriangleSearch), where it is asked for once."""
+    return TriangleSearch.of(vertices_mm, faces).closest(points_mm)
 
 
 def _closest_in_triangle(

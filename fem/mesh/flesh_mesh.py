@@ -17,6 +17,7 @@ from fem.elements.shape_functions import (
 )
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.boundary_fit import pull, t4_jacobians, t10_jacobians
+from fem.mesh.closest_point import TriangleSearch
 from fem.mesh.closed_surface import Surface, checked_surface, must_enclose, must_lie_on, split_boundary
 from fem.mesh.contact_size import contact_size
 from fem.mesh.creases import corner_targets, middle_targets
@@ -24,6 +25,8 @@ from fem.mesh.local_refinement import PASSES, SizeField, affordable_size, bisect
 from fem.mesh.tetrahedra import boundary_faces, compact, unique_edges, with_mid_edges
 from fem.mesh.tetwild import fill, simplified
 
+QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+"""Nodes of the four flat triangles that stand for a T6."""
 #: largest relative change of the fruit's or the pit's volume that a mesh may bring
 VOLUME_TOLERANCE = 3e-3
 #: how far from the points refine_at_mm edges stay refine_edge_mm long, where only the latter is given
@@ -56,10 +59,17 @@ class FleshMesh:
         slope = np.einsum("qin,mnx->mqix", t10_gradient(points), self.nodes_mm[self.tets])
         return float((np.linalg.det(slope) @ weights).sum())
 
-    @property
+    @cached_property
     def outer_nodes(self) -> Int[np.ndarray, " o"]:
         """Every node of the skin, sorted."""
         return np.unique(self.outer_faces)
+
+    @cached_property
+    def skin_search(self) -> TriangleSearch:
+        """The skin's faces cut in four flat triangles each (QUARTERS), face by face, to look for closest
+        points on.
+        """
+        return TriangleSearch.of(self.nodes_mm, self.outer_faces[:, QUARTERS].reshape(-1, 3))
 
 
 def tetrahedralise(

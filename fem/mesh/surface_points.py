@@ -9,15 +9,13 @@ from scipy.sparse import coo_array, csr_array
 
 from fem.elements.shape_functions import t6_gradient, t6_shape, tri_quadrature
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mesh.closest_point import closest_on_triangles
-from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.flesh_mesh import QUARTERS, FleshMesh
 
-#: a T6 as four flat triangles, and the reference coordinates of its six nodes
-_QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 _T6_NODES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 """Reference coordinates of a T6's nodes, in their order."""
 GAUSS_NEWTON_STEPS = 6
-"""Steps from a place in a face's middle or better; faces are nearly flat, the error is squared by each."""
+"""Steps at most from a place in a face's middle or better; faces are nearly flat, the error is squared by
+each."""
 BORDER = 1e-12
 """Reference coordinates nearer than this to a face's edge lie on it: round-off of a clamped place."""
 
@@ -82,10 +80,9 @@ def locate(
         raise FemFailure(
             FemProblem.OFF_SURFACE, "a contact point has a non-finite coordinate; check pose and markers"
         )
-    flat = mesh.outer_faces[:, _QUARTERS].reshape(-1, 3)
-    near = closest_on_triangles(points_mm, mesh.nodes_mm, flat)
+    near = mesh.skin_search.closest(points_mm)
     face_nodes = mesh.outer_faces[near.face // 4]
-    reference = np.einsum("pk,pkd->pd", near.barycentric, _T6_NODES[_QUARTERS[near.face % 4]])
+    reference = np.einsum("pk,pkd->pd", near.barycentric, _T6_NODES[QUARTERS[near.face % 4]])
     reference, distance = _closest_on_faces(points_mm, mesh.nodes_mm[face_nodes], reference)
     on_border = np.flatnonzero((reference.min(axis=1) <= 0) | (reference.sum(axis=1) >= 1 - BORDER))
     if len(on_border):
@@ -142,10 +139,21 @@ def _closest_on_faces(
     for _ in range(GAUSS_NEWTON_STEPS):
         tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
         gap = points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x)
-        metric = np.einsum("pix,pjx->pij", tangent, tangent)
-        step = np.linalg.solve(metric, np.einsum("pix,px->pi", tangent, gap)[..., None])[..., 0]
+        before, step = reference, _along(tangent, np.einsum("pix,px->pi", tangent, gap))
         reference = _into_triangle(reference + step)
+        if np.abs(reference - before).max() < BORDER:
+            break
     return reference, np.linalg.norm(points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x), axis=1)
+
+
+def _along(
+    tangent: Float[np.ndarray, "p 2 3"], right: Float[np.ndarray, "p 2"]
+) -> Float[np.ndarray, "p 2"]:
+    """(T T')^-1 right, T the two tangents of each face, written out."""
+    a, b = np.moveaxis(tangent, 1, 0)
+    aa, ab, bb = (np.einsum("px,px->p", u, v) for u, v in ((a, a), (a, b), (b, b)))
+    u, v = right.T
+    return np.stack([bb * u - ab * v, aa * v - ab * u], axis=1) / (aa * bb - ab**2)[:, None]
 
 
 def _faces_around(

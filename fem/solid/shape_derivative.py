@@ -35,7 +35,7 @@ WAVE_MM = 20.0
 PAD_FADES_MM, LEAST_STEEP = 10.0, 0.5
 """How far from a pad's markers the skin still moves with the pad; never where it turns away by over 60
 degrees."""
-_BATCH = 2048
+_BATCH = 512
 """Elements at once: memory, nothing else."""
 
 
@@ -45,34 +45,33 @@ def stiffness_change(
     displacement: Float[np.ndarray, "f n 3"],
     velocities: Float[np.ndarray, "p n 3"],
 ) -> Float[np.ndarray, "p f n 3"]:
-    """(dK0/de) u for each velocity field and displacement: forces on the nodes for E = 1 MPa.
-
-    Only elements in which a velocity is not uniform take part.
-    """
+    """(dK0/de) u for each velocity field and displacement: forces on the nodes for E = 1 MPa."""
     mu, lame = unit_lame_constants(poisson_ratio)
-    change = np.zeros((len(velocities), *displacement.shape))
-    uneven = [np.ptp(v[mesh.tets], axis=1).max(axis=1) > 1e-12 for v in velocities]
+    fields = np.concatenate([displacement, velocities])
+    nodal = np.ascontiguousarray(fields.transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
+    n_loads, n_ways = len(displacement), len(velocities)
+    change = np.zeros((len(nodal), n_ways * n_loads * 3))
     for start in range(0, len(mesh.tets), _BATCH):
-        part = np.zeros(len(mesh.tets), dtype=bool)
-        part[start : start + _BATCH] = True
-        if not any((part & chosen).any() for chosen in uneven):
-            continue
-        tets = mesh.tets[part]
+        tets = mesh.tets[start : start + _BATCH]
         slope, measure = _slopes(mesh.nodes_mm[tets])
-        strained = np.einsum("mqxn,fmni->mqfix", slope, displacement[:, tets], optimize=True)
+        slope = slope.reshape(len(tets), -1, 10)
+        values = nodal[tets]
+        values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
+        gradient = (slope @ values).reshape(measure.size, 3, len(fields), 3)
+        strained, moving = np.split(np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), [n_loads])
         stress = _stress(strained, mu, lame)
-        for k, velocity in enumerate(velocities):
-            own = uneven[k][part]
-            if not own.any():
-                continue
-            g = np.einsum("mqxn,mni->mqix", slope[own], velocity[tets[own]], optimize=True)
-            turned = strained[own] @ g[:, :, None]
-            flux = np.trace(g, axis1=2, axis2=3)[:, :, None, None, None] * stress[own]
-            flux -= _stress(turned, mu, lame) + stress[own] @ np.swapaxes(g, 2, 3)[:, :, None]
-            force = np.einsum("mq,mqfix,mqxn->mnfi", measure[own], flux, slope[own], optimize=True)
-            flat = force.reshape(-1, displacement.shape[0] * 3)
-            _add_rows(change[k], tets[own].ravel(), flat)
-    return change
+        flux = np.empty((measure.size, 3, n_ways, n_loads, 3))
+        for k, g in enumerate(moving):
+            turned = np.einsum("fixe,xye->fiye", strained, g)
+            own = np.trace(g) * stress
+            own -= _stress(turned, mu, lame)
+            own -= np.einsum("fixe,yxe->fiye", stress, g)
+            own *= measure.ravel()
+            flux[:, :, k] = own.transpose(3, 2, 0, 1)
+        force = slope.transpose(0, 2, 1) @ flux.reshape(*slope.shape[:2], -1)
+        _add_rows(change, tets.ravel(), force.reshape(tets.size, -1))
+    found = change.reshape(-1, n_ways, n_loads, 3).transpose(1, 2, 0, 3)
+    return np.ascontiguousarray(found)
 
 
 def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
@@ -139,16 +138,19 @@ def _slopes(
     return slope, np.linalg.det(jacobian) * SHARES / 6
 
 
-def _stress(gradient: Float[np.ndarray, "*b 3 3"], mu: float, lame: float) -> Float[np.ndarray, "*b 3 3"]:
+def _stress(gradient: Float[np.ndarray, "f 3 3 e"], mu: float, lame: float) -> Float[np.ndarray, "f 3 3 e"]:
     """mu (g + g') + lambda tr g."""
-    trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(mu * (gradient + np.swapaxes(gradient, -1, -2)) + lame * trace * np.eye(3))
+    stress = mu * (gradient + gradient.transpose(0, 2, 1, 3))
+    trace = lame * np.trace(gradient, axis1=1, axis2=2)
+    for i in range(3):
+        stress[:, i, i] += trace
+    return np.asarray(stress)
 
 
 def _add_rows(
-    total: Float[np.ndarray, "f n 3"], rows: Int[np.ndarray, " e"], values: Float[np.ndarray, "e k"]
+    total: Float[np.ndarray, "n k"], rows: Int[np.ndarray, " e"], values: Float[np.ndarray, "e k"]
 ) -> None:
-    """total[:, rows] += values, row by row."""
-    number = total.shape[1]
-    gather = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(number, len(rows)))
-    total += (gather @ values).reshape(number, -1, 3).transpose(1, 0, 2)
+    """total[rows] += values, row by row."""
+    own, place = np.unique(rows, return_inverse=True)
+    gather = csr_array((np.ones(len(rows)), (place, np.arange(len(rows)))), shape=(len(own), len(rows)))
+    total[own] += gather @ values
