@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pyvista
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
@@ -42,6 +41,8 @@ class SceneSurface:
         """The surface with so many triangles at most."""
         if len(self.faces) <= most:
             return self
+        import pyvista
+
         mesh = pyvista.PolyData.from_regular_faces(np.array(self.vertices, dtype=float), np.array(self.faces))
         small = mesh.decimate(1 - most / len(self.faces), volume_preservation=True)
         return SceneSurface(

@@ -1,12 +1,15 @@
-"""What each pixel of an orthographic view sees of a mesh: rays on the CPU, no window, no OpenGL."""
+"""What each pixel of an orthographic view sees of a mesh: rays on the CPU, no window, no OpenGL.
+
+Open3D is imported when the first surface is traced: a process that draws nothing goes without it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import open3d as o3d
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt
 
 _SKY_RAYS = 96
 """Directions in which the sky is looked for: shares come in steps of a hundredth (by eye)."""
@@ -61,7 +64,7 @@ class VisibleSurface:
 class TracedSurface:
     """A mesh made ready for rays, with one outward normal per vertex (area-weighted mean of its faces')."""
 
-    scene: o3d.t.geometry.RaycastingScene
+    scene: Any
     faces: Int[np.ndarray, "m 3"]
     vertex_normals: Float[np.ndarray, "n 3"]
 
@@ -77,10 +80,11 @@ class TracedSurface:
             ],
             axis=1,
         )
+        import open3d as o3d
+
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         scene.add_triangles(
-            o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
-            o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
+            _tensor(np.ascontiguousarray(vertices, np.float32)), _tensor(np.ascontiguousarray(faces, np.uint32))
         )
         return cls(scene=scene, faces=faces, vertex_normals=_unit(normals))
 
@@ -94,7 +98,7 @@ class TracedSurface:
             view.centre_mm + far_mm * towards + across[None, :, None] * right + along[:, None, None] * up
         )
         rays = np.concatenate([origins, np.broadcast_to(-towards, origins.shape)], axis=2).astype(np.float32)
-        answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
+        answer = self.scene.cast_rays(_tensor(rays), nthreads=1)
         depth = answer["t_hit"].numpy().astype(float)
         hit = np.isfinite(depth)
         uv = answer["primitive_uvs"].numpy()[hit].astype(float)
@@ -114,7 +118,7 @@ class TracedSurface:
 
     def nearest(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3"]:
         """The surface's point nearest to each point."""
-        query = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points_mm, np.float32))
+        query = _tensor(np.ascontiguousarray(points_mm, np.float32))
         found: Float[np.ndarray, "q 3"] = (
             self.scene.compute_closest_points(query, nthreads=1)["points"].numpy().astype(float)
         )
@@ -132,9 +136,15 @@ class TracedSurface:
             ],
             axis=2,
         ).astype(np.float32)
-        hidden = self.scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
+        hidden = self.scene.test_occlusions(_tensor(rays), nthreads=1).numpy()
         share: Float[np.ndarray, " q"] = hidden.astype(float).mean(axis=1)
         return share
+
+
+def _tensor(values: Float[np.ndarray, "*n"] | UInt[np.ndarray, "*n"]) -> Any:
+    import open3d as o3d
+
+    return o3d.core.Tensor.from_numpy(values)
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
+from reports.patch_residual import PatchResidual
 from reports.raycast import TracedSurface, Viewing
 from reports.skin_map import MapStyle, SkinLayer, map_picture, side_of
 
@@ -28,18 +28,6 @@ VIEW_PX, SAMPLES = 200, 1
 patches takes .5 s of CPU instead of .23, and looks the same."""
 MARGIN = 1.35
 """Half of a view over the patch's reach: some skin around it, and room for its name (by eye)."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PatchResidual:
-    """Markers of a pad in a grasp: their places on the skin (fruit frame, mm) and residuals (um).
-
-    Positive: the recorded skin went farther in than the model's.
-    """
-
-    name: str
-    places_mm: Float[np.ndarray, "k 3"]
-    residual_um: Float[np.ndarray, " k"]
 
 
 def residual_map(

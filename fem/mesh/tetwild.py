@@ -1,4 +1,7 @@
-"""The border to pytetwild: closed surfaces in, well-shaped straight tetrahedra between them out."""
+"""The border to pytetwild: closed surfaces in, well-shaped straight tetrahedra between them out.
+
+pytetwild and PyVista are imported when they are called: only what meshes a fruit needs them.
+"""
 
 import signal
 import threading
@@ -7,8 +10,6 @@ from contextlib import chdir, contextmanager
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import pytetwild
-import pyvista
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
@@ -27,6 +28,8 @@ def simplified(
     wanted = max(area / (edge_mm**2 * np.sqrt(3) / 4), 64)
     if wanted >= len(faces):
         return vertices_mm, faces
+    import pyvista
+
     surface = pyvista.PolyData.from_regular_faces(vertices_mm, faces)
     small = surface.decimate(1 - wanted / len(faces), volume_preservation=True)
     return np.asarray(small.points, dtype=float), np.asarray(small.regular_faces, dtype=np.int64)
@@ -46,6 +49,8 @@ def fill(
     It leaves a file in the working directory: it gets one to throw away. Raises FemFailure where nothing
     comes back.
     """
+    import pytetwild
+
     vertices = np.vstack([v for v, _ in surfaces])
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
     faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)

@@ -27,9 +27,6 @@ from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.plain_file import printable
 from recon.surface.coverage import SEEN_BY
-from reports.coverage_map import coverage_map
-from reports.mesh_picture import mesh_picture
-from reports.surface_sd_map import surface_sd_map
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording
 from tactile.tactile_failure import TactileFailure
@@ -65,6 +62,11 @@ def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
+    # Only what grades a fruit draws: Matplotlib is not for those who look at its recordings.
+    from reports.coverage_map import coverage_map
+    from reports.mesh_picture import mesh_picture
+    from reports.surface_sd_map import surface_sd_map
+
     facts = log.facts
     with log.stage("mesh"):
         shape = fruit_shape(task)

@@ -14,7 +14,7 @@ from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
-from reports.residual_map import PatchResidual
+from reports.patch_residual import PatchResidual
 from tactile.checks.finding import Finding
 from tactile.checks.jaw_share import jaw_share_findings
 from tactile.checks.of_recording import recording_findings

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from recon.silhouettes.hull import ball
-from reports.residual_map import REACH, VIEW_PX, PatchResidual, on_skin, residual_layer, residual_map
+from reports.patch_residual import PatchResidual
+from reports.residual_map import REACH, VIEW_PX, on_skin, residual_layer, residual_map
 
 DIRECTIONS, FACES = ball(4)
 SPHERE_MM = 25.0 * DIRECTIONS
