@@ -5,10 +5,11 @@ C maps forces at the markers to displacements at the markers for E = 1 MPa:
     C = L' K^-1 L        L: marker forces -> traction field -> nodes;  L': nodes -> markers
     (fem.solid.pad_link)
 
-K^-1 on the contact nodes is condensed once per fruit (fem.sparse.solver), the rest is sparse. A frame then
+K^-1 on the grasp's contact nodes is condensed from the factor of the fruit (fem.sparse.solver), the rest is sparse. A frame then
 costs one product of a matrix and a vector.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.sensitivity import Sensitivity, sensitivities
 from fem.grasp_history import GraspHistory
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.pad_link import PadLink, pad_link
+from fem.solid.pad_link import PadLink, PadPlaces, linked, pad_places
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +50,17 @@ class GraspModel:
         return np.asarray(flat @ self.compliance.T).reshape(force_N.shape)
 
 
-def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
-    """The model of one grasp on a solid that was factorised for (at least) this grasp's contact nodes.
+def grasp_model(
+    history: GraspHistory, solid: UnitModulusSolid, *, places: Sequence[PadPlaces] | None = None
+) -> GraspModel:
+    """The model of one grasp on a solid whose contact nodes are (at least) this grasp's.
 
-    Raises FemFailure: off-surface, no-load.
+    `places`: its pads' places on the solid's mesh, where they are known. Raises FemFailure: off-surface,
+    no-load.
     """
-    links = [pad_link(pad, solid) for pad in history.pads]
+    if places is None:
+        places = [pad_places(pad, solid.mesh) for pad in history.pads]
+    links = [linked(at, solid) for at in places]
     sensitivity, withheld = sensitivities(history, solid, links, loaded_frames(history))
     return GraspModel(
         place_mm=np.vstack([link.place.point_mm for link in links]),

@@ -61,7 +61,7 @@ def sensitivities(
     moved = solid.displacement(loads)
     withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
     causes, forces = inner_forces(solid, moved, links)
-    moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
+    moved = solid.contact_displacement(forces.reshape(-1, *loads.shape[1:]))
     recording = np.concatenate([link.at_markers(moved) for link in links], axis=1)
     found = list(recording.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):

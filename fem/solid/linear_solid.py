@@ -63,11 +63,7 @@ class UnitModulusSolid:
         moving = _moving(mesh, motions.shape[1], support)
         kinematics = csr_array(motions[:, np.flatnonzero(moving)])
         nodes = np.zeros(0, dtype=np.int64) if contact_nodes is None else contact_nodes
-        columns = _dofs(mesh, nodes)
-        factor = factorise(
-            reduced(stiffness, kinematics),
-            last=(np.cumsum(moving) - 1)[columns[moving[columns]]],
-        )
+        factor = factorise(reduced(stiffness, kinematics))
         return cls(
             mesh=mesh,
             poisson_ratio=poisson_ratio,
@@ -94,6 +90,32 @@ class UnitModulusSolid:
             displacement = self.free_body.without_rigid_motion(displacement)
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
+    def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
+        """`displacement` of the contact nodes alone, for little more than half its cost. Raises BAD_LOAD."""
+        load = self._columns(nodal_force_N)
+        free, body = self.support == "free", self.free_body
+        if free:
+            load = body.balance(load)
+        dofs, moves, columns = self._contact_dofs
+        displacement = np.zeros((len(dofs), load.shape[1]))
+        displacement[moves] = self.factor.solve_at(self.kinematics.T @ load, columns)
+        if free:
+            motion = np.linalg.solve(body.inertia, self._under_body_forces.T @ load)
+            displacement -= body.modes[dofs] @ motion
+        return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
+
+    @cached_property
+    def _under_body_forces(self) -> Float[np.ndarray, "d 6"]:
+        """Displacement of the held flesh under each of the free body's forces."""
+        return np.asarray(self.kinematics @ self.factor.solve(self.kinematics.T @ self.free_body.body_forces))
+
+    @cached_property
+    def _contact_dofs(self) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+        """The contact nodes' dofs on all nodes; which of them move, and which of K's dofs those are."""
+        dofs = (3 * self.contact_nodes[:, None] + np.arange(3)).ravel()
+        rows = self.kinematics[dofs]
+        return dofs, np.flatnonzero(np.diff(rows.indptr)), rows.indices
+
     @cached_property
     def contact_compliance(self) -> Float[np.ndarray, "d d"]:
         """Displacement times E of the contact nodes' dofs (three a node, in order) under unit forces on them.
@@ -102,18 +124,20 @@ class UnitModulusSolid:
         with P of fem.solid.free_body and A the compliance of the fruit held at its pit (or three nodes);
         zero where a base holds.
         """
-        dofs = (3 * self.contact_nodes[:, None] + np.arange(3)).ravel()
-        rows = self.kinematics[dofs]
-        held = np.zeros((len(dofs), len(dofs)))
-        moves = np.flatnonzero(np.diff(rows.indptr))
-        held[np.ix_(moves, moves)] = self.factor.last_compliance()
+        dofs, moves, columns = self._contact_dofs
+        held = self.factor.compliance(columns)
+        if len(moves) < len(dofs):
+            moving, held = held, np.zeros((len(dofs), len(dofs)))
+            held[np.ix_(moves, moves)] = moving
         if self.support == "base":
             return held
-        body = self.free_body
-        displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ body.body_forces)
+        body, displacement = self.free_body, self._under_body_forces
         rigid = body.modes[dofs] @ np.linalg.inv(body.inertia)
-        across = displacement[dofs] @ rigid.T
-        return np.asarray(held - across - across.T + rigid @ (body.body_forces.T @ displacement) @ rigid.T)
+        mean = 0.5 * rigid @ (body.body_forces.T @ displacement)
+        across = (mean - displacement[dofs]) @ rigid.T
+        held += across
+        held += across.T
+        return held
 
     def unbalance(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
         """Resultant force (N) and moment (N mm, about the flesh's centroid) of each load."""

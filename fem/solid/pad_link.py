@@ -50,23 +50,46 @@ class PadLink:
         return np.ascontiguousarray(read.T).reshape(len(displacement), -1, 3)
 
 
+@dataclass(frozen=True)
+class PadPlaces:
+    """Where one pad's markers, and the points that carry their traction, lie on the skin of a mesh; `weights`
+    are the points' shares of the markers' forces.
+    """
+
+    place: SurfacePoints
+    skin: SurfacePoints
+    weights: csr_array
+
+    @property
+    def nodes(self) -> Int[np.ndarray, " c"]:
+        """The skin nodes that the pad loads or reads, sorted."""
+        return np.unique(np.concatenate([self.place.face_nodes, self.skin.face_nodes]))
+
+
+def pad_places(pad: PadHistory, mesh: FleshMesh) -> PadPlaces:
+    """Looked up on the mesh; raises FemFailure (off-surface)."""
+    place = locate(mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
+    between, weights = marker_weights(pad.rest_mm, place.point_mm)
+    return PadPlaces(place, locate(mesh, between, within_mm=OFF_SKIN_MM), weights)
+
+
 def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:
     """The skin nodes that these grasps load or read, sorted; raises FemFailure (off-surface)."""
     found = [np.zeros(0, dtype=np.int64)]
     for history in histories:
         for pad in history.pads:
-            place = locate(mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
-            between, _ = marker_weights(pad.rest_mm, place.point_mm)
-            skin = locate(mesh, between, within_mm=OFF_SKIN_MM)
-            found += [place.face_nodes.ravel(), skin.face_nodes.ravel()]
+            found.append(pad_places(pad, mesh).nodes)
     return np.unique(np.concatenate(found))
 
 
 def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:
     """How one pad's markers sit on the solid; raises FemFailure (off-surface)."""
-    place = locate(solid.mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
-    between, weights = marker_weights(pad.rest_mm, place.point_mm)
-    return _linked(place, locate(solid.mesh, between, within_mm=OFF_SKIN_MM), weights, solid)
+    return linked(pad_places(pad, solid.mesh), solid)
+
+
+def linked(at: PadPlaces, solid: UnitModulusSolid) -> PadLink:
+    """The same for a pad whose places are known."""
+    return _linked(at.place, at.skin, at.weights, solid)
 
 
 def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"]) -> PadLink:

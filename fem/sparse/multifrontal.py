@@ -7,10 +7,11 @@ Source: Duff and Reid, "The multifrontal solution of indefinite sparse symmetric
 Trans. Math. Softw. 9, 1983; Liu, "The multifrontal method for sparse matrix solution", SIAM Review 34, 1992.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
@@ -28,6 +29,29 @@ class CholeskyFactor:
 
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         """K^-1 load: all columns go through each front together."""
+        x = self._forward(load)
+        self._backward(x, range(len(self.below) - 1, -1, -1))
+        solution = np.empty_like(x)
+        solution[self.fronts.order] = x
+        return np.asarray(solution)
+
+    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+        """(K^-1 load)[dofs]: back substitution goes through the fronts above these dofs alone."""
+        fronts = self.fronts
+        position = np.empty(len(fronts.order), dtype=np.int64)
+        position[fronts.order] = np.arange(len(fronts.order))
+        at = position[dofs]
+        wanted = np.zeros(len(fronts.parent) + 1, dtype=bool)  # the last stands for a root's parent, -1
+        wanted[np.searchsorted(fronts.start, at, side="right") - 1] = True
+        for s, parent in enumerate(fronts.parent):
+            if wanted[s]:
+                wanted[parent] = True
+        x = self._forward(load)
+        self._backward(x, np.flatnonzero(wanted[:-1])[::-1].tolist())
+        return x[at]
+
+    def _forward(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
+        """L^-1 load, in the fronts' order."""
         x = np.ascontiguousarray(load[self.fronts.order], dtype=float)  # rows in one piece, solved in place
         start, rows = self.fronts.start, self.fronts.rows
         for s, (triangle, below) in enumerate(zip(self.triangle, self.below, strict=True)):
@@ -35,14 +59,16 @@ class CholeskyFactor:
             solve_triangle(triangle, own)
             if len(rows[s]):
                 x[rows[s]] -= below @ own
-        for s in range(len(rows) - 1, -1, -1):
+        return x
+
+    def _backward(self, x: Float[np.ndarray, "d f"], fronts: Iterable[int]) -> None:
+        """L^-T x in its own place, at the pivots of these fronts, parents first."""
+        start, rows = self.fronts.start, self.fronts.rows
+        for s in fronts:
             own = x[start[s] : start[s + 1]]
             if len(rows[s]):
                 own -= self.below[s].T @ x[rows[s]]
             dtrsm(1.0, self.triangle[s], own.T, side=1, lower=1, overwrite_b=1)
-        solution = np.empty_like(x)
-        solution[self.fronts.order] = x
-        return np.asarray(solution)
 
 
 def solve_triangle(triangle: Float[np.ndarray, "p p"], load: Float[np.ndarray, "p f"]) -> None:

@@ -25,6 +25,14 @@ class Factor(Protocol):
         """K^-1 load, column by column."""
         ...
 
+    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+        """K^-1 load at these dofs alone, for little more than half of what all of them cost."""
+        ...
+
+    def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
+        """K^-1 on these dofs, in their order: dense, symmetric."""
+        ...
+
     def last_compliance(self) -> Float[np.ndarray, "c c"]:
         """K^-1 on the dofs named as `last`, in their order: dense, symmetric; (0, 0) if none were named."""
         ...
@@ -93,8 +101,14 @@ class _Factorised:
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         return self.cholesky.solve(load)
 
+    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+        return self.cholesky.solve_at(load, dofs)
+
+    def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
+        return compliance(self.cholesky, dofs)
+
     def last_compliance(self) -> Float[np.ndarray, "c c"]:
-        return compliance(self.cholesky, self.last)
+        return self.compliance(self.last)
 
 
 def _canonical(stiffness: csr_array) -> csr_array:

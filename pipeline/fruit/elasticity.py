@@ -8,7 +8,6 @@ from dataclasses import astuple, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Int
 
 from fem.elements.assembly import Stiffness, assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
@@ -24,7 +23,7 @@ from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.solid.linear_solid import Support, UnitModulusSolid
-from fem.solid.pad_link import contact_nodes
+from fem.solid.pad_link import PadPlaces, pad_places
 from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
@@ -252,15 +251,12 @@ def _factorised(
     poisson_ratio: float,
     support: Support,
     parts: Stiffness,
-    contact_nodes: Int[np.ndarray, " c"],
     solids: dict[Support, UnitModulusSolid] | None,
 ) -> UnitModulusSolid:
-    """UnitModulusSolid.factorise; `solids` takes up a copy without what is computed from it later on."""
-    solid = UnitModulusSolid.factorise(
-        mesh, poisson_ratio=poisson_ratio, support=support, parts=parts, contact_nodes=contact_nodes
-    )
+    """UnitModulusSolid.factorise; `solids` takes up what comes of it."""
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
     if solids is not None:
-        solids[support] = replace(solid)
+        solids[support] = solid
     return solid
 
 
@@ -272,38 +268,46 @@ def _models(
     gel_scale_sd: float,
     large: bool,
 ) -> list[GraspModel | FemFailure]:
-    """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise but for the contact nodes;
-    `large`: with large deformation.
+    """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise; `large`: with large
+    deformation. Each grasp's compliance is that of its own contact nodes: what one grasp moves where another
+    touches is of no use to either.
     """
-    histories: dict[int, GraspHistory] = {}
-    nodes = [np.zeros(0, dtype=np.int64)]
+    histories: dict[int, tuple[GraspHistory, list[PadPlaces]]] = {}
     models: dict[int, GraspModel | FemFailure] = {}
     for k, grasp in enumerate(prepared):
         if isinstance(grasp, FemFailure):
             models[k] = grasp
             continue
         try:
-            nodes.append(contact_nodes(mesh, [grasp.history]))
-            histories[k] = grasp.history
+            histories[k] = grasp.history, [pad_places(pad, mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
     if histories:
         try:
-            solid = factorised(contact_nodes=np.unique(np.concatenate(nodes)))
+            solid = factorised()
         except FemFailure as failure:
             models |= dict.fromkeys(histories, failure)
             histories = {}
-    for k, own in histories.items():
+    for k, (history, places) in histories.items():
+        nodes = np.unique(np.concatenate([at.nodes for at in places]))
+        own = replace(solid, contact_nodes=nodes)
         try:
-            models[k] = _model(own, solid, gel_scale_sd=gel_scale_sd, large=large)
+            models[k] = _model(history, places, own, gel_scale_sd=gel_scale_sd, large=large)
         except FemFailure as failure:
             models[k] = failure
     return [models[k] for k in range(len(prepared))]
 
 
-def _model(history: GraspHistory, solid: UnitModulusSolid, *, gel_scale_sd: float, large: bool) -> GraspModel:
+def _model(
+    history: GraspHistory,
+    places: Sequence[PadPlaces],
+    solid: UnitModulusSolid,
+    *,
+    gel_scale_sd: float,
+    large: bool,
+) -> GraspModel:
     """Raises FemFailure."""
-    small = grasp_model(history, solid)
+    small = grasp_model(history, solid, places=places)
     if not large:
         return small
     law = NeoHookean(poisson_ratio=solid.poisson_ratio)
