@@ -103,14 +103,13 @@ def _linked(
 ) -> PadLink:
     """The maps between marker forces and nodes, from where markers and skin points sit."""
     field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
-    plain, rigid, balance = field.matrices()
-    nodes = solid.contact_nodes
-    spread = csr_array(kron(skin.among(nodes).interpolation.T, np.eye(3), format="csr"))
+    rigid, balance = field.balance()
+    spread = skin.among(solid.contact_nodes).interpolation.T.tocsr()
     return PadLink(
         place=place,
         skin=skin,
         weights=weights,
-        plain=csr_array(spread @ plain),
-        rigid=spread @ rigid,
+        plain=csr_array(kron(spread @ weights, np.eye(3), format="csr")),
+        rigid=(spread @ rigid.reshape(len(rigid), -1)).reshape(-1, 6),
         balance=balance,
     )

@@ -47,15 +47,19 @@ class TractionField:
 
     def matrices(self) -> tuple[csr_array, Float[np.ndarray, "d 6"], Float[np.ndarray, "6 m"]]:
         """`forces` as a matrix, sparse + one of rank six: W (x) 1 + A B, dofs point by point, x, y, z."""
-        plain = csr_array(kron(self.weights, np.eye(3), format="csr"))
+        rigid, balance = self.balance()
+        return csr_array(kron(self.weights, np.eye(3), format="csr")), rigid.reshape(-1, 6), balance
+
+    def balance(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 m"]]:
+        """A, point by point, and B of `matrices`."""
         rigid, solve = self._balance
         centre = self.points_mm.mean(axis=0)
         of_markers, of_points = (
-            rigid_modes(places, centre_mm=centre).reshape(-1, 6)
-            for places in (self.marker_mm, self.points_mm)
+            rigid_modes(places, centre_mm=centre) for places in (self.marker_mm, self.points_mm)
         )
-        missing = of_markers - plain.T @ of_points
-        return plain, rigid.reshape(-1, 6), np.asarray(solve @ missing.T)
+        kept = (self.weights.T @ of_points.reshape(len(of_points), -1)).reshape(of_markers.shape)
+        missing = (of_markers - kept).reshape(-1, 6)
+        return rigid, np.asarray(solve @ missing.T)
 
     def forces(self, marker_force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t q 3"]:
         """Forces at `points_mm` with the total force and moment of the markers, to rounding.
