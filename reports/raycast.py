@@ -84,7 +84,8 @@ class TracedSurface:
 
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         scene.add_triangles(
-            _tensor(np.ascontiguousarray(vertices, np.float32)), _tensor(np.ascontiguousarray(faces, np.uint32))
+            _tensor(np.ascontiguousarray(vertices, np.float32)),
+            _tensor(np.ascontiguousarray(faces, np.uint32)),
         )
         return cls(scene=scene, faces=faces, vertex_normals=_unit(normals))
 

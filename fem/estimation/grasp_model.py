@@ -5,8 +5,8 @@ C maps forces at the markers to displacements at the markers for E = 1 MPa:
     C = L' K^-1 L        L: marker forces -> traction field -> nodes;  L': nodes -> markers
     (fem.solid.pad_link)
 
-K^-1 on the grasp's contact nodes is condensed from the factor of the fruit (fem.sparse.solver), the rest is sparse. A frame then
-costs one product of a matrix and a vector.
+K^-1 on the grasp's contact nodes is condensed from the factor of the fruit (fem.sparse.solver), the rest is
+sparse. A frame then costs one product of a matrix and a vector.
 """
 
 from collections.abc import Sequence

@@ -8,11 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-
 BAND = 0.7
-"""Sizes of a band's triangles, the smallest over the largest: a mesh that is fine at its pads has some five."""
+"""Sizes of a band's triangles, the smallest over the largest: a mesh fine at its pads has some five."""
 LEAST_BAND = 0.05
-"""Triangles smaller than this share of the largest are one band: a tree each would cost more than it spares."""
+"""Triangles smaller than this share of the largest are one band: trees would cost more than they spare."""
 FIRST = 12
 """Middles of a band looked up for each point at first; where more are near, all of them are."""
 
@@ -41,9 +40,7 @@ class TriangleSearch:
     bands: tuple[tuple[Int[np.ndarray, " _"], cKDTree, float], ...]
 
     @classmethod
-    def of(
-        cls, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-    ) -> "TriangleSearch":
+    def of(cls, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> "TriangleSearch":
         """Bands of one size within a factor of BAND."""
         corner = vertices_mm[faces]
         centre = corner.mean(axis=1)
@@ -56,8 +53,8 @@ class TriangleSearch:
     def closest(self, points_mm: Float[np.ndarray, "p 3"]) -> Closest:
         """The closest point of the surface to each point, of several triangles as close the first.
 
-        Every triangle that can hold it is tried: those whose circumscribed ball reaches within the distance to
-        the triangle with the nearest middle.
+        Every triangle that can hold it is tried: those whose circumscribed ball reaches within the distance
+        to the triangle with the nearest middle.
         """
         if not len(points_mm):
             return Closest(np.empty(0, dtype=np.int64), points_mm.copy(), points_mm.copy(), np.empty(0))
@@ -92,7 +89,8 @@ class TriangleSearch:
         """Pairs (point, triangle of the band) whose ball reaches within the point's bound."""
         reach = bound + largest_mm
         count = min(FIRST, len(members))
-        apart, index = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
+        found = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
+        apart, index = np.asarray(found[0]), np.asarray(found[1])
         owner, column = np.nonzero(apart <= reach[:, None])
         tried = members[index[owner, column]]
         crowded = np.flatnonzero(apart[:, -1] <= reach) if count < len(members) else owner[:0]

@@ -17,8 +17,8 @@ from fem.elements.shape_functions import (
 )
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.boundary_fit import pull, t4_jacobians, t10_jacobians
-from fem.mesh.closest_point import TriangleSearch
 from fem.mesh.closed_surface import Surface, checked_surface, must_enclose, must_lie_on, split_boundary
+from fem.mesh.closest_point import TriangleSearch
 from fem.mesh.contact_size import contact_size
 from fem.mesh.creases import corner_targets, middle_targets
 from fem.mesh.local_refinement import PASSES, SizeField, affordable_size, bisect_edges, bisect_once

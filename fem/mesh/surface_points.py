@@ -146,14 +146,12 @@ def _closest_on_faces(
     return reference, np.linalg.norm(points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x), axis=1)
 
 
-def _along(
-    tangent: Float[np.ndarray, "p 2 3"], right: Float[np.ndarray, "p 2"]
-) -> Float[np.ndarray, "p 2"]:
+def _along(tangent: Float[np.ndarray, "p 2 3"], right: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
     """(T T')^-1 right, T the two tangents of each face, written out."""
     a, b = np.moveaxis(tangent, 1, 0)
     aa, ab, bb = (np.einsum("px,px->p", u, v) for u, v in ((a, a), (a, b), (b, b)))
     u, v = right.T
-    return np.stack([bb * u - ab * v, aa * v - ab * u], axis=1) / (aa * bb - ab**2)[:, None]
+    return np.asarray(np.stack([bb * u - ab * v, aa * v - ab * u], axis=1) / (aa * bb - ab**2)[:, None])
 
 
 def _faces_around(

@@ -77,8 +77,7 @@ def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.
     """The skin nodes that these grasps load or read, sorted; raises FemFailure (off-surface)."""
     found = [np.zeros(0, dtype=np.int64)]
     for history in histories:
-        for pad in history.pads:
-            found.append(pad_places(pad, mesh).nodes)
+        found += [pad_places(pad, mesh).nodes for pad in history.pads]
     return np.unique(np.concatenate(found))
 
 

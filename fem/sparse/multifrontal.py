@@ -35,7 +35,9 @@ class CholeskyFactor:
         solution[self.fronts.order] = x
         return np.asarray(solution)
 
-    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+    def solve_at(
+        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "c f"]:
         """(K^-1 load)[dofs]: back substitution goes through the fronts above these dofs alone."""
         fronts = self.fronts
         position = np.empty(len(fronts.order), dtype=np.int64)
@@ -48,7 +50,7 @@ class CholeskyFactor:
                 wanted[parent] = True
         x = self._forward(load)
         self._backward(x, np.flatnonzero(wanted[:-1])[::-1].tolist())
-        return x[at]
+        return np.asarray(x[at])
 
     def _forward(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         """L^-1 load, in the fronts' order."""

@@ -25,7 +25,9 @@ class Factor(Protocol):
         """K^-1 load, column by column."""
         ...
 
-    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+    def solve_at(
+        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "c f"]:
         """K^-1 load at these dofs alone, for little more than half of what all of them cost."""
         ...
 
@@ -101,7 +103,9 @@ class _Factorised:
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         return self.cholesky.solve(load)
 
-    def solve_at(self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c f"]:
+    def solve_at(
+        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
+    ) -> Float[np.ndarray, "c f"]:
         return self.cholesky.solve_at(load, dofs)
 
     def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:

@@ -288,11 +288,11 @@ def _models(
         except FemFailure as failure:
             models |= dict.fromkeys(histories, failure)
             histories = {}
-    for k, (history, places) in histories.items():
+    for k, (own, places) in histories.items():
         nodes = np.unique(np.concatenate([at.nodes for at in places]))
-        own = replace(solid, contact_nodes=nodes)
+        held = replace(solid, contact_nodes=nodes)
         try:
-            models[k] = _model(history, places, own, gel_scale_sd=gel_scale_sd, large=large)
+            models[k] = _model(own, places, held, gel_scale_sd=gel_scale_sd, large=large)
         except FemFailure as failure:
             models[k] = failure
     return [models[k] for k in range(len(prepared))]
