@@ -9,11 +9,13 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 BAND = 0.7
-"""Sizes of a band's triangles, the smallest over the largest: a mesh fine at its pads has some five."""
+"""Size of a band's smallest triangle over its largest's. Set by hand, for time alone: the answer is exact
+whatever the bands are."""
 LEAST_BAND = 0.05
-"""Triangles smaller than this share of the largest are one band: trees would cost more than they spare."""
+"""Triangles smaller than this share of the largest are one band. Set by hand, as BAND."""
 FIRST = 12
-"""Middles of a band looked up for each point at first; where more are near, all of them are."""
+"""Middles of a band looked up for each point at first; where more may be near, all are. Set by hand, as
+BAND."""
 
 
 class Closest(NamedTuple):
@@ -41,7 +43,7 @@ class TriangleSearch:
 
     @classmethod
     def of(cls, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> "TriangleSearch":
-        """Bands of one size within a factor of BAND."""
+        """Bands, search trees and circumscribed balls of the triangles."""
         corner = vertices_mm[faces]
         centre = corner.mean(axis=1)
         radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
@@ -91,9 +93,11 @@ class TriangleSearch:
         count = min(FIRST, len(members))
         found = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
         apart, index = np.asarray(found[0]), np.asarray(found[1])
-        owner, column = np.nonzero(apart <= reach[:, None])
+        inside = apart <= reach[:, None]
+        crowded = np.flatnonzero(inside[:, -1]) if count < len(members) else np.zeros(0, dtype=np.int64)
+        inside[crowded] = False  # all of theirs are looked up below
+        owner, column = np.nonzero(inside)
         tried = members[index[owner, column]]
-        crowded = np.flatnonzero(apart[:, -1] <= reach) if count < len(members) else owner[:0]
         if len(crowded):
             lists = tree.query_ball_point(points_mm[crowded], reach[crowded], return_sorted=False)
             number = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))

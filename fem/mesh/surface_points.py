@@ -139,15 +139,17 @@ def _closest_on_faces(
     for _ in range(GAUSS_NEWTON_STEPS):
         tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
         gap = points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x)
-        before, step = reference, _along(tangent, np.einsum("pix,px->pi", tangent, gap))
+        before, step = reference, _least_squares_step(tangent, np.einsum("pix,px->pi", tangent, gap))
         reference = _into_triangle(reference + step)
         if np.abs(reference - before).max() < BORDER:
             break
     return reference, np.linalg.norm(points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x), axis=1)
 
 
-def _along(tangent: Float[np.ndarray, "p 2 3"], right: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
-    """(T T')^-1 right, T the two tangents of each face, written out."""
+def _least_squares_step(
+    tangent: Float[np.ndarray, "p 2 3"], right: Float[np.ndarray, "p 2"]
+) -> Float[np.ndarray, "p 2"]:
+    """(T T')^-1 right, T the two tangents of each face: a Gauss-Newton step in its reference coordinates."""
     a, b = np.moveaxis(tangent, 1, 0)
     aa, ab, bb = (np.einsum("px,px->p", u, v) for u, v in ((a, a), (a, b), (b, b)))
     u, v = right.T

@@ -91,7 +91,7 @@ class UnitModulusSolid:
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
-        """`displacement` of the contact nodes alone, for little more than half its cost. Raises BAD_LOAD."""
+        """`displacement` of the contact nodes alone, without that of the rest. Raises BAD_LOAD."""
         load = self._columns(nodal_force_N)
         free, body = self.support == "free", self.free_body
         if free:

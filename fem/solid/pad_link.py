@@ -86,23 +86,18 @@ def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:
     return linked(pad_places(pad, solid.mesh), solid)
 
 
-def linked(at: PadPlaces, solid: UnitModulusSolid) -> PadLink:
-    """The same for a pad whose places are known."""
-    return _linked(at.place, at.skin, at.weights, solid)
-
-
 def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"]) -> PadLink:
     """The same pad a little elsewhere on the skin, to first order."""
     mesh = solid.mesh
-    return _linked(link.place.slid(mesh, way_mm), link.skin.slid(mesh, way_mm), link.weights, solid)
+    moved = PadPlaces(link.place.slid(mesh, way_mm), link.skin.slid(mesh, way_mm), link.weights)
+    return linked(moved, solid)
 
 
-def _linked(
-    place: SurfacePoints, skin: SurfacePoints, weights: csr_array, solid: UnitModulusSolid
-) -> PadLink:
+def linked(at: PadPlaces, solid: UnitModulusSolid) -> PadLink:
     """The maps between marker forces and nodes, from where markers and skin points sit."""
+    place, skin, weights = at.place, at.skin, at.weights
     field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
-    rigid, balance = field.balance()
+    rigid, balance = field.rigid_part()
     spread = skin.among(solid.contact_nodes).interpolation.T.tocsr()
     return PadLink(
         place=place,

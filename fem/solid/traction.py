@@ -47,10 +47,10 @@ class TractionField:
 
     def matrices(self) -> tuple[csr_array, Float[np.ndarray, "d 6"], Float[np.ndarray, "6 m"]]:
         """`forces` as a matrix, sparse + one of rank six: W (x) 1 + A B, dofs point by point, x, y, z."""
-        rigid, balance = self.balance()
+        rigid, balance = self.rigid_part()
         return csr_array(kron(self.weights, np.eye(3), format="csr")), rigid.reshape(-1, 6), balance
 
-    def balance(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 m"]]:
+    def rigid_part(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 m"]]:
         """A, point by point, and B of `matrices`."""
         rigid, solve = self._balance
         centre = self.points_mm.mean(axis=0)

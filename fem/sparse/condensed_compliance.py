@@ -14,10 +14,9 @@ from fem.sparse.multifrontal import CholeskyFactor, solve_triangle
 def compliance(factor: CholeskyFactor, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
     """(K^-1)[dofs][:, dofs], dense and symmetric, in the order given."""
     fronts = factor.fronts
-    position = np.empty(len(fronts.order), dtype=np.int64)
-    position[fronts.order] = np.arange(len(fronts.order))
-    by_position = np.argsort(position[dofs], kind="stable")
-    chosen = position[dofs][by_position]
+    at = fronts.position[dofs]
+    by_position = np.argsort(at, kind="stable")
+    chosen = at[by_position]
     first = np.searchsorted(chosen, fronts.first_below).tolist()
     own = np.searchsorted(chosen, fronts.start).tolist()
     total = np.zeros((len(dofs), len(dofs)))

@@ -1,6 +1,7 @@
 """Where every number goes in a multifrontal elimination: all that follows from the pattern alone."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Int
@@ -36,6 +37,13 @@ class Fronts:
     update_stack: list[tuple[int, int]]
     update_stack_size: list[int]
     first_below: list[int]
+
+    @cached_property
+    def position(self) -> Int[np.ndarray, " d"]:
+        """Of each dof in the order of elimination."""
+        found = np.empty(len(self.order), dtype=np.int64)
+        found[self.order] = np.arange(len(self.order))
+        return found
 
 
 def fronts(matrix: csr_array) -> Fronts:

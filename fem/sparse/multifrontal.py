@@ -40,9 +40,7 @@ class CholeskyFactor:
     ) -> Float[np.ndarray, "c f"]:
         """(K^-1 load)[dofs]: back substitution goes through the fronts above these dofs alone."""
         fronts = self.fronts
-        position = np.empty(len(fronts.order), dtype=np.int64)
-        position[fronts.order] = np.arange(len(fronts.order))
-        at = position[dofs]
+        at = fronts.position[dofs]
         wanted = np.zeros(len(fronts.parent) + 1, dtype=bool)  # the last stands for a root's parent, -1
         wanted[np.searchsorted(fronts.start, at, side="right") - 1] = True
         for s, parent in enumerate(fronts.parent):

@@ -28,15 +28,11 @@ class Factor(Protocol):
     def solve_at(
         self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
     ) -> Float[np.ndarray, "c f"]:
-        """K^-1 load at these dofs alone, for little more than half of what all of them cost."""
+        """K^-1 load at these dofs alone; substitution back goes no farther than they need."""
         ...
 
     def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
         """K^-1 on these dofs, in their order: dense, symmetric."""
-        ...
-
-    def last_compliance(self) -> Float[np.ndarray, "c c"]:
-        """K^-1 on the dofs named as `last`, in their order: dense, symmetric; (0, 0) if none were named."""
         ...
 
 
@@ -54,27 +50,25 @@ def solver_name() -> str:
     return "multifrontal Cholesky (drupe) on a METIS order"
 
 
-def factorise(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Factor:
+def factorise(stiffness: csr_array) -> Factor:
     """Factorise a symmetric positive definite matrix; raises SINGULAR_STIFFNESS where it is not one.
 
-    Both triangles are stored. `last`: the dofs among which `Factor.last_compliance` is wanted.
+    Both triangles are stored.
     """
-    return analyse(stiffness, last=last).factorise(stiffness)
+    return analyse(stiffness).factorise(stiffness)
 
 
-def analyse(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Analysis:
+def analyse(stiffness: csr_array) -> Analysis:
     """Plan the elimination for the pattern of a symmetric matrix; its values do not matter."""
     if (np.diff(stiffness.indptr) == 0).any():
         raise _singular("a node belongs to no element")
     stiffness = _canonical(stiffness)
-    last = np.zeros(0, dtype=np.int64) if last is None else last
-    return _Plan(fronts(stiffness), last, stiffness.indptr, stiffness.indices)
+    return _Plan(fronts(stiffness), stiffness.indptr, stiffness.indices)
 
 
 @dataclass(frozen=True)
 class _Plan:
     fronts: Fronts
-    last: Int[np.ndarray, " c"]
     indptr: Int[np.ndarray, " d1"]
     indices: Int[np.ndarray, " e"]
 
@@ -84,7 +78,7 @@ class _Plan:
         if not (same and np.array_equal(stiffness.indices, self.indices)):
             raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
         try:
-            factor = _Factorised(cholesky(self.fronts, stiffness.data), self.last)
+            factor = _Factorised(cholesky(self.fronts, stiffness.data))
         except NotPositiveDefinite as error:
             raise _singular("a pivot is not positive") from error
         probe = np.random.default_rng(0).standard_normal((stiffness.shape[0], 1))
@@ -98,7 +92,6 @@ class _Plan:
 @dataclass(frozen=True)
 class _Factorised:
     cholesky: CholeskyFactor
-    last: Int[np.ndarray, " c"]
 
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         return self.cholesky.solve(load)
@@ -110,9 +103,6 @@ class _Factorised:
 
     def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
         return compliance(self.cholesky, dofs)
-
-    def last_compliance(self) -> Float[np.ndarray, "c c"]:
-        return self.compliance(self.last)
 
 
 def _canonical(stiffness: csr_array) -> csr_array:

@@ -253,7 +253,7 @@ def _factorised(
     parts: Stiffness,
     solids: dict[Support, UnitModulusSolid] | None,
 ) -> UnitModulusSolid:
-    """UnitModulusSolid.factorise; `solids` takes up what comes of it."""
+    """UnitModulusSolid.factorise; `solids` receives the solid under its support."""
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
     if solids is not None:
         solids[support] = solid
@@ -290,9 +290,9 @@ def _models(
             histories = {}
     for k, (own, places) in histories.items():
         nodes = np.unique(np.concatenate([at.nodes for at in places]))
-        held = replace(solid, contact_nodes=nodes)
+        touched = replace(solid, contact_nodes=nodes)
         try:
-            models[k] = _model(own, places, held, gel_scale_sd=gel_scale_sd, large=large)
+            models[k] = _model(own, places, touched, gel_scale_sd=gel_scale_sd, large=large)
         except FemFailure as failure:
             models[k] = failure
     return [models[k] for k in range(len(prepared))]

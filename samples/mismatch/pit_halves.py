@@ -43,7 +43,7 @@ def _bond(free: csr_array, share: float) -> csr_array:
     """Between the halves: (1 / share - 1) times the stiffness of their motion relative to each other."""
     last = np.arange(free.shape[0] - 12, free.shape[0])
     apart = np.hstack([-np.eye(6), np.eye(6)])
-    gives = apart @ factorise(free, last=last).last_compliance() @ apart.T
+    gives = apart @ factorise(free).compliance(last) @ apart.T
     bond = (1 / share - 1) * apart.T @ np.linalg.inv((gives + gives.T) / 2) @ apart
     rows, columns = np.meshgrid(last, last, indexing="ij")
     return csr_array(coo_array((bond.ravel(), (rows.ravel(), columns.ravel())), shape=free.shape))

@@ -71,12 +71,12 @@ def parts_of(
 
 def skin_compliance(stiffness: csr_array, kept: Int[np.ndarray, " d"]) -> SkinCompliance:
     """Compliance of the unknowns `kept` of a symmetric positive definite stiffness."""
-    return compliance_of(factorise(stiffness, last=kept))
+    return compliance_of(factorise(stiffness), kept)
 
 
-def compliance_of(factor: Factor) -> SkinCompliance:
-    """Compliance of the unknowns that were named last when `factor` was made."""
-    whole = factor.last_compliance()
+def compliance_of(factor: Factor, kept: Int[np.ndarray, " d"]) -> SkinCompliance:
+    """The same of a stiffness that is factorised already."""
+    whole = factor.compliance(kept)
     softest = np.random.default_rng(0).normal(size=(len(whole), min(SOFTEST, len(whole))))
     for _ in range(ROUNDS):
         softest, _ = np.linalg.qr(whole @ softest)

@@ -55,8 +55,8 @@ class WholeFruit:
 def whole_fruit(flesh: BrickFlesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
     """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
-    factor = factorise(stiffness, last=dofs)
+    factor = factorise(stiffness)
     slopes = np.ascontiguousarray(flesh.slopes.transpose(0, 1, 3, 2)).reshape(-1, 81, 27)
     return WholeFruit(
-        flesh=flesh, factor=factor, compliance=compliance_of(factor), tie=tie, slopes=slopes, dofs=dofs
+        flesh=flesh, factor=factor, compliance=compliance_of(factor, dofs), tie=tie, slopes=slopes, dofs=dofs
     )

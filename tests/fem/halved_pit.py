@@ -65,7 +65,7 @@ def parted_displacement(solid: UnitModulusSolid, loads: np.ndarray, second: np.n
     weight = np.ones(len(mesh.nodes_mm))
     weight[mesh.pit_nodes] = second
     ways = csr_array(hstack([motions[:, :-6], diags_array(np.repeat(weight, 3)) @ motions[:, -6:]]))
-    factor = factorise(csr_array(ways.T @ solid.stiffness @ ways), last=np.zeros(0, dtype=np.int64))
+    factor = factorise(csr_array(ways.T @ solid.stiffness @ ways))
     balanced = solid.free_body.balance(loads.reshape(len(loads), -1).T)
     moved = solid.free_body.without_rigid_motion(ways @ factor.solve(ways.T @ balanced))
     return np.ascontiguousarray(moved.T).reshape(loads.shape)

@@ -53,6 +53,16 @@ def test_forces_balance_at_every_node_and_on_the_pit(free, nectarine, pinch):
     assert np.abs(np.einsum("pxk,px->k", modes, left[nectarine.pit_nodes])).max() < 1e-8
 
 
+@pytest.mark.parametrize("support", ["free", "base"])
+def test_contact_nodes_alone_move_as_they_do_with_all(nectarine, parts, pinch, support):
+    nodes = np.sort(nectarine.outer_nodes)[::3]
+    solid = UnitModulusSolid.factorise(
+        nectarine, poisson_ratio=0.45, support=support, parts=parts, contact_nodes=nodes
+    )
+    whole = solid.displacement(pinch)[:, nodes]
+    assert np.abs(solid.contact_displacement(pinch) - whole).max() < 1e-10 * np.abs(whole).max()
+
+
 def test_free_loads_are_balanced_by_a_smooth_body_force(free, pinch):
     before = free.unbalance(pinch)
     balanced = free.free_body.balance(pinch.reshape(1, -1).T).T.reshape(pinch.shape)

@@ -73,6 +73,19 @@ def test_points_off_the_skin_are_refused(nectarine):
         locate(nectarine, np.array([[np.nan, 0, 0]]))
 
 
+def test_closest_points_are_found_among_triangles_of_all_sizes():
+    # sizes over a factor of 200; from afar more triangles may be near than are looked up at first
+    rng = np.random.default_rng(6)
+    size = np.exp(rng.uniform(np.log(0.01), np.log(2), 400))
+    corner = rng.uniform(-3, 3, (400, 1, 3)) + size[:, None, None] * rng.normal(size=(400, 3, 3))
+    vertices, faces = corner.reshape(-1, 3), np.arange(1200).reshape(-1, 3)
+    points = np.vstack([rng.uniform(-4, 4, (80, 3)), 30 * rng.normal(size=(40, 3))])
+    found = closest_on_triangles(points, vertices, faces)
+    alone = [closest_on_triangles(points, vertices, one[None]).distance_mm for one in faces]
+    assert found.distance_mm == pytest.approx(np.min(alone, axis=0), abs=1e-12)
+    assert (found.face == np.argmin(alone, axis=0)).all()
+
+
 def test_closest_points_agree_with_brute_force():
     rng = np.random.default_rng(5)
     vertices, points = rng.normal(size=(40, 3)), rng.normal(size=(60, 3))

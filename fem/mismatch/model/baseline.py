@@ -10,7 +10,7 @@ which every effect inside the fruit is a function.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -149,11 +149,13 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
     solids: dict[Support, UnitModulusSolid] = {}
     for grasp in case.grasps:
         if grasp.support not in solids:
-            solid = UnitModulusSolid.factorise(
-                case.mesh, poisson_ratio=case.poisson_ratio, support=grasp.support, parts=parts
+            solids[grasp.support] = UnitModulusSolid.factorise(
+                case.mesh,
+                poisson_ratio=case.poisson_ratio,
+                support=grasp.support,
+                parts=parts,
+                contact_nodes=case.mesh.outer_nodes,  # all the skin: it only gives places their numbers
             )
-            # No compliance of contact nodes is condensed here: the skin only gives places their numbers.
-            solids[grasp.support] = replace(solid, contact_nodes=np.sort(case.mesh.outer_nodes))
     return Baseline(
         case=case,
         solids=solids,
