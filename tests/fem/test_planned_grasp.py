@@ -121,7 +121,10 @@ def test_stiffening_and_damage_in_one_loading_are_parted_by_a_second_cycle():
 
 
 @pytest.mark.slow
-def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_by_turning_the_fruit(monkeypatch):
+def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_where_the_spot_is_pressed_again(monkeypatch):
+    """Where the same flesh is pressed, as before or by the other pad, more than across, where the gain alone
+    shows. Which of the first two parts them more depends on the mesh: on seven meshes, 0.84 to 1.16 times.
+    """
     monkeypatch.setattr(linear_evidence, "balance_equations", lambda *_: None)
     unit = true_pads()[0][0].unit
     case = injected_case(
@@ -133,8 +136,7 @@ def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_by_turning_the_
         sum(least(found, kind, **manner) for manner in manners)
         for kind in (PlaceKind.TURNED, PlaceKind.SAME, PlaceKind.ACROSS)
     )
-    assert turned > same
-    assert turned > across
+    assert min(turned, same) > 1.5 * across
 
 
 @pytest.mark.slow
