@@ -54,18 +54,25 @@ class BrickFlesh:
         """Internal force less `stiffness @ q` (zero under the linear law); moment about the pit's centre."""
         if self.law == "linear":
             return np.zeros_like(q)
-        u = self.displacement(q)
-        nodal = self._internal_force(u)
+        nodal = self._internal_force(self.displacement(q))
+        return np.asarray(self.on_unknowns(nodal, q) - self.stiffness @ q)
+
+    def on_unknowns(
+        self, nodal_N: Float[np.ndarray, "n 3"], q: Float[np.ndarray, " u"]
+    ) -> Float[np.ndarray, " u"]:
+        """Internal forces on the nodes as forces on the unknowns at q, the pit's springs included; moment
+        about the pit's centre.
+        """
         if self.bricks.follows is not None:
-            nodal = np.asarray(self.bricks.follows.T @ nodal)
+            nodal_N = np.asarray(self.bricks.follows.T @ nodal_N)
         force = np.empty_like(q)
-        force[:-6] = nodal[self.free_nodes].ravel()
-        pit = nodal[self.bricks.pit_nodes]
+        force[:-6] = nodal_N[self.free_nodes].ravel()
+        pit = nodal_N[self.bricks.pit_nodes]
         arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
         force[-6:-3] = pit.sum(axis=0)
         force[-3:] = np.cross(Rotation.from_rotvec(q[-3:]).apply(arms), pit).sum(axis=0)
         force[-6:] += _holding() * q[-6:]
-        return np.asarray(force - self.stiffness @ q)
+        return force
 
     def _internal_force(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Nodal forces of the neo-Hookean bricks at displacements `u`; raises NotInEquilibrium."""

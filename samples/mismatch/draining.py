@@ -19,6 +19,7 @@ class Draining:
     volume_share: float
     tau_s: float
     still: bool = False
+    objective: bool = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Full of juice, unstrained."""

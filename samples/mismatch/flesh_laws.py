@@ -16,7 +16,17 @@ State = tuple[np.ndarray, ...]
 
 
 class FleshLaw(Protocol):
-    """A law per point."""
+    """A law per point, with its constants `lame`."""
+
+    @property
+    def lame(self) -> "Lame":
+        """Of the linear law that it tends to."""
+        ...
+
+    @property
+    def objective(self) -> bool:
+        """Whether a turn of the flesh is no strain to it; a law of small strain takes it for one."""
+        ...
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """The state of virgin flesh."""
@@ -58,6 +68,7 @@ class StiffeningFlesh:
     lame: Lame
     b: float
     still: bool = True
+    objective: bool = True
 
     def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
         """Nothing is remembered."""
@@ -77,7 +88,7 @@ class StiffeningFlesh:
         energy = mu / 2 * (np.einsum("...ik,...ik->...", F, F) - 3 - 2 * ln) + lam / 2 * ln**2
         P = mu * (F - inverse_t) + lam * ln[..., None, None] * inverse_t
         factor = np.exp(np.minimum(self.b * energy / mu, 30.0))
-        return factor[..., None, None] * P - self.lame.linear(_sym(H)), state
+        return factor[..., None, None] * P - linear_stress(self.lame, H), state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +103,7 @@ class Yielding:
     yield_MPa: float
     hardening_MPa: float
     still: bool = True
+    objective: bool = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """No plastic strain."""
@@ -124,6 +136,7 @@ class Damaged:
     dmax: float
     W0_MPa: float
     still: bool = True
+    objective: bool = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Never strained."""
@@ -139,6 +152,11 @@ class Damaged:
         largest = np.maximum(state[0], energy)
         lost = self.dmax * -np.expm1(-largest / self.W0_MPa)
         return -lost[..., None, None] * sigma, (largest,)
+
+
+def linear_stress(lame: Lame, H: Float[np.ndarray, "*p 3 3"]) -> Float[np.ndarray, "*p 3 3"]:
+    """The linear law's stress (MPa) of a displacement gradient."""
+    return lame.linear(_sym(H))
 
 
 def _sym(H: Float[np.ndarray, "*p 3 3"]) -> Float[np.ndarray, "*p 3 3"]:

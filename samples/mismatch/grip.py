@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from samples.gel_contact import Gel, traction
 from samples.mismatch.gel_bed import (
@@ -30,16 +31,18 @@ from samples.sample_failure import NotInEquilibrium
 TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
 """N, norm over all nodes: six orders below the pads' force of some newtons; and three, as long as it is not
 yet known which skin each gel point meets."""
+ROUNDED_N = 1e-4
+"""N: a miss this small that no step makes smaller is rounding, since the compliance is in single precision
+(1e-5 to 3e-5 N after a start that was 40 N off); at the gel's stiffness of 10 N/mm it is 1e-5 mm."""
+NEWTON_STEPS = 60
+"""Before a step counts as without balance: three to ten do where it has one (set by hand)."""
 LOOKS = 4
 """How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
 CONVERGED_MM = 2e-4
 """mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
 (samples.sensor_noise)."""
-CG_SHARE, CG_ROUNDS = 0.01, 60
-"""What conjugate gradients leave of a Newton step's miss, and their rounds at most (set by hand)."""
-FEW, ROUNDED = 300, 1e-5
-"""Up to so many forces a step is solved by elimination; a miss below this share of the first is rounding
-(single precision)."""
+LEFT_SHARE, GMRES_ROUNDS = 0.01, 100
+"""What GMRES leaves of a Newton step's miss, and its rounds at most (set by hand)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,14 +125,17 @@ def next_instant(
     freely: Float[np.ndarray, " d"],
     *,
     start: Float[np.ndarray, " d"] | None = None,
+    near: Float[np.ndarray, " d"] | None = None,
 ) -> Instant:
-    """The instant with the pads' faces at `origins`; `start`: forces to begin from.
+    """The instant with the pads' faces at `origins`; `start`: forces to begin from; `near`: displacement to
+    begin from, the gels taken to be linear about it in the first step: where `freely` has moved the fruit as
+    a whole, forces to begin from bring the skin nowhere near, and each gel point would seem to slip.
 
     Raises NotInEquilibrium where Newton's method stalls.
     """
     force = _continued(before, origins) if start is None else start
     columns = _reach(grip, force)
-    u = freely + compliance.times(_picked(force, columns), columns)
+    u = freely + compliance.times(_picked(force, columns), columns) if near is None else near
     was = [grip.local(s, before.u, before.origins) for s in (0, 1)]
     kept_on, look = list(before.held), 0
     while look < LOOKS:
@@ -142,7 +148,9 @@ def next_instant(
             for s in (0, 1)
         ]
         enough = ROUGHLY_N if look == 0 and start is None else TOLERANCE_N
-        found = _balanced(grip, links, origins, compliance, freely, force, enough)
+        found = _balanced(
+            grip, links, origins, compliance, freely, force, enough, near if look == 0 else None
+        )
         change = np.abs(found.u - u).max()
         force, u = found.force_N, found.u
         lost = [let_go(grip.gel, kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
@@ -169,9 +177,14 @@ def next_instant(
 
 def _continued(before: Instant, origins: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, " d"]:
     """The forces if they go on as in the last step, for as far as the pads go on."""
+    return np.asarray(before.force_N + going_on(before, origins) * before.step_N)
+
+
+def going_on(before: Instant, origins: Float[np.ndarray, "2 3"]) -> float:
+    """How far the pads go on as in the last step, as a share of it: 0 where they turn back, 2 at most."""
     size = float((before.travel**2).sum())
     share = float((before.travel * (origins - before.origins)).sum()) / size if size else 0.0
-    return np.asarray(before.force_N + np.clip(share, 0.0, 2.0) * before.step_N)
+    return float(np.clip(share, 0.0, 2.0))
 
 
 @dataclass(frozen=True)
@@ -193,7 +206,7 @@ class _State:
 
 def _balanced(
     grip: Grip, links: list[Link], origins: np.ndarray, compliance: SkinCompliance, freely: np.ndarray,
-    start: np.ndarray, enough_N: float,
+    start: np.ndarray, enough_N: float, near: np.ndarray | None,
 ) -> _State:  # fmt: skip
     """Newton's method for the forces, with shorter steps where a whole one makes the miss larger."""
 
@@ -203,77 +216,63 @@ def _balanced(
         return _State(force, u, _Push(grip, links, origins, u))
 
     now = state(start)
-    for _ in range(200):
+    if near is not None:
+        now = state(
+            start + _step_from(grip, _Push(grip, links, origins, near), near - now.u, start, compliance)
+        )
+    for _ in range(NEWTON_STEPS):
         if now.size_N < enough_N:
             return now
-        move = _newton_step(grip, now, compliance)
+        columns = _reach(grip, np.abs(now.force_N) + np.abs(now.push.force_N))
+        move = _newton_step(now.miss_N, now.push, columns, compliance)
         for share in (1.0, 0.5, 0.25, 0.125, 0.06):
             trial = state(now.force_N + share * move)
             if trial.size_N < now.size_N:
                 break
+        else:
+            if now.size_N < ROUNDED_N:
+                return now
         now = trial
     raise NotInEquilibrium(f"a step of the grip stopped {now.size_N:.1e} N out of balance")
 
 
-def _newton_step(grip: Grip, now: _State, compliance: SkinCompliance) -> Float[np.ndarray, " d"]:
-    """y with (1 + B C) y = miss, B the gels' stiffness: y = miss - B x, where (1 + C B) x = C miss.
-
-    By conjugate gradients in the energy of B, in which 1 + C B is symmetric, after the flesh's softest
-    motions have been solved for (deflation; Saad and others, SIAM J. Sci. Comput. 21, 2000).
+def _step_from(
+    grip: Grip, push: "_Push", off: Float[np.ndarray, " d"], force: Float[np.ndarray, " d"],
+    compliance: SkinCompliance,
+) -> Float[np.ndarray, " d"]:  # fmt: skip
+    """The Newton step from `force`, the gels linear about a place that is `off` from where these bring the
+    skin.
     """
-    push, miss = now.push, now.miss_N
-    columns = _reach(grip, np.abs(now.force_N) + np.abs(push.force_N))
-    if sum(c.stop - c.start for c in columns) <= FEW:
-        return _small_step(push, miss, columns, compliance)
-    left = compliance.times(_picked(miss, columns), columns, columns)
-    total = float(left @ push.held_by(left[:, None], columns)[:, 0])
-    soft = np.concatenate([compliance.softest[c] for c in columns])
-    soft_force = push.held_by(soft, columns)
-    soft_moved = soft + compliance.times(soft_force, columns, columns)
-    values, vectors = np.linalg.eigh(soft_force.T @ soft_moved)
-    firm = values > ROUNDED * max(float(values.max()), 1e-300)
-    inverse = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T
-    first = inverse @ (soft_force.T @ left)
-    force, left = soft_force @ first, left - soft_moved @ first
-    held = push.held_by(left[:, None], columns)[:, 0]
-    energy = float(left @ held)
-    enough = max(CG_SHARE**2 * energy, ROUNDED**2 * total)
-    along = left - soft @ (inverse @ (soft_moved.T @ held))
-    worst = 1e3 * energy
-    for _ in range(CG_ROUNDS):
-        if energy <= enough or energy > worst:
-            break
-        pull = push.held_by(along[:, None], columns)[:, 0]
-        moved = along + compliance.times(pull, columns, columns)
-        share = energy / float(pull @ moved)
-        force = force + share * pull
-        left = left - share * moved
-        held = push.held_by(left[:, None], columns)[:, 0]
-        before, energy = energy, float(left @ held)
-        along = left + energy / before * along - soft @ (inverse @ (soft_moved.T @ held))
-    if energy > enough:  # a gel far stiffer than the flesh
-        return _small_step(push, miss, columns, compliance)
-    return _less(miss, force, columns)
+    columns = _reach(grip, np.abs(force) + np.abs(push.force_N))
+    if not columns:
+        return np.zeros_like(force)
+    miss = push.force_N - force
+    for c, part in parts_of(push.held_by(_picked(off, columns)[:, None], columns)[:, 0], columns):
+        miss[c] += part
+    return _newton_step(miss, push, columns, compliance)
 
 
-def _small_step(
-    push: "_Push", miss: Float[np.ndarray, " d"], columns: Slices, compliance: SkinCompliance
+def _newton_step(
+    miss: Float[np.ndarray, " d"], push: "_Push", columns: Slices, compliance: SkinCompliance
 ) -> Float[np.ndarray, " d"]:
-    """The same with few forces, by elimination."""
+    """y with (1 + B C) y = miss, B minus the slope of what the gels do (not symmetric where skin slips).
+
+    By GMRES (Saad and Schultz, SIAM J. Sci. Stat. Comput. 7, 1986), by elimination where that does not end.
+    """
     count = sum(c.stop - c.start for c in columns)
-    moved = compliance.times(np.eye(count), columns, columns)
-    x = np.linalg.solve(
-        np.eye(count) + moved @ push.held_by(np.eye(count), columns), moved @ _picked(miss, columns)
-    )
-    return _less(miss, push.held_by(x[:, None], columns)[:, 0], columns)
+    short = _picked(miss, columns)
 
+    def missed(y: Float[np.ndarray, " a"]) -> Float[np.ndarray, " a"]:
+        return np.asarray(y + push.held_by(compliance.times(y, columns, columns)[:, None], columns)[:, 0])
 
-def _less(
-    miss: Float[np.ndarray, " d"], force: Float[np.ndarray, " a"], columns: Slices
-) -> Float[np.ndarray, " d"]:
+    whole = LinearOperator((count, count), matvec=missed, dtype=float)
+    found, left = gmres(whole, short, rtol=LEFT_SHARE, restart=GMRES_ROUNDS, maxiter=1)
+    if left:
+        moved = compliance.times(np.eye(count), columns, columns)
+        found = np.linalg.solve(np.eye(count) + push.held_by(moved, columns), short)
     move = miss.copy()
-    for c, part in parts_of(force, columns):
-        move[c] -= part
+    for c, part in parts_of(found, columns):
+        move[c] = part
     return move
 
 
@@ -308,8 +307,6 @@ class _Push:
             position = np.asarray(link.shares @ grip.local(side, u, origins))
             load, change = traction(grip.gel, position, link.anchors_mm, link.stuck)
             forces.append(((link.shares.T @ (load * link.areas_mm2[:, None])) @ turn.T).ravel())
-            # how the shear of a slipping point follows its pressure is left out: this keeps it symmetric
-            change[:, :2, 2] = 0.0
             self._blocks.append(turn @ (-change * link.areas_mm2[:, None, None]) @ turn.T)
         self._opening = u[grip.part(1).stop :]
         if grip.inner is not None:

@@ -1,27 +1,34 @@
 """A fruit whose flesh follows a law of its own: equilibrium by alternating contact and flesh.
 
-The contact is solved on the dense linear stiffness, the skin's free standing shifted by what excess stress
-does: p = K^-1 excess. Rounds are sped up by Anderson mixing (Walker and Ni 2011, type II) until p no longer
-changes.
+A round takes the displacement q of all unknowns, frees the skin of what stress beyond the linear one does
+there, and solves the contact on the dense linear stiffness:
+
+    freely = -K^-1 excess(q),        q' = freely + K^-1 P f,   f the pads' forces on the skin at q'
+
+so that pads hold the fruit in each round as they do in the end. Rounds are sped up by Anderson mixing (Walker
+and Ni 2011, type II) until q no longer changes.
 """
 
 import numpy as np
 from jaxtyping import Float
 
 from samples.anderson_mixing import AndersonMixing
-from samples.mismatch.flesh_laws import FleshLaw, State
-from samples.mismatch.grip import Grip, Instant, next_instant
+from samples.mismatch.flesh_laws import FleshLaw, State, linear_stress
+from samples.mismatch.grip import Grip, Instant, before_touch, going_on, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
 from samples.sample_failure import NotInEquilibrium
 
-CONVERGED_MM = 4e-4
-"""mm, the largest change of a skin node in a round: a tenth of a frame's noise of 4 um
+CONVERGED_MM = 4e-5
+"""mm, the largest change of a skin node in a round: a hundredth of a frame's noise of 4 um
 (samples.sensor_noise)."""
+LET_GO_N = 0.5
+"""N, sum over all nodes' forces along all axes: pads that press with 0.15 N each. With less the springs that
+stand for the fruit's support (0.02 N/mm) draw it along by a millimetre and more."""
 REST_S = 1e4
 """Between two grasps."""
-ROUNDS, DEPTH = 60, 8
-"""Rounds before a step counts as unbalanced and is halved, and how many earlier ones are mixed (set by
-hand)."""
+ROUNDS, LOOSE_ROUNDS, DEPTH = 60, 6, 8
+"""Rounds before a step counts as unbalanced and is halved, and before pads let go; how many earlier ones are
+mixed (set by hand)."""
 HALVINGS = 3
 """How often a step that finds no balance is halved, without the trend and tangent of the whole one."""
 
@@ -29,39 +36,58 @@ HALVINGS = 3
 class NonlinearBody:
     """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
 
-    def __init__(self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0) -> None:
-        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
+    def __init__(
+        self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0, stop_mm: float = CONVERGED_MM
+    ) -> None:
+        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens.
+
+        `stop_mm`: the change of a skin node in a round at which the rounds end.
+        """
+        self._stop_mm = stop_mm
         self._whole, self._compliance, self._law = whole, whole.compliance.scaled(1 / firmer), law
         self._firmer = firmer
         self.still = law.still
         self._state: State = law.at_first(whole.flesh.volumes.shape)
-        self._shift = np.zeros(whole.flesh.unknowns)
+        self._q = np.zeros(whole.flesh.unknowns)
         self._trend = np.zeros(whole.flesh.unknowns)
+
+    @property
+    def displacement_mm(self) -> Float[np.ndarray, " u"]:
+        """Of all unknowns at the last instant."""
+        return self._q
 
     def begin(self) -> Float[np.ndarray, " d"]:
         """Unloaded, where the flesh's own stress has brought the skin."""
-        whole = self._whole
-        shift, mixing = self._shift, AndersonMixing(DEPTH)
+        return self._unloaded(REST_S)
+
+    def _unloaded(self, pause_s: float) -> Float[np.ndarray, " d"]:
+        q, mixing = np.zeros_like(self._q), AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
-            mapped, state = self._mapped(-shift, REST_S)
-            if np.abs(mapped - shift).max() < CONVERGED_MM / 10:
+            mapped, state = self._freely(q, pause_s)
+            if np.abs(mapped - q).max() < CONVERGED_MM / 10:
                 break
-            shift = mixing.mixed(shift, mapped)
-        self._state, self._shift, self._trend = state, mapped, np.zeros_like(mapped)
-        return np.asarray(-mapped[whole.dofs])
+            q = mixing.mixed(q, mapped)
+        self._state, self._q, self._trend = state, mapped, np.zeros_like(mapped)
+        return np.asarray(mapped[self._whole.dofs])
 
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
-        """Equilibrium of contact and flesh; a step that finds none is taken in two."""
+        """Equilibrium of contact and flesh; a step that finds none is taken in two.
+
+        Pads that part with hardly any force left let go: what springs there are then pull the fruit along.
+        """
         return self._in_steps(grip, before, origins, pause_s, HALVINGS)
 
     def _in_steps(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float, halvings: int
     ) -> Instant:
+        loose = _apart_mm(origins) > _apart_mm(before.origins) and np.abs(before.force_N).sum() < LET_GO_N
         try:
-            return self._in_one(grip, before, origins, pause_s)
+            return self._in_one(grip, before, origins, pause_s, LOOSE_ROUNDS if loose else ROUNDS)
         except NotInEquilibrium:
+            if loose:
+                return before_touch(grip, origins, self._unloaded(pause_s))
             if not halvings:
                 raise
         self._trend = np.zeros_like(self._trend)
@@ -70,24 +96,38 @@ class NonlinearBody:
         return self._in_steps(grip, middle, origins, pause_s / 2, halvings - 1)
 
     def _in_one(
-        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
+        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float, rounds: int
     ) -> Instant:
         whole = self._whole
-        shift, start = self._shift + self._trend, None
+        q, start = self._q + going_on(before, origins) * self._trend, None
         mixing = AndersonMixing(DEPTH)
-        for _ in range(ROUNDS):
-            instant = next_instant(grip, before, origins, self._compliance, -shift[whole.dofs], start=start)
-            q = whole.solve(whole.spread(instant.force_N)) / self._firmer - shift
-            mapped, state = self._mapped(q, pause_s)
+        for _ in range(rounds):
+            freely, state = self._freely(q, pause_s)
+            instant = next_instant(
+                grip, before, origins, self._compliance, freely[whole.dofs], start=start, near=q[whole.dofs]
+            )
+            mapped = freely + whole.solve(whole.spread(instant.force_N)) / self._firmer
             start = instant.force_N
-            if np.abs((mapped - shift)[whole.dofs]).max() < CONVERGED_MM:
-                self._trend = (mapped - self._shift) if np.any(instant.force_N) else np.zeros_like(mapped)
-                self._state, self._shift = state, mapped
+            if np.abs((mapped - q)[whole.dofs]).max() < self._stop_mm:
+                self._trend = (mapped - self._q) if np.any(instant.force_N) else np.zeros_like(mapped)
+                self._state, self._q = state, mapped
                 return instant
-            shift = mixing.mixed(shift, mapped)
-        raise NotInEquilibrium(f"flesh and contact found no balance in {ROUNDS} rounds: press less")
+            q = mixing.mixed(q, mapped)
+        raise NotInEquilibrium(f"flesh and contact found no balance in {rounds} rounds: press less")
 
-    def _mapped(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
-        excess, state = self._law.excess(self._whole.gradients(q), self._state, pause_s)
-        shift = self._whole.solve(self._whole.forces(excess))
-        return (shift + (1 - self._firmer) * q) / self._firmer, state
+    def _freely(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
+        """Where the flesh would be without the pads if its stress beyond the linear one stayed that at q."""
+        law, found = self._law, self._state
+
+        def excess(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
+            nonlocal found
+            stress, found = law.excess(H, self._state, pause_s)
+            return stress + linear_stress(law.lame, H) if law.objective else stress
+
+        whole = self._whole
+        force = whole.objective_excess(q, excess) if law.objective else whole.linear_excess(q, excess)
+        return ((self._firmer - 1) * q - whole.solve(force)) / self._firmer, found
+
+
+def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:
+    return float(np.linalg.norm(origins[1] - origins[0]))

@@ -18,7 +18,7 @@ from samples.mismatch.drawn_fruit import (
 from samples.mismatch.flesh_laws import Lame, StiffeningFlesh
 from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.meshed_fruit import CASE, NONLINEAR_CASE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.nonlinear_body import CONVERGED_MM, NonlinearBody
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
@@ -89,9 +89,14 @@ def sound_truths(
 
 
 def sound_body(stands: MeshedFruit, law: NullLaw) -> GrippedBody:
-    """Plain flesh of one mesh: linear, or Neo-Hookean (the exponential law with b = 0)."""
-    flesh = stands.flesh
+    """Plain flesh of one mesh."""
     if law == "linear":
-        return ElasticBody(skin_compliance(flesh.stiffness, stands.dofs))
-    whole = whole_fruit(flesh, flesh.stiffness, stands.dofs)
-    return NonlinearBody(whole, StiffeningFlesh(lame=Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa), b=0.0))
+        return ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    return neo_hookean_body(stands)
+
+
+def neo_hookean_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
+    """Neo-Hookean flesh (the exponential law with b = 0); `stop_mm`: see NonlinearBody."""
+    flesh = stands.flesh
+    law = StiffeningFlesh(lame=Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa), b=0.0)
+    return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), law, stop_mm=stop_mm)

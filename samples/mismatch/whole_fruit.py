@@ -1,5 +1,6 @@
 """Every node of a fruit, not its skin alone: gradients in the flesh, forces back from stress there."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +11,16 @@ from fem.sparse.solver import Factor, factorise
 from samples.brick_flesh import BrickFlesh, rigid_tie
 from samples.mismatch.skin_compliance import SkinCompliance, compliance_of
 
+PointStress = Callable[[Float[np.ndarray, "m 27 3 3"]], Float[np.ndarray, "m 27 3 3"]]
+"""Stress (MPa) at the integration points for the displacement gradients there."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class WholeFruit:
-    """Flesh with its factorised stiffness, its patches' compliance; small rotations of the pit (`tie`).
+    """Flesh with its factorised stiffness, and its patches' compliance.
 
-    `slopes`: gradients of the shape functions at the integration points, three rows for each.
+    `tie`: nodal displacement of small unknowns, the pit turning by small rotations; `slopes`: gradients of
+    the shape functions at the integration points, three rows for each.
     """
 
     flesh: BrickFlesh
@@ -25,21 +30,34 @@ class WholeFruit:
     slopes: Float[np.ndarray, "m 81 27"]
     dofs: Int[np.ndarray, " d"]
 
-    def gradients(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "m 27 3 3"]:
-        """Displacement gradient du_i/dx_k at the integration points for the unknowns q."""
+    def linear_excess(self, q: Float[np.ndarray, " u"], excess: PointStress) -> Float[np.ndarray, " u"]:
+        """Internal forces on the unknowns of the stress `excess` of the displacement gradient, the pit
+        turning by small rotations: for laws of small strain.
+        """
         u = np.asarray(self.tie @ q).reshape(-1, 3)
+        return np.asarray(self.tie.T @ self._nodal_force(excess(self._gradients(u))).ravel())
+
+    def objective_excess(self, q: Float[np.ndarray, " u"], stress: PointStress) -> Float[np.ndarray, " u"]:
+        """Internal forces on the unknowns of the whole `stress` of the displacement gradient, less the linear
+        stiffness's, the pit turning through any angle: for laws to which a turn of the fruit is no strain.
+        """
+        nodal = self._nodal_force(stress(self._gradients(self.flesh.displacement(q))))
+        return np.asarray(self.flesh.on_unknowns(nodal, q) - self.flesh.stiffness @ q)
+
+    def _gradients(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 27 3 3"]:
+        """Displacement gradient du_i/dx_k at the integration points."""
         found = np.matmul(self.slopes, u[self.flesh.bricks.cells])
         return np.asarray(found.reshape(-1, 27, 3, 3).transpose(0, 1, 3, 2))
 
-    def forces(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, " u"]:
-        """Internal forces on the unknowns of a stress field P_ik (first index the force's)."""
+    def _nodal_force(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "n 3"]:
+        """Forces on the nodes of a stress field P_ik (first index the force's)."""
         cells = self.flesh.bricks.cells
         m = len(cells)
         weighted = stress.transpose(0, 1, 3, 2) * self.flesh.volumes[..., None, None]
         local = np.matmul(self.slopes.transpose(0, 2, 1), weighted.reshape(m, 81, 3))
         count = len(self.flesh.bricks.nodes_mm)
         nodal = [np.bincount(cells.ravel(), local[..., i].ravel(), minlength=count) for i in range(3)]
-        return np.asarray(self.tie.T @ np.stack(nodal, axis=1).ravel())
+        return np.stack(nodal, axis=1)
 
     def solve(self, force_N: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
         """Displacement of all unknowns under forces on them."""

@@ -1,8 +1,11 @@
 """What is injected into the flesh, against closed forms and limits in which it is nothing, or known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mismatch_ball import ROUGH, drawn_ball, grasped_ball, motion, rough, total_N
+from scipy.spatial.transform import Rotation
 
 from samples.brick_flesh import BrickFlesh, flesh_of, rigid_tie
 from samples.gel_contact import Gel
@@ -12,14 +15,14 @@ from samples.mismatch.bodies import ElasticBody, RelaxingBody
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 from samples.mismatch.draining import Draining
-from samples.mismatch.flesh_laws import Damaged, Lame, StiffeningFlesh, Yielding
+from samples.mismatch.flesh_laws import Damaged, Lame, StiffeningFlesh, Yielding, linear_stress
 from samples.mismatch.grip import before_touch
 from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import grip_of
 from samples.mismatch.whole_fruit import whole_fruit
-from samples.sample_failure import SampleFailure
+from samples.sample_failure import NotInEquilibrium, SampleFailure
 
 LAME = Lame(mu=0.2, lam=1.1)
 
@@ -166,6 +169,68 @@ def test_flesh_damaged_at_once_is_softer_flesh() -> None:
     damaged = total_N(grasped_ball(grasp, stands, body))
     soft = total_N(grasped_ball(grasp, stands, ElasticBody(whole.compliance.scaled(1 / 0.6))))
     assert damaged == pytest.approx(soft, rel=0.01, abs=0.01)
+
+
+def test_a_turned_fruit_bears_no_stress_by_an_objective_law(flesh: BrickFlesh) -> None:
+    # as the pit turns by 20 degrees; by small rotations it would grow by 6 % and strain the flesh
+    whole = whole_fruit(flesh, flesh.stiffness, np.arange(3))
+    law = StiffeningFlesh(lame=LAME, b=30.0)
+    turn = np.array([0.2, -0.25, 0.15])
+    arms = flesh.bricks.nodes_mm - flesh.pit_centre_mm
+    q = field(flesh, Rotation.from_rotvec(turn).apply(arms) - arms)
+    q[-3:] = turn
+
+    def stress(H: np.ndarray) -> np.ndarray:
+        return law.excess(H, (), 1.0)[0] + linear_stress(LAME, H)
+
+    internal = whole.objective_excess(q, stress) + flesh.stiffness @ q
+    assert np.abs(internal[:-6]).max() < 1e-9
+
+
+def test_a_step_of_nonlinear_flesh_ends_in_balance() -> None:
+    # forces by the sample batch's own neo-Hookean bricks, whose stresses are coded apart from the law's
+    grasp, stands = rough(drawn_ball(E_MPa=0.3), motion([-0.05, 0.5, 1.0]))
+    whole = whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs)
+    law = StiffeningFlesh(lame=Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa), b=0.0)
+    body = NonlinearBody(whole, law)
+    grip = grip_of(stands, gel=stands.sensor.gel)
+    instant = before_touch(grip, grasp.hold.origins(-0.05), body.begin())
+    for travel in (0.5, 1.0):
+        instant = body.advance(grip, instant, grasp.hold.origins(travel), 1.0)
+    q = body.displacement_mm
+    bricks = replace(stands.flesh, law="neo-hookean")
+    left = bricks.stiffness @ q + bricks.excess(q) - whole.spread(instant.force_N)
+    assert np.abs(instant.force_N).sum() > 1.0
+    # mm that what is left would move a node by: a tenth of a frame's noise
+    assert np.abs(whole.solve(left)).max() < 4e-4
+
+
+@pytest.mark.parametrize(
+    ("force_N", "parting", "lets_go"), [(0.1, 1, True), (0.1, -1, False), (5.0, 1, False)]
+)
+def test_pads_that_part_with_hardly_any_force_left_let_go(
+    monkeypatch: pytest.MonkeyPatch, force_N: float, parting: int, lets_go: bool
+) -> None:
+    grasp, stands = rough(drawn_ball(E_MPa=0.3), motion([-0.05, 0.5]))
+    whole = whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs)
+    body = NonlinearBody(whole, StiffeningFlesh(lame=LAME, b=0.0))
+    grip = grip_of(stands, gel=stands.sensor.gel)
+    air = before_touch(grip, grasp.hold.origins(0.5), body.begin())
+    before = replace(air, force_N=np.full_like(air.force_N, force_N / len(air.force_N)))
+
+    def no_balance(*_: object) -> None:
+        raise NotInEquilibrium("none")
+
+    monkeypatch.setattr(body, "_in_one", no_balance)
+    origins = grasp.hold.origins(0.5 - 0.1 * parting)
+    if not lets_go:
+        with pytest.raises(NotInEquilibrium):
+            body.advance(grip, before, origins, 1.0)
+        return
+    after = body.advance(grip, before, origins, 1.0)
+    assert not after.force_N.any()
+    np.testing.assert_array_equal(after.origins, origins)
+    np.testing.assert_allclose(after.u, 0, atol=1e-9)
 
 
 def test_yielded_fruit_keeps_a_dent_and_touches_later() -> None:
