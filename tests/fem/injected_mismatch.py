@@ -161,6 +161,11 @@ def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
 @cache
 def true_pads() -> tuple[tuple[TruePad, ...], ...]:
     """Solved once on the truth's mesh."""
+    return pads_under(lambda force: force)
+
+
+def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TruePad, ...], ...]:
+    """Both grasps solved on the truth's mesh, `unit` that of the changed forces (t n 3); free of noise."""
     mesh = true_mesh()
     found = []
     histories = [
@@ -173,7 +178,7 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
         links = [pad_link(pad, solid) for pad in history.pads]
         loads = np.zeros((len(TIME_S), len(mesh.nodes_mm), 3))
         loads[:, solid.contact_nodes] = sum(
-            link.nodal_force(pad.force_N) for link, pad in zip(links, history.pads, strict=True)
+            link.nodal_force(changed(pad.force_N)) for link, pad in zip(links, history.pads, strict=True)
         )
         moved = solid.displacement(loads)[:, solid.contact_nodes]
         found.append(

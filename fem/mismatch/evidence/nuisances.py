@@ -14,6 +14,7 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
+from fem.mismatch.evidence.turned_fruit import turned_fruit
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import OfResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -35,6 +36,10 @@ APPROACH = 0.003
 patch spans a few markers they say its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 """Loads, as shares of the greatest, at which it departs independently; in a line between."""
+TURNED = 0.5
+"""Mean and standard deviation of the share of what a turn of the fruit adds to second order
+(fem.mismatch.evidence.turned_fruit): all of it in real fruit, none where flesh is taken to move little, as
+two simulators do."""
 FEWEST = 8
 """Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
 motion."""
@@ -58,7 +63,12 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
         ObservationDelta(markers=forward.compliance * _dent(recording, recording.tracks.unit_displacement))
         for recording in forward.base.grasps
     ]
-    return [*columns, Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent))]
+    columns.append(Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent)))
+    turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
+    if any(own is not None for own in turned):
+        added = [None if own is None else ObservationDelta(markers=own) for own in turned]
+        columns.append(Regressor(name="turned fruit", mean=TURNED, sd=TURNED, fields=added))
+    return columns
 
 
 def own_nuisances(

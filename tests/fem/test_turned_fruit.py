@@ -1,0 +1,64 @@
+"""A fruit that turns between its pads, by the exact rotation of its flesh and of the forces on it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from injected_mismatch import E_MPA, NOISE_MM, TIME_S, injected_case, only_grasp, pads_under
+from scipy.spatial.transform import Rotation
+
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.evidence import nuisances
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.turned_fruit import turned_fruit
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.screening import LinearRound, screened
+
+POSE_ERROR = next(effect for effect in EFFECTS if effect.spec.name == "pose_error")
+TURN_RAD = np.interp(TIME_S, [2.0, 3.0], [0.0, np.radians(4.0)])[:, None] * np.array([0.0, 0.8, 0.6])
+"""From the greatest load on, about an axis across the jaws."""
+
+
+def turned_case(turn_rad: np.ndarray) -> MismatchCase:
+    """One grasp, y = Q (X + C Q'f / E), forces as recorded."""
+    turn = Rotation.from_rotvec(turn_rad)
+
+    def turned_back(force: np.ndarray) -> np.ndarray:
+        return np.stack([q.inv().apply(own) for q, own in zip(turn, force, strict=True)])
+
+    case = only_grasp(injected_case(), 0)
+    grasp, rng = case.grasps[0], np.random.default_rng(1)
+    pads = []
+    for pad, true in zip(grasp.history.pads, pads_under(turned_back)[0], strict=True):
+        body = true.place_mm + true.unit / E_MPA
+        position = np.stack([q.apply(own) for q, own in zip(turn, body, strict=True)])
+        noise = NOISE_MM * rng.normal(size=position.shape)
+        pads.append(replace(pad, position_mm=position + noise))
+    return replace(case, grasps=(replace(grasp, history=replace(grasp.history, pads=tuple(pads))),))
+
+
+def looked_at(case: MismatchCase) -> LinearRound:
+    """The linear round with pose errors alone."""
+    forward, _ = plain_forward_model(case)
+    return screened(forward, [GraspEquations.of(forward, one) for one in forward.base.grasps], [POSE_ERROR])
+
+
+@pytest.mark.slow
+def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
+    case = turned_case(TURN_RAD)
+    found = looked_at(case)
+    (place,) = (
+        k for k, j in enumerate(found.null.chosen) if found.products.columns[j].name == "turned fruit"
+    )
+    share = nuisances.TURNED + found.null.amounts[place]
+    monkeypatch.setattr(nuisances, "turned_fruit", lambda *_: None)
+    without = looked_at(case)
+    assert share == pytest.approx(1.0, abs=0.1)
+    assert found.best[0].gain < 3
+    assert without.best[0].gain > 100
+
+
+def test_nothing_is_added_where_the_fruit_does_not_turn():
+    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
+    assert turned_fruit(forward, forward.base.grasps[0]) is None
