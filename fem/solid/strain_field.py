@@ -24,6 +24,9 @@ COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Which of the six stands at each place of the 3 by 3 tensor."""
 
+_BATCH = 2048
+"""Elements at once: memory, nothing else."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FleshStrain:
@@ -57,19 +60,30 @@ class FleshStrain:
 
     def strain(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 4 6"]:
         """Small strains of displacement fields."""
-        nodal = np.moveaxis(displacement, 0, 1).reshape(len(displacement[0]), -1)[self.mesh.tets]
-        gradient = (self.slope.reshape(-1, 12, 10) @ nodal).reshape(len(nodal), 4, 3, len(displacement), 3)
-        strain = (gradient[:, :, ROW, :, COLUMN] + gradient[:, :, COLUMN, :, ROW]) / 2  # (6, m, 4, f)
-        return np.ascontiguousarray(np.moveaxis(strain, (0, 3), (3, 0)))
+        count = len(displacement)
+        nodal = np.moveaxis(displacement, 0, 1).reshape(self.n_nodes, -1)
+        found = np.empty((count, len(self.slope), 4, 6))
+        for part in self._batches():
+            slope = self.slope[part].reshape(-1, 12, 10)
+            gradient = (slope @ nodal[self.mesh.tets[part]]).reshape(len(slope), 4, 3, count, 3)
+            strain = (gradient[:, :, ROW, :, COLUMN] + gradient[:, :, COLUMN, :, ROW]) / 2  # (6, m, 4, f)
+            found[:, part] = np.moveaxis(strain, (0, 3), (3, 0))
+        return found
 
     def forces(self, stress: Float[np.ndarray, "f m 4 6"]) -> Float[np.ndarray, "f n 3"]:
         """B' sigma: the nodal forces that stress fields exert, sum of sigma : grad N."""
-        flux = np.moveaxis(stress * self.volume_mm3[..., None], 0, -1)[:, :, PLACE]  # (m, 4, 3, 3, f)
         count = len(stress)
-        flat = flux.reshape(len(flux), 12, 3 * count)
-        own = np.swapaxes(self.slope.reshape(-1, 12, 10), 1, 2) @ flat
+        own = np.empty((len(self.slope), 10, 3 * count))
+        for part in self._batches():
+            held = stress[:, part] * self.volume_mm3[part, :, None]
+            flux = np.moveaxis(held, 0, -1)[:, :, PLACE]  # (m, 4, 3, 3, f)
+            slope = self.slope[part].reshape(-1, 12, 10)
+            own[part] = np.swapaxes(slope, 1, 2) @ flux.reshape(len(slope), 12, 3 * count)
         summed = (self.gather @ own.reshape(-1, 3 * count)).reshape(self.n_nodes, 3, count)
         return np.ascontiguousarray(np.moveaxis(summed, 2, 0))
+
+    def _batches(self) -> list[slice]:
+        return [slice(start, start + _BATCH) for start in range(0, len(self.slope), _BATCH)]
 
 
 def elastic_stress(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -> Float[np.ndarray, "*b 6"]:

@@ -8,7 +8,7 @@ Trans. Math. Softw. 9, 1983; Liu, "The multifrontal method for sparse matrix sol
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -110,7 +110,8 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
             dtrsm(1.0, triangle, below, side=1, lower=1, trans_a=1, overwrite_b=1)
             dsyrk(-1.0, below, beta=1.0, c=schur, lower=1, overwrite_c=1)
             pending[fronts.parent[s]].append((schur.T, to_parent))
-    return CholeskyFactor(fronts, triangles, rows_below)
+    # solves know no entries of the matrix: they are as large as a sixth of the factor
+    return CholeskyFactor(replace(fronts, entries=[]), triangles, rows_below)
 
 
 def _zeros(size: int) -> Float[np.ndarray, " n"]:

@@ -29,6 +29,7 @@ from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
+from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
 
@@ -255,6 +256,7 @@ def _factorised(
 ) -> UnitModulusSolid:
     """UnitModulusSolid.factorise; `solids` receives the solid under its support."""
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
+    return_freed_memory()
     if solids is not None:
         solids[support] = solid
     return solid

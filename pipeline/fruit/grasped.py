@@ -18,6 +18,7 @@ from pipeline.batch.records import FleshRecord, GraspRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
+from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
@@ -78,6 +79,7 @@ def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
         if shape.sd_mm is not None and shape.views is not None:
             shown = surface_sd_map(shape.vertices, shape.faces, shape.sd_mm, seen=shape.views >= SEEN_BY)
             write_whole(task.results.surface_sd, shown)
+    return_freed_memory()
     with log.stage("pit"):
         pit = embedded_pit(task, shape)
         facts.pit = pit.record
@@ -104,6 +106,7 @@ def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
             poisson_ratio_source=source,
             solver=solver_name(),
         )
+    return_freed_memory()
     return GraspedFruit(
         shape=shape,
         pit=pit,

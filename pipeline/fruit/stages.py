@@ -23,13 +23,13 @@ from pipeline.batch.task import FruitTask
 from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
+from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
-from pipeline.fruit.pressed_fruit import grade_pressed
 from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
@@ -49,6 +49,9 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     with threadpool_limits(1):
         try:
             if task.folder.without_shape():
+                # No other fruit needs the account of a bare trace.
+                from pipeline.fruit.pressed_fruit import grade_pressed
+
                 grade_pressed(task, log)
                 if log.facts.modulus is not None:
                     _refuse_implausible(task, log.facts.modulus.E_MPa)
@@ -152,6 +155,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 said = causes_alone(own.warnings, explained=signs_explained(grasp))
                 log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
         log.warnings += found.modulus.warnings
+    return_freed_memory()
     if task.screen:
         with log.stage(SCREEN):
             facts.screen = screened_fruit(task, fruit, found, solids)
