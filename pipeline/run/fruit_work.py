@@ -5,9 +5,12 @@ The process that hands out fruit names `work_on` and never runs it: what the wor
 work.
 """
 
+import gc
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
+
+from pipeline.safe_start import uncollected
 
 if TYPE_CHECKING:
     from pipeline.batch.records import FruitRecord
@@ -16,8 +19,13 @@ if TYPE_CHECKING:
 
 def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
     """The fruit's record, which is written, as its small pictures are."""
-    from pipeline.fruit.stages import grade_fruit
+    with uncollected():
+        from pipeline.fruit.lean_open3d import load_open3d
 
+        load_open3d()
+        from pipeline.fruit.stages import grade_fruit
+
+    gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage
     record = grade_fruit(task, report)
     keep_pictures(task, record)
     return record

@@ -32,7 +32,7 @@ from pipeline.run.scheduling import (
     Work,
     run_on,
 )
-from pipeline.safe_start import library_path, python_path
+from pipeline.safe_start import library_path, python_path, uncollected
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -262,7 +262,8 @@ def _end_with(parent: int) -> None:
 def _fruit(parent: int, folder: Path, log: Path, packed: bytes) -> Any:
     """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
     _begin(parent, folder)
-    work, task = pickle.loads(packed)
+    with uncollected():
+        work, task = pickle.loads(packed)
 
     def report(line: str) -> None:
         with suppress(OSError), log.open("a") as file:  # a full disk costs the line, not the fruit
