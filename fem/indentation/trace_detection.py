@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
 
 from fem.indentation.fit import TraceFit
 from fem.indentation.rig_error import rig_error
@@ -46,6 +45,8 @@ def detect(
     them over none, and under none odds beyond k have a probability of 1/k at most (Markov's inequality).
     The smaller of the two p-values counts, doubled for having chosen.
     """
+    from scipy.stats import chi2  # slow to import, and bare traces alone need it
+
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
     clock = joint_clock(trace, white_N=no_contact.white_N)
     tool = (

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from fem.mismatch.catalogue import SPECS
 from pipeline.batch.records import FruitRecord
@@ -114,7 +114,7 @@ def combined(
         sd=sd,
         between_sd=math.sqrt(tau2),
         t=ratio,
-        p_value=float(2 * student.sf(ratio, freedom)),
+        p_value=float(2 * stdtr(freedom, -ratio)),
     )
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
-from scipy.stats import pearsonr, permutation_test, spearmanr
 
 from pipeline.batch.settings import GradingClass
 
@@ -123,6 +122,8 @@ def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]
     """
     if len(E_MPa) < 3 or np.ptp(reference) == 0 or np.ptp(E_MPa) == 0:
         return None
+    from scipy.stats import pearsonr, permutation_test, spearmanr  # slow to import, and few batches need it
+
     rank = spearmanr(E_MPa, reference)
     p = rank.pvalue
     if len(E_MPa) <= EXACT_UP_TO:

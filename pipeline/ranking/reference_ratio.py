@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
@@ -129,7 +129,7 @@ def combined_ratio(
     weight = (1 / own) / (1 / own).sum()
     mean = float(weight @ ln_ratio)
     chi2, degrees = float((((ln_ratio - mean) ** 2) / own).sum()), len(ln_ratio) - 1
-    p_value = float(chi_square.sf(chi2, degrees)) if degrees else 1.0
+    p_value = float(chdtrc(degrees, chi2)) if degrees else 1.0
     variance = 1 / float((1 / own).sum())
     if p_value < DISAGREE_P:
         variance *= max(chi2 / degrees, 1.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from recon.surface.photo_consistency import GreyView, Patches, agreement
 from recon.surface.relief_mesh import OutlineMesh, connected_parts, heights_mm, patches_of, vertices_per_patch
@@ -63,7 +63,7 @@ def judged(
         p0 = (by_chance / per_patch + 1) / (null.active.sum() / per_patch + 2)
         confirmed = int((gain[measured] > LEAST_GAIN).sum())
         patches = max(int(np.ceil(part.sum() / per_patch)), 1)
-        chance = float(binom.sf(int(confirmed / per_patch) - 1, patches, p0))
+        chance = float(bdtrc(int(confirmed / per_patch) - 1, patches, p0))
         rise = float(gain[measured].mean())
         accepted = chance < CHANCE and rise > least_mean_gain
         regions.append(

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
-from scipy.stats import norm as normal
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from tactile.rig.rig_curve import RigCurve
 from tactile.rig.rigid_squeeze import RigidPress
@@ -81,7 +80,7 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
         raise _not_resolved(squeezes[0].source, peak, largest, readings)
     knots = largest * (np.arange(KNOTS) / (KNOTS - 1)) ** 1.5
     n = len(squeezes)
-    few = float(student.ppf(0.95, max(n, 2)) / normal.ppf(0.95))
+    few = float(stdtrit(max(n, 2), 0.95) / ndtri(0.95))
     spread = few * float(np.sqrt((USUAL_SCALE_SD**2 + ((scales - 1) ** 2).sum()) / n * (1 + 1 / n)))
     back = np.zeros(KNOTS) if not own else _hysteresis(squeezes, give, scales, onsets, knots)
     scatter = readings * float(np.sqrt(active / len(residual)))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from fem.estimation.compliance_fit import CompliantFit
 from fem.estimation.modulus_by_frame import BOTH, FrameModulus, modulus_per_frame
@@ -91,7 +91,7 @@ def explained(cells: Cells) -> tuple[Variance, ...]:
             Variance(
                 factor=name,
                 share=rise / max(float(total @ total), 1e-300),
-                p_value=float(f_distribution.sf(ratio, rank - lower, free)),
+                p_value=float(fdtrc(rank - lower, free, max(ratio, 0.0))),
             )
         )
     return tuple(sorted(found, key=lambda row: -row.share))

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
@@ -62,8 +62,8 @@ def p_values_against(
     z = (_scaled(np.array([[statistics[name] for name in STATISTICS]]))[0] - mean) / spread
     most = ((known - mean) / spread).max(axis=1, keepdims=True)
     null_quantiles, sd_greatest, _ = _of_another_fruit(most, fruits)
-    p = float(student.sf((z.max() - null_quantiles[0]) / sd_greatest[0], freedom))
-    each = student.sf(z, freedom)
+    p = float(stdtr(freedom, (null_quantiles[0] - z.max()) / sd_greatest[0]))
+    each = stdtr(freedom, -z)
     return p, dict(zip(STATISTICS, each.tolist(), strict=True))
 
 
