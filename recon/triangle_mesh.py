@@ -20,6 +20,18 @@ def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
 
 
+def unique_edges(
+    faces: Int[np.ndarray, "m 3"],
+) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
+    """Each edge once, its lower vertex first, in ascending order; and which of them each side of each face
+    is: all first sides (corners 0 and 1), then all second, then all third.
+    """
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    width = int(sides.max(initial=0)) + 1
+    keys, of_side = np.unique(sides[:, 0] * width + sides[:, 1], return_inverse=True)
+    return np.stack(np.divmod(keys, width), axis=1), of_side
+
+
 def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
     """How many pieces the surface has that share no vertex."""
     used, index = np.unique(faces, return_inverse=True)

@@ -49,7 +49,10 @@ class Camera:
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Pixels of world points (points behind the camera give pixels without meaning)."""
-        local = self.into(points)
+        return self.pixels_of(self.into(points))
+
+    def pixels_of(self, local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Pixels of points given in the camera's axes."""
         xy = local[:, :2] / np.where(np.abs(local[:, 2:]) < 1e-9, 1e-9, local[:, 2:])
         if self.k1:
             xy = xy * (1 + self.k1 * np.sum(xy**2, 1, keepdims=True))

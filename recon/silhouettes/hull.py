@@ -4,7 +4,7 @@ cell.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 
 import cv2
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.mask import Window
+from recon.triangle_mesh import unique_edges
 
 STEPS = 40
 """Towards the surface along a ray at most; each takes the whole distance found. Set by hand."""
@@ -35,9 +36,15 @@ class Silhouette:
         window.
         """
         local = self.camera.into(points)
-        pixels = self.window.into_small(self.camera.project(points)).astype(np.float32)
-        far = float(self.distance_px.max())
-        return np.asarray(sampled(self.distance_px, pixels, outside=far) * local[:, 2] / self.camera.focal_px)
+        pixels = self.window.into_small(self.camera.pixels_of(local)).astype(np.float32)
+        return np.asarray(
+            sampled(self.distance_px, pixels, outside=self.furthest_px) * local[:, 2] / self.camera.focal_px
+        )
+
+    @cached_property
+    def furthest_px(self) -> float:
+        """How far inside the outline a pixel of the window lies at most."""
+        return float(self.distance_px.max())
 
     def outline_px(self) -> Float[np.ndarray, "n 2"]:
         """The outline of the largest part as a closed curve, pixels of the photo; empty where nothing is
@@ -87,9 +94,8 @@ def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
         [(i, j, k) if np.linalg.det(vertices[[i, j, k]]) > 0 else (i, k, j) for i, j, k in sides]
     )
     for _ in range(level):
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-        ab, bc, ca = (inverse.ravel() + len(vertices)).reshape(3, -1)
+        unique, inverse = unique_edges(faces)
+        ab, bc, ca = (inverse + len(vertices)).reshape(3, -1)
         vertices = np.concatenate([vertices, vertices[unique].mean(1)])
         a, b, c = faces.T
         faces = np.concatenate(
@@ -103,9 +109,7 @@ def split(values: Float[np.ndarray, "n k"], level: int, finer: int) -> Float[np.
     edge's ends.
     """
     for step in range(level, finer):
-        faces = ball(step)[1]
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        values = np.concatenate([values, values[np.unique(edges, axis=0)].mean(1)])
+        values = np.concatenate([values, values[unique_edges(ball(step)[1])[0]].mean(1)])
     return values
 
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pymetis
 from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from recon.silhouettes.hull import Silhouette
-from recon.triangle_mesh import neighbour_mean, rim_crossings, vertex_normals
+from recon.triangle_mesh import neighbour_mean, rim_crossings, unique_edges, vertex_normals
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
 """Of the fit; each looks for the rims anew. Set by hand."""
@@ -65,10 +66,12 @@ def fitted_to_outlines(
     beyond 53 degrees do not count at all, and what the rest say of the bottom tells afterwards which of them
     are wrong.
     """
-    i, j = _edges(faces)
+    i, j = unique_edges(faces)[0].T
     L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))
     x = vertices.copy()
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
+    bending = sparse.csr_array(STIFFNESS * (L.T @ L))
+    order = _elimination_order(bending)
     misses, held = np.zeros(1), np.zeros(len(x))
     for turn in range(ROUNDS):
         normals = vertex_normals(x, faces)
@@ -93,17 +96,14 @@ def fitted_to_outlines(
             down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
             none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
             weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
-        normal_of = A.T @ sparse.diags(weight) @ A + STIFFNESS * (L.T @ L)
+        normal_of = sparse.csr_array(A.T @ sparse.diags(weight) @ A + bending)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
         if floor_mm is not None:
             lowest = int(x[:, 2].argmin())
             pull = sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
             normal_of = normal_of + pull
             right[lowest] += 100.0 * (x[lowest, 2] - floor_mm)
-        matrix = sparse.csc_array(normal_of + 1e-6 * sparse.identity(len(x)))
-        shift = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        ).solve(right)
+        shift = _solved(sparse.csr_array(normal_of + 1e-6 * sparse.identity(len(x))), right, order)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
         if floor_mm is not None:
@@ -114,7 +114,25 @@ def fitted_to_outlines(
     return FittedSurface(x, held, float(np.median(np.abs(misses))))
 
 
-def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
-    every = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    i, j = np.unique(every, axis=0).T
-    return i, j
+def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"]:
+    """Nested dissection of a symmetric pattern (Karypis and Kumar 1998, METIS).
+
+    Rims join neighbours, which `bending` joins too, so that one order serves all rounds of a fit.
+    """
+    apart = sparse.csr_array(pattern - sparse.diags(pattern.diagonal()))
+    apart.eliminate_zeros()
+    order, _ = pymetis.nested_dissection(
+        pymetis.CSRAdjacency(apart.indptr.astype(np.int32), apart.indices.astype(np.int32))
+    )
+    return np.asarray(order).astype(np.int64)  # METIS has another integer of 64 bits
+
+
+def _solved(
+    matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order."""
+    in_order = sparse.csc_array(matrix[order][:, order])
+    factor = splu(in_order, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    found = np.empty_like(right)
+    found[order] = factor.solve(right[order])
+    return found
