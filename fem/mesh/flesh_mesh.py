@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import (
     TET_EDGES,
@@ -63,6 +64,13 @@ class FleshMesh:
     def outer_nodes(self) -> Int[np.ndarray, " o"]:
         """Every node of the skin, sorted."""
         return np.unique(self.outer_faces)
+
+    @cached_property
+    def pit_share(self) -> Float[np.ndarray, " n"]:
+        """One on the pit, zero on the skin, between them in proportion to each node's distances to both."""
+        to_pit = cKDTree(self.nodes_mm[self.pit_nodes]).query(self.nodes_mm)[0]
+        to_skin = cKDTree(self.nodes_mm[self.outer_nodes]).query(self.nodes_mm)[0]
+        return np.asarray(to_skin / (to_skin + to_pit))
 
     @cached_property
     def skin_search(self) -> TriangleSearch:

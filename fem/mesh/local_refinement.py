@@ -84,9 +84,10 @@ def bisect_once(
     nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], size_mm: SizeField
 ) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
     """Bisect the longest edge of every tetrahedron in which it is longer than wanted; the mesh conforms."""
-    edges, _ = unique_edges(tets, TET_EDGES)
+    edges, of_tet = unique_edges(tets, TET_EDGES)
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
-    return bisect_edges(nodes_mm, tets, length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1)))
+    too_long = length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1))
+    return _bisected(nodes_mm, tets, edges, of_tet, too_long)
 
 
 def bisect_edges(
@@ -98,7 +99,17 @@ def bisect_edges(
     Each tetrahedron is then cut at its longest marked edge until none is left; ranks are global, so two
     neighbours cut their common face alike. The new nodes come last, at edge middles.
     """
-    edges, of_tet = unique_edges(tets, TET_EDGES)
+    return _bisected(nodes_mm, tets, *unique_edges(tets, TET_EDGES), too_long)
+
+
+def _bisected(
+    nodes_mm: Float[np.ndarray, "n 3"],
+    tets: Int[np.ndarray, "m 4"],
+    edges: Int[np.ndarray, "e 2"],
+    of_tet: Int[np.ndarray, "m 6"],
+    too_long: Bool[np.ndarray, " e"],
+) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
+    """`bisect_edges` of a mesh whose edges are counted."""
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
     rank = np.empty(len(edges), dtype=np.int64)
     rank[np.lexsort((np.arange(len(edges)), length))] = np.arange(len(edges))

@@ -28,6 +28,7 @@ class UnitModulusSolid:
     (what inertia would do), and of the displacements that differ by a rigid motion the one is given whose
     translation and rotation vanish in the mean over the flesh. The compliance stays symmetric.
     support "base": skin nodes within 0.2 mm of the lowest z do not move.
+    `under_body_forces`: displacement of the held flesh under each of the free body's forces; none on a base.
     `contact_nodes`: skin nodes whose compliance among each other is wanted (`contact_compliance`).
     """
 
@@ -39,6 +40,7 @@ class UnitModulusSolid:
     kinematics: csr_array
     factor: Factor
     free_body: FreeBody
+    under_body_forces: Float[np.ndarray, "d _"]
     contact_nodes: Int[np.ndarray, " c"]
 
     @classmethod
@@ -64,6 +66,10 @@ class UnitModulusSolid:
         kinematics = csr_array(motions[:, np.flatnonzero(moving)])
         nodes = np.zeros(0, dtype=np.int64) if contact_nodes is None else contact_nodes
         factor = factorise(reduced(stiffness, kinematics))
+        free_body = FreeBody.of(mesh)
+        under_body_forces = np.zeros((3 * len(mesh.nodes_mm), 0))
+        if support == "free":
+            under_body_forces = kinematics @ factor.solve(kinematics.T @ free_body.body_forces)
         return cls(
             mesh=mesh,
             poisson_ratio=poisson_ratio,
@@ -72,7 +78,8 @@ class UnitModulusSolid:
             stiffness=stiffness,
             kinematics=kinematics,
             factor=factor,
-            free_body=FreeBody.of(mesh),
+            free_body=free_body,
+            under_body_forces=under_body_forces,
             contact_nodes=nodes,
         )
 
@@ -100,14 +107,9 @@ class UnitModulusSolid:
         displacement = np.zeros((len(dofs), load.shape[1]))
         displacement[moves] = self.factor.solve_at(self.kinematics.T @ load, columns)
         if free:
-            motion = np.linalg.solve(body.inertia, self._under_body_forces.T @ load)
+            motion = np.linalg.solve(body.inertia, self.under_body_forces.T @ load)
             displacement -= body.modes[dofs] @ motion
         return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
-
-    @cached_property
-    def _under_body_forces(self) -> Float[np.ndarray, "d 6"]:
-        """Displacement of the held flesh under each of the free body's forces."""
-        return np.asarray(self.kinematics @ self.factor.solve(self.kinematics.T @ self.free_body.body_forces))
 
     @cached_property
     def _contact_dofs(self) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
@@ -131,7 +133,7 @@ class UnitModulusSolid:
             held[np.ix_(moves, moves)] = moving
         if self.support == "base":
             return held
-        body, displacement = self.free_body, self._under_body_forces
+        body, displacement = self.free_body, self.under_body_forces
         rigid = body.modes[dofs] @ np.linalg.inv(body.inertia)
         mean = 0.5 * rigid @ (body.body_forces.T @ displacement)
         across = (mean - displacement[dofs]) @ rigid.T

@@ -80,7 +80,7 @@ def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
     In the flesh the motion fades from the pit to the skin, in proportion to the distances to both. Edges
     inside stay straight: so they bear the most before an element folds.
     """
-    on_pit = _share_of_pit(mesh)
+    on_pit = mesh.pit_share
     middle = mesh.nodes_mm[mesh.pit_nodes].mean(axis=0)
     shift = on_pit[None, :, None] * np.eye(3)[:, None, :]
     growth = on_pit[:, None] * (mesh.nodes_mm - middle)
@@ -115,17 +115,10 @@ def skin_velocities(
         near = np.maximum(1 - cKDTree(points).query(nodes)[0] / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
         slide = axis / np.maximum(steep, LEAST_STEEP)[:, None] - outward
         outward = outward + near[:, None] * slide
-    fading = 1 - _share_of_pit(mesh) if len(mesh.pit_nodes) else np.ones(len(nodes))
+    fading = 1 - mesh.pit_share if len(mesh.pit_nodes) else np.ones(len(nodes))
     phase = 2 * np.pi / WAVE_MM * (nodes - nodes[skin].mean(axis=0)).T
     waves = np.concatenate([np.cos(phase), np.sin(phase)])
     return np.asarray(waves[:, :, None] * (fading[:, None] * outward))
-
-
-def _share_of_pit(mesh: FleshMesh) -> Float[np.ndarray, " n"]:
-    """One on the pit, zero on the skin."""
-    to_pit = cKDTree(mesh.nodes_mm[mesh.pit_nodes]).query(mesh.nodes_mm)[0]
-    to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(mesh.nodes_mm)[0]
-    return np.asarray(to_skin / (to_skin + to_pit))
 
 
 def _slopes(
