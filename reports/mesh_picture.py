@@ -95,65 +95,76 @@ def _painted(
     """The fruit from one side, its pit showing through and the pads' contacts marked, as RGB of 0 to 1."""
     surface = fruit.seen_from(view, width_px=pixels, height_px=pixels)
     image = _ground(fruit, view, pixels=pixels, floor_mm=floor_mm)
-    facing = np.clip(surface.normals @ view.axes[2], 0.0, 1.0)
-    skin = _lit(np.broadcast_to(FLESH, image.shape), surface.normals, view, gloss=0.16)
-    skin = skin * (0.80 + 0.20 * facing[..., None])
+    normals = surface.normals[surface.hit]
+    facing = np.clip(normals @ view.axes[2], 0.0, 1.0)
+    skin = _lit(FLESH, normals, view, gloss=0.16)
+    skin = skin * (0.80 + 0.20 * facing[:, None])
     if pit is not None:
         inner = pit.seen_from(view, width_px=pixels, height_px=pixels)
         skin = _through_flesh(skin, surface, inner, facing, view)
     for k, points in enumerate(touched.values()):
-        cover = _patch(surface, points)[..., None]
-        colour = np.broadcast_to(np.array(PADS[k % len(PADS)]), image.shape)
-        skin = skin + 0.78 * cover * (_lit(colour, surface.normals, view, gloss=0.1) - skin)
-    return np.where(surface.hit[..., None], np.clip(skin, 0.0, 1.0), image)
+        cover = _patch(surface, points)
+        own = cover > 0
+        colour = _lit(np.array(PADS[k % len(PADS)]), normals[own], view, gloss=0.1)
+        skin[own] += 0.78 * cover[own, None] * (colour - skin[own])
+    image[surface.hit] = np.clip(skin, 0.0, 1.0)
+    return image
 
 
 def _lit(
-    colour: Float[np.ndarray, "h w 3"], normals: Float[np.ndarray, "h w 3"], view: Viewing, *, gloss: float
-) -> Float[np.ndarray, "h w 3"]:
+    colour: Float[np.ndarray, " 3"], normals: Float[np.ndarray, "k 3"], view: Viewing, *, gloss: float
+) -> Float[np.ndarray, "k 3"]:
     """Wrapped diffuse light, a paler sky from above and a faint highlight."""
     seen = normals @ view.axes.T
     wrapped = np.clip((seen @ _SUN + 0.45) / 1.45, 0.0, 1.0)
-    sky = 0.5 + 0.5 * normals[..., 2]
+    sky = 0.5 + 0.5 * normals[:, 2]
     highlight = gloss * np.clip(seen @ _HALFWAY, 0.0, 1.0) ** 28
-    light = (0.46 + 0.46 * wrapped + 0.16 * sky)[..., None]
+    light = (0.46 + 0.46 * wrapped + 0.16 * sky)[:, None]
     shone = colour ** (1.0 + 0.5 * (1.0 - np.clip(light, 0.0, 1.0))) * light
-    return np.asarray(shone + highlight[..., None])
+    return np.asarray(shone + highlight[:, None])
 
 
 def _through_flesh(
-    skin: Float[np.ndarray, "h w 3"],
+    skin: Float[np.ndarray, "k 3"],
     surface: VisibleSurface,
     inner: VisibleSurface,
-    facing: Float[np.ndarray, "h w"],
+    facing: Float[np.ndarray, " k"],
     view: Viewing,
-) -> Float[np.ndarray, "h w 3"]:
+) -> Float[np.ndarray, "k 3"]:
+    """The skin's colours, pixel by pixel that shows it, with the pit's blended in where it lies behind."""
     both: Bool[np.ndarray, "h w"] = surface.hit & inner.hit
     if not both.any():
         return skin
-    deep = np.clip(inner.depth_mm - surface.depth_mm, 0.0, None)
-    usual = max(float(np.median(deep[both])), 1e-6)
-    clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing)
-    stone = _lit(np.broadcast_to(PIT, skin.shape), inner.normals, view, gloss=0.12)
-    rim = 1.0 - np.clip(inner.normals @ view.axes[2], 0.0, 1.0)
-    stone = stone * (1.0 - 0.35 * rim[..., None] ** 2)
-    return np.where(both[..., None], skin + clear[..., None] * (stone - skin), skin)
+    own = inner.hit[surface.hit]
+    deep = np.clip(inner.depth_mm[both] - surface.depth_mm[both], 0.0, None)
+    usual = max(float(np.median(deep)), 1e-6)
+    clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing[own])
+    normals = inner.normals[both]
+    stone = _lit(PIT, normals, view, gloss=0.12)
+    rim = 1.0 - np.clip(normals @ view.axes[2], 0.0, 1.0)
+    stone = stone * (1.0 - 0.35 * rim[:, None] ** 2)
+    seen = skin.copy()
+    seen[own] += clear[:, None] * (stone - skin[own])
+    return seen
 
 
-def _patch(surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "h w"]:
-    """How much of each pixel is painted: by the density of points there, relative to that of a full grid."""
+def _patch(surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " k"]:
+    """How much of each pixel that shows skin is painted: by the density of points there, relative to that of
+    a full grid.
+    """
     tree = cKDTree(points)
     spacing = 1.5
     if len(points) > 1:
         spacing = max(float(np.median(np.asarray(tree.query(points, k=[2])[0]))), 0.2)
     width = 0.8 * spacing
-    near = np.asarray(
-        tree.query(surface.points_mm[surface.hit], k=_NEIGHBOURS, distance_upper_bound=4 * width)[0]
-    )
-    dense = np.exp(-0.5 * (near.reshape(len(near), -1) / width) ** 2).sum(axis=1)
+    shown = surface.points_mm[surface.hit]
+    cover = np.zeros(len(shown))
+    around = (np.abs(shown - 0.5 * (points.min(axis=0) + points.max(axis=0))) - 4 * width).max(axis=1)
+    close = np.flatnonzero(around <= 0.5 * np.ptp(points, axis=0).max())
+    near = np.asarray(tree.query(shown[close], k=_NEIGHBOURS, distance_upper_bound=4 * width)[0])
+    dense = np.exp(-0.5 * (near / width) ** 2).sum(axis=1)
     within = 2 * np.pi * (width / spacing) ** 2 if len(points) > 3 else 1.0
-    cover = np.zeros(surface.hit.shape)
-    cover[surface.hit] = np.clip((dense / within - 0.3) / 0.12, 0.0, 1.0)
+    cover[close] = np.clip((dense / within - 0.3) / 0.12, 0.0, 1.0)
     return cover
 
 

@@ -56,7 +56,7 @@ class VisibleSurface:
     def of_vertices(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h w"]:
         """A quantity of the vertices as each pixel sees it; NaN where there is nothing."""
         seen = np.full(self.hit.shape, np.nan)
-        seen[self.hit] = (values[self.corners] * self.weights).sum(axis=1)
+        seen[self.hit] = _interpolated(values[:, None], self.corners, self.weights)[:, 0]
         return seen
 
 
@@ -95,23 +95,23 @@ class TracedSurface:
         across = view.half_width_mm * ((np.arange(width_px) + 0.5) / width_px * 2 - 1)
         along = view.half_height_mm * (1 - (np.arange(height_px) + 0.5) / height_px * 2)
         far_mm = 4.0 * (view.half_width_mm + view.half_height_mm)
-        origins = (
-            view.centre_mm + far_mm * towards + across[None, :, None] * right + along[:, None, None] * up
-        )
-        rays = np.concatenate([origins, np.broadcast_to(-towards, origins.shape)], axis=2).astype(np.float32)
+        points = (view.centre_mm + far_mm * towards + along[:, None] * up)[:, None] + across[:, None] * right
+        rays = np.empty((height_px, width_px, 6), np.float32)
+        rays[..., :3], rays[..., 3:] = points, -towards
         answer = self.scene.cast_rays(_tensor(rays), nthreads=1)
         depth = answer["t_hit"].numpy().astype(float)
         hit = np.isfinite(depth)
         uv = answer["primitive_uvs"].numpy()[hit].astype(float)
         corners = self.faces[answer["primitive_ids"].numpy()[hit]]
-        weights = np.column_stack([1 - uv.sum(axis=1), uv])
+        weights = np.column_stack([1 - uv[:, 0] - uv[:, 1], uv])
         normals = np.zeros((height_px, width_px, 3))
-        normals[hit] = _unit((weights[:, :, None] * self.vertex_normals[corners]).sum(axis=1))
+        normals[hit] = _unit(_interpolated(self.vertex_normals, corners, weights))
         depth[~hit] = far_mm
+        points -= depth[..., None] * towards
         return VisibleSurface(
             hit=hit,
             depth_mm=depth,
-            points_mm=origins - depth[..., None] * towards,
+            points_mm=points,
             normals=normals,
             corners=corners,
             weights=weights,
@@ -148,6 +148,16 @@ def _tensor(values: Float[np.ndarray, "*n"] | UInt[np.ndarray, "*n"]) -> Any:
     return o3d.core.Tensor.from_numpy(values)
 
 
+def _interpolated(
+    values: Float[np.ndarray, "n c"], corners: Int[np.ndarray, "k 3"], weights: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, "k c"]:
+    """Values of the vertices at places inside triangles, by their barycentric weights."""
+    found = weights[:, :1] * values[corners[:, 0]]
+    for corner in (1, 2):
+        found += weights[:, corner, None] * values[corners[:, corner]]
+    return np.asarray(found)
+
+
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    lengths: Float[np.ndarray, "n 1"] = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(lengths, 1e-12))
+    lengths = np.sqrt(np.einsum("nx,nx->n", vectors, vectors))
+    return np.asarray(vectors / np.maximum(lengths, 1e-12)[:, None])
