@@ -27,6 +27,7 @@ def unique_edges(
     is: all first sides (corners 0 and 1), then all second, then all third.
     """
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    sides = sides.astype(np.int64)  # their products overflow 32 bits
     width = int(sides.max(initial=0)) + 1
     keys, of_side = np.unique(sides[:, 0] * width + sides[:, 1], return_inverse=True)
     return np.stack(np.divmod(keys, width), axis=1), of_side

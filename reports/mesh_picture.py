@@ -152,13 +152,15 @@ def _patch(surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[n
     """How much of each pixel that shows skin is painted: by the density of points there, relative to that of
     a full grid.
     """
+    shown = surface.points_mm[surface.hit]
+    cover = np.zeros(len(shown))
+    if not len(points):
+        return cover
     tree = cKDTree(points)
     spacing = 1.5
     if len(points) > 1:
         spacing = max(float(np.median(np.asarray(tree.query(points, k=[2])[0]))), 0.2)
     width = 0.8 * spacing
-    shown = surface.points_mm[surface.hit]
-    cover = np.zeros(len(shown))
     around = (np.abs(shown - 0.5 * (points.min(axis=0) + points.max(axis=0))) - 4 * width).max(axis=1)
     close = np.flatnonzero(around <= 0.5 * np.ptp(points, axis=0).max())
     near = np.asarray(tree.query(shown[close], k=_NEIGHBOURS, distance_upper_bound=4 * width)[0])

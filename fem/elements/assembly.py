@@ -38,9 +38,7 @@ class Stiffness:
         data = mu * self.k_mu.data
         data += lame * self.k_lambda.data
         whole = bsr_array((data, self.k_mu.indices, self.k_mu.indptr), shape=self.k_mu.shape).tocsr()
-        short = [
-            part.astype(np.int32) for part in (whole.indices, whole.indptr)
-        ]  # half the memory of a product
+        short = [part.astype(np.int32) for part in (whole.indices, whole.indptr)]  # half the indices' memory
         return csr_array((whole.data, *short), shape=whole.shape)
 
     def change_with_poisson_ratio(

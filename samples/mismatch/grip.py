@@ -2,7 +2,7 @@
 
 The fruit answers through the compliance C of the skin nodes that pads can reach: u = freely + C f(u), where f
 is what the gel's springs put on the nodes and `freely` is where unloaded flesh would stand (not zero once it
-has crept or yielded). Solved by Newton's method, its linear systems by conjugate gradients.
+has crept or yielded). Solved by Newton's method, its linear systems by GMRES.
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,13 @@ TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
 yet known which skin each gel point meets."""
 ROUNDED_N = 1e-4
 """N: a miss this small that no step makes smaller is rounding, since the compliance is in single precision
-(1e-5 to 3e-5 N after a start that was 40 N off); at the gel's stiffness of 10 N/mm it is 1e-5 mm."""
+(1e-5 to 3e-5 N after a start that was 40 N off). At the gel's stiffness of 10 N/mm it is 1e-5 mm, at a
+first light touch, where the gel holds less, more."""
 NEWTON_STEPS = 60
 """Before a step counts as without balance: three to ten do where it has one (set by hand)."""
 LOOKS = 4
 """How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
-CONVERGED_MM = 2e-4
+SAME_PLACE_MM = 2e-4
 """mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
 (samples.sensor_noise)."""
 LEFT_SHARE, GMRES_ROUNDS = 0.01, 100
@@ -159,7 +160,7 @@ def next_instant(
             look = max(look, 1)
             continue
         look += 1
-        if (look > 1 or start is not None) and change < CONVERGED_MM:
+        if (look > 1 or start is not None) and change < SAME_PLACE_MM:
             break
     now = [grip.local(s, u, origins) for s in (0, 1)]
     if any(np.any(x[p.rim, 2] < 0) for x, p in zip(now, grip.patches, strict=True)):

@@ -26,7 +26,8 @@ MATERIAL_LAWS = ("stiffening", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
 """Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
 STIFFENING_IS_FIRMER = 3.0
-"""With half of it the rounds of flesh and contact do not settle while a pad shears."""
+"""With half of it rounds of flesh and contact did not settle while a pad shears: measured on earlier rounds,
+over the shift of the skin, and kept."""
 
 
 @dataclass(frozen=True, kw_only=True)

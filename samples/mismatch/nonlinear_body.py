@@ -26,9 +26,12 @@ LET_GO_N = 0.5
 stand for the fruit's support (0.02 N/mm) draw it along by a millimetre and more."""
 REST_S = 1e4
 """Between two grasps."""
-ROUNDS, LOOSE_ROUNDS, DEPTH = 60, 6, 8
-"""Rounds before a step counts as unbalanced and is halved, and before pads let go; how many earlier ones are
-mixed (set by hand)."""
+DRAWN_MM = 0.5
+"""A skin node that moves so far in a step in which pads part by a tenth of it is drawn along by those
+springs. Set by hand: ten times what a balanced step moves it."""
+ROUNDS, DEPTH = 60, 8
+"""Rounds before a step counts as unbalanced and is halved, and how many earlier ones are mixed (set by
+hand)."""
 HALVINGS = 3
 """How often a step that finds no balance is halved, without the trend and tangent of the whole one."""
 
@@ -64,9 +67,11 @@ class NonlinearBody:
         q, mixing = np.zeros_like(self._q), AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
             mapped, state = self._freely(q, pause_s)
-            if np.abs(mapped - q).max() < CONVERGED_MM / 10:
+            if np.abs(mapped - q).max() < self._stop_mm / 10:
                 break
             q = mixing.mixed(q, mapped)
+        else:
+            raise NotInEquilibrium(f"unloaded flesh found no balance in {ROUNDS} rounds")
         self._state, self._q, self._trend = state, mapped, np.zeros_like(mapped)
         return np.asarray(mapped[self._whole.dofs])
 
@@ -84,7 +89,7 @@ class NonlinearBody:
     ) -> Instant:
         loose = _apart_mm(origins) > _apart_mm(before.origins) and np.abs(before.force_N).sum() < LET_GO_N
         try:
-            return self._in_one(grip, before, origins, pause_s, LOOSE_ROUNDS if loose else ROUNDS)
+            return self._in_one(grip, before, origins, pause_s, most_mm=DRAWN_MM if loose else np.inf)
         except NotInEquilibrium:
             if loose:
                 return before_touch(grip, origins, self._unloaded(pause_s))
@@ -96,16 +101,24 @@ class NonlinearBody:
         return self._in_steps(grip, middle, origins, pause_s / 2, halvings - 1)
 
     def _in_one(
-        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float, rounds: int
+        self,
+        grip: Grip,
+        before: Instant,
+        origins: Float[np.ndarray, "2 3"],
+        pause_s: float,
+        *,
+        most_mm: float,
     ) -> Instant:
         whole = self._whole
         q, start = self._q + going_on(before, origins) * self._trend, None
         mixing = AndersonMixing(DEPTH)
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             freely, state = self._freely(q, pause_s)
             instant = next_instant(
                 grip, before, origins, self._compliance, freely[whole.dofs], start=start, near=q[whole.dofs]
             )
+            if np.abs(instant.u - before.u).max() > most_mm:
+                raise NotInEquilibrium("the fruit slid between pads that hardly press")
             mapped = freely + whole.solve(whole.spread(instant.force_N)) / self._firmer
             start = instant.force_N
             if np.abs((mapped - q)[whole.dofs]).max() < self._stop_mm:
@@ -113,7 +126,7 @@ class NonlinearBody:
                 self._state, self._q = state, mapped
                 return instant
             q = mixing.mixed(q, mapped)
-        raise NotInEquilibrium(f"flesh and contact found no balance in {rounds} rounds: press less")
+        raise NotInEquilibrium(f"flesh and contact found no balance in {ROUNDS} rounds: press less")
 
     def _freely(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
         """Where the flesh would be without the pads if its stress beyond the linear one stayed that at q."""

@@ -2,8 +2,7 @@
 
 The compliance C = P' K^-1 P of the skin's unknowns P, dense. Its softest motions (the fruit as a whole on the
 hair-fine springs that hold it) are a thousand times softer than the rest: they are split off,
-C = E + Z M Z', so that E can be stored in single precision without loss, and contact can be solved for them
-directly.
+C = E + Z M Z', so that E can be stored in single precision without loss.
 
 Of fem, only its sparse linear algebra is used here: a factorisation has one answer, whoever wrote it.
 """

@@ -83,9 +83,9 @@ def store_meshes() -> None:
         np.savez_compressed(
             STORED / f"{name}.npz",
             nodes_mm=mesh.nodes_mm.astype(np.float32),
-            tets=mesh.tets.astype(np.int16),
-            outer_faces=mesh.outer_faces.astype(np.int16),
-            pit_nodes=mesh.pit_nodes.astype(np.int16),
+            tets=mesh.tets.astype(np.int32),
+            outer_faces=mesh.outer_faces.astype(np.int32),
+            pit_nodes=mesh.pit_nodes.astype(np.int32),
         )
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
 from fem.mismatch.evidence.linear_evidence import GraspEquations
-from fem.mismatch.evidence.turned_fruit import turned_fruit
+from fem.mismatch.evidence.turned_fruit import from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -62,3 +62,22 @@ def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
 def test_nothing_is_added_where_the_fruit_does_not_turn():
     forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
     assert turned_fruit(forward, forward.base.grasps[0]) is None
+
+
+def test_a_held_fruit_does_not_turn():
+    case = turned_case(TURN_RAD)
+    held = replace(case, grasps=(replace(case.grasps[0], support="base"),))
+    forward, _ = plain_forward_model(held)
+    assert turned_fruit(forward, forward.base.grasps[0]) is None
+
+
+def test_turns_count_from_the_first_loading_of_each_contact():
+    # as they are seen: about the mean of each contact
+    contact = np.repeat([0, -1, 1], [4, 1, 4])
+    load = np.array([0.3, 0.6, 1.0, 0.5, 0.0, 0.2, 0.5, 0.9, 0.4])
+    true = np.array([0.0, 0.0, 0.02, 0.02, 0.0, 0.01, 0.01, 0.05, 0.05])
+    seen = true.copy()
+    for number in (0, 1):
+        seen[contact == number] -= true[contact == number].mean()
+    found = from_first_loading(seen[:, None] * np.eye(3)[0], load, contact)
+    np.testing.assert_allclose(found[:, 0], [0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.04, 0.04], atol=1e-12)

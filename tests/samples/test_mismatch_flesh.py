@@ -218,7 +218,7 @@ def test_pads_that_part_with_hardly_any_force_left_let_go(
     air = before_touch(grip, grasp.hold.origins(0.5), body.begin())
     before = replace(air, force_N=np.full_like(air.force_N, force_N / len(air.force_N)))
 
-    def no_balance(*_: object) -> None:
+    def no_balance(*_: object, **__: object) -> None:
         raise NotInEquilibrium("none")
 
     monkeypatch.setattr(body, "_in_one", no_balance)

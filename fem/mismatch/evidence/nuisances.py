@@ -1,11 +1,11 @@
 """Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
 
 Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth. Each recording's own: undulations of the scanned surface, the pads' places on it,
-how far they come at each load. And, since no model is right to the last micrometre, each pad of each
-recording may deviate by NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows
-with the load, or with its square. An effect acts on all recordings by one law; these do not, which separates
-them.
+its own, the dents' depth, the share of what a turn of the fruit adds. Each recording's own: undulations of
+the scanned surface, the pads' places on it, how far they come at each load. And, since no model is right to
+the last micrometre, each pad of each recording may deviate by NORMAL_DISCREPANCY of its response in any
+smooth pattern over its patch that grows with the load, or with its square. An effect acts on all recordings
+by one law; these do not, which separates them.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 TURNED = 0.5
 """Mean and standard deviation of the share of what a turn of the fruit adds to second order
 (fem.mismatch.evidence.turned_fruit): all of it in real fruit, none where flesh is taken to move little, as
-two simulators do."""
+samples.mismatch does for linear flesh. A normal prior: shares a little below none are possible."""
 FEWEST = 8
 """Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
 motion."""

@@ -14,42 +14,52 @@ fruit turn by two degrees, which is 16 um at 27 mm. W is known from the markers 
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import LEADING
 
-HARDLY_RAD = 0.005
-"""Turn below which nothing is added: the shortening is then below 0.4 um at 27 mm."""
+HARDLY_RAD = 0.002
+"""Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
+indentation, W^2 X / 2 below 0.1 um."""
+LOADED = 0.1
+"""Share of the greatest load from which on a frame counts for that: in lighter ones few markers touch."""
 FIRST_LOADING = 0.5
-"""Turns count from their mean until so much of the greatest load is reached, frames weighed by their load:
-a fruit turns as it is sheared, hardly as pads close. Set by hand."""
+"""Turns count from their mean until so much of a contact's greatest load is reached, frames weighed by their
+load: a fruit turns as it is sheared, hardly as pads close. Set by hand."""
 
 
 def turned_fruit(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
-    """What the turn seen in a recording adds at its markers, mm; None where the fruit hardly turns."""
-    turn = _turns(forward, recording)
-    if np.abs(turn).max(initial=0.0) < HARDLY_RAD:
-        return None
+    """What the turn seen in a recording adds at its markers, mm; None where it is held or hardly turns.
+
+    Candidates of the next grasp (fem.mismatch.design) are predicted without a turn, also where they shear.
+    """
     tracks, s = recording.tracks, forward.compliance
+    excess = tracks.position_mm - tracks.place_mm - s * tracks.unit_displacement
+    seen = marker_equations(forward, recording).turns(excess)
+    turn = from_first_loading(seen, recording.load, tracks.episode.max(axis=1))
+    loaded = recording.load > LOADED
+    if np.linalg.norm(turn[loaded], axis=1).max(initial=0.0) < HARDLY_RAD:
+        return None
     arm = tracks.place_mm - tracks.place_mm.mean(axis=0)
     w = turn[:, None]
     shortened = np.cross(w, np.cross(w, arm)) / 2
-    return np.asarray(
-        shortened
-        + s * (np.cross(w, tracks.unit_displacement) - _under_turned_forces(forward, recording, turn))
-    )
+    turned_compliance = np.cross(w, tracks.unit_displacement) - _under_turned_forces(forward, recording, turn)
+    return np.asarray(shortened + s * turned_compliance)
 
 
-def _turns(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f 3"]:
-    """The fruit's turn from where its pads first held it, frame by frame, rad."""
-    tracks, load = recording.tracks, recording.load
-    excess = tracks.position_mm - tracks.place_mm - forward.compliance * tracks.unit_displacement
-    turn = marker_equations(forward, recording).turns(excess)
-    first = slice(0, int(np.argmax(load > FIRST_LOADING)) + 1)
-    return np.asarray(turn - np.average(turn[first], axis=0, weights=load[first]))
+def from_first_loading(
+    turn: Float[np.ndarray, "f 3"], load: Float[np.ndarray, " f"], contact: Int[np.ndarray, " f"]
+) -> Float[np.ndarray, "f 3"]:
+    """Turns from where the pads first held the fruit in each contact (numbered; -1: none), zero out of it."""
+    found = np.zeros_like(turn)
+    for number in np.unique(contact[contact >= 0]):
+        own = np.flatnonzero(contact == number)
+        first = own[: int(np.argmax(load[own] >= FIRST_LOADING * load[own].max())) + 1]
+        found[own] = turn[own] - np.average(turn[first], axis=0, weights=load[first])
+    return found
 
 
 def _under_turned_forces(
@@ -57,12 +67,15 @@ def _under_turned_forces(
 ) -> Float[np.ndarray, "f n 3"]:
     """C W f at the markers, mm MPa: the leading patterns turned about each axis, solved for once."""
     patterns = recording.patterns[:LEADING]
-    axes = np.eye(3)[:, None, None]
-    turned = np.cross(axes, patterns[None]).reshape(-1, *patterns.shape[1:])
-    solid = forward.base.solid_of(recording)
-    loads = np.zeros((len(turned), len(solid.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = recording.nodal_of(turned)
-    response = forward.base.marker_response(recording, loads).reshape(3, len(patterns), *patterns.shape[1:])
-    return np.asarray(
-        np.einsum("fa,fr,arnx->fnx", turn, recording.shares[:, : len(patterns)], response, optimize=True)
-    )
+
+    def compute() -> Float[np.ndarray, "3 r n 3"]:
+        turned = np.cross(np.eye(3)[:, None, None], patterns[None]).reshape(-1, *patterns.shape[1:])
+        solid = forward.base.solid_of(recording)
+        loads = np.zeros((len(turned), len(solid.mesh.nodes_mm), 3))
+        loads[:, solid.contact_nodes] = recording.nodal_of(turned)
+        response = forward.base.marker_response(recording, loads)
+        return np.asarray(response.reshape(3, len(patterns), *patterns.shape[1:]))
+
+    response = forward.memoised(("turned forces", recording.case.name), compute)
+    shares = recording.shares[:, : len(patterns)]
+    return np.asarray(np.einsum("fa,fr,arnx->fnx", turn, shares, response, optimize=True))

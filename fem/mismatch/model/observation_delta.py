@@ -29,7 +29,7 @@ class ObservationDelta:
 
 @dataclass(frozen=True, kw_only=True)
 class Regressor:
-    """One unknown amount: its name, prior mean (zero) and standard deviation, its field in every recording.
+    """One unknown amount: its name, prior mean and standard deviation, its field in every recording.
 
     None: the recording does not depend on it. `positive`: an amount below zero has no meaning.
     `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
