@@ -28,7 +28,8 @@ class UnitModulusSolid:
     (what inertia would do), and of the displacements that differ by a rigid motion the one is given whose
     translation and rotation vanish in the mean over the flesh. The compliance stays symmetric.
     support "base": skin nodes within 0.2 mm of the lowest z do not move.
-    `under_body_forces`: displacement of the held flesh under each of the free body's forces; none on a base.
+    `under_body_forces`: displacement of the held flesh under each of the free body's forces; none on a base;
+    solved for at once, so that copies of the solid for other contact nodes share it.
     `contact_nodes`: skin nodes whose compliance among each other is wanted (`contact_compliance`).
     """
 

@@ -27,8 +27,8 @@ stand for the fruit's support (0.02 N/mm) draw it along by a millimetre and more
 REST_S = 1e4
 """Between two grasps."""
 DRAWN_MM = 0.5
-"""A skin node that moves so far in a step in which pads part by a tenth of it is drawn along by those
-springs. Set by hand: ten times what a balanced step moves it."""
+"""mm: where pads that hardly press part, a skin node that moves farther in one step is drawn along by those
+springs, and the grip has ended. Set by hand: ten times what a balanced step moves it (0.045 mm)."""
 ROUNDS, DEPTH = 60, 8
 """Rounds before a step counts as unbalanced and is halved, and how many earlier ones are mixed (set by
 hand)."""
