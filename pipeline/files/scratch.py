@@ -37,7 +37,7 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove(folder)
         os.close(lock)
 
 
@@ -60,7 +60,10 @@ def _made(place: Path, prefix: str) -> tuple[Path, int]:
     """A new folder and its lock, held; made again where a sweep took it before it was held."""
     while True:
         folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
-        lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        try:
+            lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        except FileNotFoundError:
+            continue
         with suppress(OSError):  # a file system without locks: then nothing is swept there either
             fcntl.flock(lock, fcntl.LOCK_EX)
         if (folder / _LOCK).exists():
@@ -69,7 +72,10 @@ def _made(place: Path, prefix: str) -> tuple[Path, int]:
 
 
 def _sweep(place: Path, prefix: str) -> None:
-    """Removes folders of killed runs: by name, a real folder, our own user's, with a lock nobody holds."""
+    """Removes folders of killed runs: by name, a real folder, our own user's, with a lock nobody holds.
+
+    A run killed just before it made its lock, or just after it removed it, left an empty folder.
+    """
     ours = re.compile(re.escape(prefix) + r"[a-z0-9_]{8}")
     for folder in place.iterdir():
         if not ours.fullmatch(folder.name):
@@ -78,12 +84,29 @@ def _sweep(place: Path, prefix: str) -> None:
             status = folder.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
                 continue
-            lock = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                lock = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            except FileNotFoundError:
+                folder.rmdir()
+                continue
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
+                _remove(folder)
             finally:
                 os.close(lock)
+
+
+def _remove(folder: Path) -> None:
+    """Removes a folder of ours, its lock last: wherever a kill stops this, the next sweep can go on."""
+    with suppress(OSError):
+        for path in list(folder.iterdir()):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            elif path.name != _LOCK:
+                path.unlink(missing_ok=True)
+        if [path.name for path in folder.iterdir()] == [_LOCK]:
+            (folder / _LOCK).unlink()
+            folder.rmdir()
 
 
 def moved_in(made: Path, target: Path) -> None:
