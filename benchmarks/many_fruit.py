@@ -3,6 +3,7 @@
     python benchmarks/many_fruit.py make GRADED BATCH --fruits 1000 [--bare]
     python benchmarks/many_fruit.py run GRADED BATCH [--work 0] [--jobs 2]
     python benchmarks/many_fruit.py simulate GRADED BATCH [--work 0.01] [--jobs 2] [--reports]
+    python benchmarks/many_fruit.py watch GRADED BATCH [--there 0] [--every 5]
 
 GRADED is a batch of one fruit, N01, with a ready mesh, and its `results` as `drupe grade` leaves them. `make`
 copies the fruit: its mesh scaled by up to 10 % with noise of 0.01 mm, displacements of its recordings by as
@@ -12,6 +13,9 @@ fruit's record and pictures, E drawn anew: processes, records, progress, ranking
 `simulate` has no processes either: fruit end after `--work` seconds, `--jobs` at a time. With `--reports`
 this process leaves the copies, which counts as work and not as the run's; without, no fruit has files, and
 neither ranking nor report is made. A batch has at most 2000 fruit; for `simulate` that limit is lifted.
+`watch` is `drupe watch` of BATCH with the same work, where `--there` fruit are graded already: the others lie
+in `waiting` and come into `fruits` one every `--every` seconds, by a clock that waiting moves on at once and
+computing as long as it takes.
 """
 
 import argparse
@@ -20,6 +24,7 @@ import os
 import pickle
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -140,6 +145,134 @@ class Simulated:
         yield Finished(fruit_id, self._ended(fruit_id, packed))
 
 
+class DayMeter:
+    """What a fruit costs while a batch is watched: seconds, processor seconds, and the delay of its page."""
+
+    def __init__(self, total: int) -> None:
+        self.every, self.done = max(1, total // EVERY), 0
+        self.spent = dict.fromkeys(("all", "looks", "reports", "work"), (0.0, 0.0))
+        self.begin()
+        self.written_s, self.delays_s = {}, []
+        print("                    own cpu (ms a fruit)           record to page (ms)")
+        print("fruit  ms a fruit  all   looks  reports  rest      mean   most  memory_MiB", flush=True)
+
+    def begin(self):
+        """The first newcomer arrives."""
+        self.spent = dict.fromkeys(self.spent, (0.0, 0.0))
+        self.before, self.began = dict(self.spent), (time.monotonic(), time.process_time())
+
+    def timed(self, part, function):
+        """The function, whose time counts as that part's."""
+
+        def timed(*arguments, **options):
+            began = time.monotonic(), time.process_time()
+            try:
+                return function(*arguments, **options)
+            finally:
+                now = time.monotonic(), time.process_time()
+                self.spent[part] = tuple(
+                    s + n - b for s, n, b in zip(self.spent[part], now, began, strict=True)
+                )
+
+        return timed
+
+    def shown(self, fruit_id):
+        """The page has it."""
+        if fruit_id in self.written_s:
+            self.delays_s.append(time.monotonic() - self.written_s.pop(fruit_id))
+            self.done += 1
+            if self.done % self.every == 0:
+                self._print()
+
+    def _print(self):
+        now = time.monotonic(), time.process_time()
+        self.spent["all"] = tuple(n - b for n, b in zip(now, self.began, strict=True))
+        ms = {
+            part: tuple(1000 * (s - b) / self.every for s, b in zip(spent, self.before[part], strict=True))
+            for part, spent in self.spent.items()
+        }
+        self.before = dict(self.spent)
+        wall, own = (a - w for a, w in zip(ms["all"], ms["work"], strict=True))
+        looks, reports = ms["looks"][1], ms["reports"][1]
+        mean, most = 1000 * sum(self.delays_s) / len(self.delays_s), 1000 * max(self.delays_s)
+        self.delays_s = []
+        print(
+            f"{self.done:5d}  {wall:10.0f}  {own:4.0f}  {looks:5.0f}  {reports:7.0f}  "
+            f"{own - looks - reports:4.0f}  {mean:8.0f}  {most:5.0f}  {memory_MiB():10.0f}",
+            flush=True,
+        )
+
+
+def watch(graded: Path, batch: Path, *, there: int, every_s: float) -> None:
+    """`drupe watch` with such work, and what it cost."""
+    from pipeline.batch.opening import open_batch
+    from pipeline.run import grading
+    from pipeline.run.console import RunConsole
+    from pipeline.watch.watching import BatchWatch, WatchOptions
+    from reports.kiosk_page import kiosk_html
+
+    shutil.rmtree(batch / "results", ignore_errors=True)
+    os.environ |= {GRADED: str((graded / "results" / "fruits" / "N01").absolute()), WORK_S: "0"}
+    waiting = batch / "waiting"
+    waiting.mkdir(exist_ok=True)
+    for path in waiting.iterdir():
+        path.rename(batch / "fruits" / path.name)
+    names = sorted(path.name for path in (batch / "fruits").iterdir())[there:]
+    for name in names:
+        (batch / "fruits" / name).rename(waiting / name)
+    names.reverse()
+    coming, moved_s, next_s = len(names), 0.0, 0.0
+
+    def clock():
+        return time.monotonic() + moved_s
+
+    def sleep(seconds):
+        nonlocal moved_s, next_s
+        moved_s += seconds
+        while names and clock() >= next_s:
+            if len(names) == coming:
+                meter.begin()
+            name = names.pop()
+            (waiting / name).rename(batch / "fruits" / name)
+            next_s = max(next_s + every_s, clock())
+
+    def show(entry):
+        kiosk_html(entry)
+        if entry.recent:
+            meter.shown(entry.recent[0])
+
+    def ended(fruit_id, packed):
+        _, task = pickle.loads(packed)
+        record = stub(task, lambda _: None)
+        if meter is not None:
+            meter.written_s[fruit_id] = time.monotonic()
+        return record
+
+    meter = None
+    engine = lambda jobs, **_: Simulated(ended, jobs=jobs, work_s=0)  # noqa: E731
+    grading.local_pool, grading.work_on = engine, stub
+    grading._jobs = lambda _todo, jobs, _console: jobs
+    console = RunConsole(quiet=True)
+    if there:
+        opened = open_batch(batch)
+        opened = replace(opened, rows=opened.rows[:there])
+        grading.grade(batch, None, jobs=1, time_limit_s=600, console=console, opened=opened)
+    meter = DayMeter(len(names))
+    ended = meter.timed("work", ended)
+    grading.report = meter.timed("reports", grading.report)
+    BatchWatch._opened = meter.timed("looks", BatchWatch._opened)
+    options = WatchOptions(
+        out=batch / "results", jobs=1, time_limit_s=600, screen=True, settle_s=2, idle_s=60 + every_s
+    )
+    status = BatchWatch(
+        root=batch, options=options, console=console, show=show, clock=clock, sleep=sleep
+    ).run()
+    total = time.process_time() - meter.began[1] - meter.spent["work"][1]
+    looks, reports = meter.spent["looks"][1], meter.spent["reports"][1]
+    print(f"exit status {status}; {total:.0f} s of processor time: looks {looks:.0f}, reports {reports:.0f}")
+    print(f"{clock() - meter.began[0]:.0f} s by the clock that waiting moves; memory {memory_MiB():.0f} MiB")
+
+
 def run(graded: Path, batch: Path, *, jobs: int, work_s: float, simulated: bool, reports: bool) -> None:
     """`drupe grade` with such work, and what it cost."""
     from pipeline.batch import fruits_table
@@ -209,7 +342,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("make", "run", "simulate"))
+    parser.add_argument("what", choices=("make", "run", "simulate", "watch"))
     parser.add_argument("graded", type=Path)
     parser.add_argument("batch", type=Path)
     parser.add_argument("--fruits", type=int, default=1000)
@@ -217,9 +350,14 @@ def main() -> None:
     parser.add_argument("--work", type=float, default=0.01)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--reports", action="store_true")
+    parser.add_argument("--there", type=int, default=0)
+    parser.add_argument("--every", type=float, default=5.0)
     options = parser.parse_args()
     if options.what == "make":
         make(options.graded, options.batch, fruits=options.fruits, bare=options.bare)
+        return
+    if options.what == "watch":
+        watch(options.graded, options.batch, there=options.there, every_s=options.every)
         return
     simulated = options.what == "simulate"
     run(
