@@ -32,10 +32,19 @@ class FruitQueue:
     tasks. One whose numbers are not plausible gets its record when it is reached, and is one of `refused`.
 
     `retried`: fruit that are tried again where an earlier run ended them for a cause that may pass; None:
-    all.
+    all. `fruits`: those that are looked at; None: all of the run. `records`: where records are put; None:
+    nowhere else.
     """
 
-    def __init__(self, run: BatchRun, console: Console, retried: Collection[str] | None) -> None:
+    def __init__(
+        self,
+        run: BatchRun,
+        console: Console,
+        retried: Collection[str] | None,
+        *,
+        fruits: Collection[str] | None = None,
+        records: PackedRecords | None = None,
+    ) -> None:
         self._run, self._console, self._retried = run, console, retried
         self._among: BatchFruits = batch_fruits(run.batch, run.results)
         self._numbers = ImplausibleNumbers(run.batch)
@@ -43,17 +52,17 @@ class FruitQueue:
         self._forced: dict[str, list[str]] = (
             {name: [*said] for name, said in implausible_batch(run.batch).items()} if run.force else {}
         )
-        self.records = PackedRecords()
+        self.records = PackedRecords() if records is None else records
         self.refused: deque[FruitRecord] = deque()
         self.todo: list[WaitingFruit] = []
         refused: list[str] = []
-        for fruit_id in run.batch.row_of:
+        looked_at = run.batch.row_of if fruits is None else fruits
+        for fruit_id in looked_at:
             before = read_record(run.results.fruit(fruit_id).record)
             if before is None or not self._holds(fruit_id, before, refused):
                 self.todo.append(WaitingFruit(fruit_id, run.batch.folder.fruit(fruit_id)))
-        if kept := len(self.records) - len(refused):
-            total = len(run.batch.rows)
-            console.print(f"{kept} of {total} fruit unchanged since the last run", highlight=False)
+        if kept := len(looked_at) - len(self.todo) - len(refused):
+            console.print(f"{kept} of {len(looked_at)} fruit unchanged since the last run", highlight=False)
 
     def _holds(self, fruit_id: str, before: FruitRecord, refused: list[str]) -> bool:
         """Whether an earlier run's record holds, or the fruit's numbers are refused; it is in `records`."""

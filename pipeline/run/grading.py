@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -17,7 +18,7 @@ from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.task import FruitTask
-from pipeline.batch.write_guard import require_results_apart, require_temporary_apart
+from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
@@ -50,6 +51,7 @@ def grade(
     opened: Batch | None = None,
     retried: Collection[str] | None = None,
     place: WorkPlace | None = None,
+    records: PackedRecords | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
@@ -57,7 +59,8 @@ def grade(
     `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
     that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
     earlier run ended them for a cause that may pass; None: all. `place`: where fruit are worked on; None: on
-    this machine, `jobs` at a time.
+    this machine, `jobs` at a time. `records`: empty; where the fruit's records are put, to go on from with
+    `grade_newcomers`.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -84,7 +87,7 @@ def grade(
         run.require_ours()
         _begun(run.results, run.fruits)
         write_run(run.results, run.batch.row_of, mark=place.mark)
-        queue = FruitQueue(run, console, retried)
+        queue = FruitQueue(run, console, retried, records=records)
         records = queue.records
         with suppress(NotWritten):
             run.write_provenance(records.outcomes, None)
@@ -92,16 +95,100 @@ def grade(
         try:
             if queue.todo:
                 engine = _engine(run, queue, place, jobs=jobs, time_limit_s=time_limit_s, console=console)
-                _work(queue, records, so_far, engine=engine, time_limit_s=time_limit_s, console=console)
+                _work(
+                    queue,
+                    records,
+                    lambda _: so_far.write_when_due(),
+                    engine=engine,
+                    time_limit_s=time_limit_s,
+                    console=console,
+                )
         except (KeyboardInterrupt, BatchRefused) as ended:
-            with suppress(NotWritten):
-                status = USAGE if isinstance(ended, BatchRefused) else INTERRUPTED
-                run.write_provenance(records.outcomes, status)
-            so_far.write(interrupted=True)
+            status = USAGE if isinstance(ended, BatchRefused) else INTERRUPTED
+            _broken_off(run, records, so_far, status)
             raise
         for fruit_id in records:
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
         return report(run, records)
+
+
+def grade_newcomers(
+    batch: Batch,
+    out: Path,
+    newcomers: Collection[str],
+    records: PackedRecords,
+    *,
+    jobs: int,
+    time_limit_s: float,
+    console: Console,
+    ended: Callable[[BatchRun, FruitRecord], None],
+    screen: bool = True,
+    now: Callable[[], datetime] = utc_now,
+) -> None:
+    """Grades fruit of a batch that `grade` has graded into `out` without them, or as they were before.
+
+    `batch`: as it was read, with the fruit so far and the newcomers; `records`: those of the fruit so far, to
+    which the newcomers' are added, each told to `ended` as it comes. Of other fruit no file is read, and
+    neither ranking nor report is made: `report_graded` and the next `grade` do that. Raises BatchRefused
+    and NotWritten as `grade` does.
+    """
+    run = BatchRun(
+        batch=batch,
+        results=Results(out),
+        chart=None,
+        inputs={},
+        force=False,
+        screen=screen,
+        options=ReportOptions(),
+        started=now(),
+        since_s=time.monotonic(),
+    )
+    fruits = [run.results.fruit(fruit_id) for fruit_id in newcomers]
+    with results_lock(run.results.root):
+        require_free(run.results, fruits, "--out")
+        _begun(run.results, fruits)
+        write_run(run.results, batch.row_of, mark=WorkPlace().mark)
+        for fruit_id in newcomers:
+            records.pop(fruit_id, None)
+        queue = FruitQueue(run, console, newcomers, fruits=newcomers, records=records)
+        for fruit_id in [one for one in newcomers if one in records]:
+            records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
+            ended(run, records[fruit_id])
+        if queue.todo:
+            engine = local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
+            tell = partial(ended, run)
+            _work(queue, records, tell, engine=engine, time_limit_s=time_limit_s, console=console)
+
+
+def report_graded(
+    batch: Batch,
+    out: Path,
+    records: PackedRecords,
+    *,
+    screen: bool = True,
+    options: ReportOptions,
+    now: Callable[[], datetime] = utc_now,
+) -> tuple[int, BatchEntry] | None:
+    """Ranking and report of fruit that `grade` and `grade_newcomers` have graded; none is worked on.
+
+    What `grade` returns; None where fruit of the batch are not in `records`, and the page says that the run
+    was interrupted. Raises BatchRefused and NotWritten as `grade` does.
+    """
+    started, since_s = now(), time.monotonic()
+    run = _placed(batch, out, started=started, since_s=since_s, force=False, screen=screen, options=options)
+    with results_lock(run.results.root):
+        require_free(run.results, (), "--out")
+        if any(row.fruit_id not in records for row in batch.rows):
+            _broken_off(run, records, ReportSoFar(run, records), INTERRUPTED)
+            return None
+        return report(run, records)
+
+
+def _broken_off(run: BatchRun, records: PackedRecords, so_far: ReportSoFar, status: int) -> None:
+    """What a run leaves that ends before its fruit are done; what cannot be written is left out."""
+    with suppress(NotWritten):
+        run.write_provenance(records.outcomes, status)
+    so_far.write(interrupted=True)
 
 
 def _placed(
@@ -206,14 +293,14 @@ def _kind(fruit: FruitFolder) -> str:
 def _work(
     todo: FruitQueue,
     records: PackedRecords,
-    so_far: ReportSoFar,
+    ended: Callable[[FruitRecord], None],
     *,
     engine: Engine,
     time_limit_s: float,
     console: Console,
 ) -> None:
-    """Grades what is to do, shows how far it is, and puts each record into `records` as it comes; ranking and
-    report of those that are done are written between.
+    """Grades what is to do, shows how far it is, puts each record into `records` as it comes, and tells it to
+    `ended`.
     """
     with (
         BatchProgress(console, total=len(todo.todo), jobs=engine.at_once) as progress,
@@ -222,6 +309,7 @@ def _work(
 
         def show_ended(record: FruitRecord) -> None:
             progress.done(record.fruit_id, _in_a_line(record), whole=record.graded)
+            ended(record)
 
         for event in events:
             while todo.refused:
@@ -233,7 +321,6 @@ def _work(
             record = _record_of(event, todo.ended(event.fruit_id), time_limit_s)
             records[event.fruit_id] = record
             show_ended(record)
-            so_far.write_when_due()
         while todo.refused:
             show_ended(todo.refused.popleft())
 

@@ -1,8 +1,8 @@
 """Ranking and report of a run: at its end, and of what is done while it goes on."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 
 from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
@@ -32,16 +32,17 @@ SHARE = 0.01
 """Of the run's time that reports may take while it goes on: after one that took t, t over this is waited."""
 
 
-def report(run: BatchRun, records: Mapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
+def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
     """Fruit held against each other and the reference bodies; ranking, report, provenance and chart written.
 
-    The exit status and what the report says; raises NotWritten.
+    The exit status and what the report says; `records` are brought up to date as those on disk are. Raises
+    NotWritten.
     """
     settings = run.batch.settings
     measured = [records[row.fruit_id] for row in run.batch.rows]
     compared = copies_doubted(measured, run.batch.folder)
     in_order, finding = against_references(compared, correct=settings.reference.correct)
-    _keep_comparisons(measured, in_order, run.results)
+    records.update(_kept_comparisons(measured, in_order, run.results))
     chart, own = ControlChart(), []
     if run.chart is not None and finding is not None:
         own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
@@ -49,13 +50,37 @@ def report(run: BatchRun, records: Mapping[str, FruitRecord]) -> tuple[int, Batc
         finding = drift(chart, finding)
     faults = batch_faults(in_order)
     status = _status(in_order, finding)
-    entry = _entry_of(run)(in_order, exit_status=status, finding=finding, chart=chart, faults=faults)
+    entry = entry_of(run)(in_order, exit_status=status, finding=finding, chart=chart, faults=faults)
     _write(entry, run)
     outcomes = {record.fruit_id: record.outcome for record in measured}
     run.write_provenance(outcomes, status, finding, faults)
     if run.chart is not None and own:
         update_chart(run.chart, own)
     return status, entry
+
+
+class ReportPace:
+    """When a run that goes on reports again: at the earliest LEAST_S after the last report, and so seldom
+    that reports take no more than SHARE of its time. `clock` in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._ended_s, self._took_s = -float("inf"), 0.0
+
+    def due(self) -> bool:
+        """Whether the last report is far enough back; true before the first."""
+        return self._clock() - self._ended_s >= max(LEAST_S, self._took_s / SHARE)
+
+    @contextmanager
+    def reporting(self) -> Iterator[None]:
+        """A report is made inside the block."""
+        began = self._clock()
+        try:
+            yield
+        finally:
+            self._ended_s = self._clock()
+            self._took_s = self._ended_s - began
 
 
 class ReportSoFar:
@@ -72,38 +97,39 @@ class ReportSoFar:
         *,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._run, self._records, self._clock = run, records, clock
-        self._ended_s, self._took_s = -float("inf"), 0.0
+        self._run, self._records, self._pace = run, records, ReportPace(clock)
         self._pictures = ReportPictures(run.results, fruits=len(run.batch.rows))
 
     def write_when_due(self) -> None:
         """Writes unless the last report is too near, or all fruit are done, which the end writes."""
-        since = self._clock() - self._ended_s
-        if len(self._records) < len(self._run.batch.rows) and since >= max(LEAST_S, self._took_s / SHARE):
+        if self._pace.due() and len(self._records) < len(self._run.batch.rows):
             self.write()
 
     def write(self, *, interrupted: bool = False) -> None:
         """Writes the report of the records there are."""
-        run, began = self._run, self._clock()
+        with self._pace.reporting():
+            self._write(interrupted=interrupted)
+
+    def _write(self, *, interrupted: bool) -> None:
+        run = self._run
         measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
-        if measured:
-            compared = copies_doubted(measured, run.batch.folder)
-            in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
-            entry = _entry_of(run)(
-                in_order,
-                exit_status=None,
-                finding=finding,
-                faults=batch_faults(in_order),
-                unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
-                pictures=self._pictures,
-            )
-            with suppress(NotWritten):
-                _write(entry, run)
-        self._ended_s = self._clock()
-        self._took_s = self._ended_s - began
+        if not measured:
+            return
+        compared = copies_doubted(measured, run.batch.folder)
+        in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
+        entry = entry_of(run)(
+            in_order,
+            exit_status=None,
+            finding=finding,
+            faults=batch_faults(in_order),
+            unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
+            pictures=self._pictures,
+        )
+        with suppress(NotWritten):
+            _write(entry, run)
 
 
-def _entry_of(run: BatchRun) -> partial[BatchEntry]:
+def entry_of(run: BatchRun) -> partial[BatchEntry]:
     """`batch_entry` with what every report of the run has: batch, places, inputs and times."""
     return partial(
         batch_entry,
@@ -135,14 +161,16 @@ def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) ->
     return DOUBTED if alarm or any(one.doubts for one in records) else DONE
 
 
-def _keep_comparisons(
+def _kept_comparisons(
     measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
-) -> None:
+) -> Iterator[tuple[str, FruitRecord]]:
     """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
-    fruit have too, beside what was measured.
+    fruit have too, beside what was measured; those that said otherwise, as they are now.
     """
     for record, one in zip(measured, compared, strict=True):
         if with_copies(as_measured(record, one), one.copied) != record:
             path = results.fruit(record.fruit_id).record
             whole = read_record(path) or record
-            write_record(path, with_copies(as_measured(whole, one), one.copied))
+            kept = with_copies(as_measured(whole, one), one.copied)
+            write_record(path, kept)
+            yield record.fruit_id, kept
