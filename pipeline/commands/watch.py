@@ -9,7 +9,6 @@ from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
-from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
 
 
@@ -45,9 +44,10 @@ def watch(
     """Grade fruit as their files are put into BATCH/fruits/<fruit_id>, and show the last one in a browser.
 
     A fruit is graded when it has photos (or fruit.ply) and a recording and its files have been at rest for
-    --settle seconds, and again when they change; folders without a row in fruits.csv are fruit too. Ranking
-    and report are replaced after each fruit. The page is for browsers on this machine, at an address that is
-    printed; Ctrl-C ends. Example: drupe watch monday --port 8000
+    --settle seconds, and again when they change; folders without a row in fruits.csv are fruit too. The page
+    shows each fruit as soon as it is graded; ranking and report follow, so often that they take 1 % of the
+    time, and at the end. The page is for browsers on this machine, at an address that is printed; Ctrl-C
+    ends. Example: drupe watch monday --port 8000
     """
     require_libraries()
     language = chosen_language(lang)
@@ -81,5 +81,5 @@ def watch(
         except KeyboardInterrupt:
             unfinished = "; a fruit was not finished, the same command goes on from here"
             typer.echo(f"drupe: stopped{unfinished if watching.at_work else ''}", err=True)
-            raise typer.Exit(INTERRUPTED if watching.at_work else watching.status) from None
+            status = watching.stop()
     raise typer.Exit(status)

@@ -9,8 +9,8 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
-OWN = frozenset({".toml", ".csv", ".json", ".stl", ".ply", ".obj", ".onnx"})
-"""Kinds of files beside batch.toml that a fruit's result may depend on."""
+OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
+"""Kinds of files beside batch.toml that every fruit's result may depend on; of fruits.csv each on its row."""
 DESCRIPTION = "grasp.toml"
 """The file without which a folder of frames is no grasp yet."""
 
@@ -43,7 +43,7 @@ def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
 
 
 def own_state(folder: BatchFolder) -> State:
-    """Of the batch's own files: settings, table, mat, and what may be named in the settings beside them."""
+    """Of the batch's own files: settings, mat, and what may be named in the settings beside them."""
     return state_of(path for path in folder.root.iterdir() if path.suffix.lower() in OWN and path.is_file())
 
 

@@ -1,7 +1,7 @@
 """The loop of `drupe watch`: fruit are graded as they arrive, one after the other."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,12 +10,16 @@ from rich.console import Console
 from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch
+from pipeline.batch.records import FruitRecord
+from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
-from pipeline.run.batch_run import ReportOptions
-from pipeline.run.grading import grade
+from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.grading import grade, grade_newcomers, report_graded
+from pipeline.run.incremental_ranking import IncrementalRanking
+from pipeline.run.packed_records import PackedRecords
+from pipeline.run.reporting import ReportPace
 from pipeline.watch.arrivals import Arrival, State, arrival, own_state
-from reports.entries import BatchEntry
 from reports.kiosk_page import KioskEntry
 from reports.language import ENGLISH
 
@@ -23,6 +27,11 @@ EVERY_S = 0.5
 """Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
 SHARE = 0.05
 """Of the time that looking may take: after a look that took t, t over this is waited."""
+TURN = 100
+"""Graded fruit whose files one look looks at again, in turn: 0.5 ms each (benchmarks/many_fruit.py watch)."""
+AS_MANY = 10
+"""Fruit that are only read again in the time in which a single one is taken in: 20 ms and 0.2 s
+(benchmarks/many_fruit.py watch)."""
 AGAIN_S = 10.0
 """Seconds after which a batch that was refused is tried again though nothing in it has changed: the cause may
 lie elsewhere (another run that writes there, a full disk)."""
@@ -59,42 +68,71 @@ class BatchWatch:
     sleep: Callable[[float], None] = time.sleep
     arrivals: dict[str, Arrival] = field(default_factory=dict)
     """What lies in the folder of each fruit that has any files."""
+    turn: int = 0
+    """Of the graded fruit, the first whose folder the last look went into again."""
     expected: int = 0
     """Rows of the table whose fruit have none yet."""
     seen: dict[str, tuple[State, float]] = field(default_factory=dict)
     """Files of each fruit, and since when they are so."""
-    tried: dict[str, tuple[State, State]] = field(default_factory=dict)
-    """Files of the batch and of the fruit when it was last graded."""
+    tried: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
+    """Row and files of each fruit when it was last graded."""
     recent: list[str] = field(default_factory=list)
     """Fruit in the order in which they were graded, the last first."""
-    entry: BatchEntry | None = None
-    status: int = 0
+    own: State | None = None
+    """The batch's own files when all fruit were last held against each other; None: none were yet."""
+    batch: Batch | None = None
+    """The batch as it was last graded."""
+    ranking: IncrementalRanking | None = None
+    """Of the fruit so far; None: nothing is graded."""
+    pace: ReportPace = field(init=False)
+    unreported: bool = False
+    """Whether fruit were graded since the last report."""
+    uncompared: bool = False
+    """Whether fruit were graded since all were last held against each other."""
+    working: tuple[str, ...] = ()
+    """Fruit that are being graded."""
     at_work: bool = False
+    """Whether fruit are being graded, or were when an interruption came."""
+    status: int = 0
+
+    def __post_init__(self) -> None:
+        """The pace of reports, by the watch's clock."""
+        self.pace = ReportPace(self.clock)
 
     def run(self) -> int:
-        """Watches until nothing new has come for `idle_s`; the exit status of the last grading."""
+        """Watches until nothing new has come for `idle_s`; the exit status of the last report."""
         self._begin_with_earlier_results()
         quiet_since, refused_at = self.clock(), -float("inf")
-        before: tuple[State, tuple[tuple[str, State], ...]] | None = None
+        before: object = None
         while True:
             began = self.clock()
             own = own_state(BatchFolder(self.root))
             batch, problems = self._opened()
-            now = own, tuple((name, one.state) for name, one in self.arrivals.items())
+            looked_s = self.clock() - began
+            now = own, problems, tuple((name, one.state) for name, one in self.arrivals.items())
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
                 self._tell(problems)
-            chosen = self._chosen(own)
-            if batch is not None and chosen and self.clock() - refused_at >= AGAIN_S:
-                done = self._grade(batch, own, chosen)
-                refused_at = -float("inf") if done else self.clock()
-                quiet_since = self.clock() if done else quiet_since
-                continue
+            if self.clock() - refused_at >= AGAIN_S:
+                if batch is not None and (chosen := self._chosen(batch, own)):
+                    done = self._grade(batch, own, chosen)
+                    refused_at = -float("inf") if done else self.clock()
+                    quiet_since = self.clock() if done else quiet_since
+                    continue
+                if batch is not None and self.unreported and self.pace.due():
+                    refused_at = -float("inf") if self._report() else self.clock()
+                    continue
             waiting = any(self._since(name) < self.options.settle_s for name in self.arrivals)
             idle_s = self.options.idle_s
             if idle_s is not None and not waiting and self.clock() - quiet_since >= idle_s:
-                return self.status
-            self.sleep(max(EVERY_S, (self.clock() - began) / SHARE))
+                return self._end(batch, own)
+            self.sleep(max(EVERY_S, looked_s / SHARE))
+
+    def stop(self) -> int:
+        """After an interruption of `run`: ranking and report of what is done; the exit status."""
+        if self.ranking is not None and (self.unreported or self.at_work):
+            self._report()
+        return INTERRUPTED if self.at_work else self.status
 
     def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
         """The batch with the fruit that are whole, or why it cannot be graded."""
@@ -104,10 +142,18 @@ class BatchWatch:
             return None, tuple(str(problem) for problem in refused.problems)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
-        """Looks into the folder of every fruit, listed or not; those that lack nothing."""
+        """Looks into the folder of every fruit, listed or not, into those of graded ones in turn; the fruit
+        that lack nothing.
+        """
         rows = (*rows, *unlisted_fruit(folder.root / "fruits", rows))
-        self.arrivals = {}
+        before, self.arrivals = self.arrivals, {}
+        graded = [name for name, one in before.items() if self.tried.get(name, ((), ()))[1] == one.state]
+        self.turn = self.turn + TURN if self.turn + TURN < len(graded) else 0
+        passed_over = {*graded[: self.turn], *graded[self.turn + TURN :]}
         for row in rows:
+            if row.fruit_id in passed_over:
+                self.arrivals[row.fruit_id] = before[row.fruit_id]
+                continue
             one = arrival(folder.fruit(row.fruit_id), row)
             if one.state:
                 self.arrivals[row.fruit_id] = one
@@ -122,18 +168,20 @@ class BatchWatch:
         """Seconds for which a fruit's files are as they are."""
         return self.clock() - self.seen[name][1]
 
-    def _chosen(self, own: State) -> list[str]:
+    def _chosen(self, batch: Batch, own: State) -> list[str]:
         """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
-        first come first. All that were graded under other settings, at once: most are only read again.
+        first come first. All whose files are as they were graded, but not their row or the batch's own files,
+        at once: most are only read again.
         """
         ready = [
             name
-            for name, one in self.arrivals.items()
-            if not one.missing
-            and self._since(name) >= self.options.settle_s
-            and self.tried.get(name) != (own, one.state)
+            for name, row in batch.row_of.items()
+            if self._since(name) >= self.options.settle_s
+            and (own != self.own or self.tried.get(name) != (row, self.arrivals[name].state))
         ]
-        again = [name for name in ready if self.tried.get(name, ((), ()))[1] == self.arrivals[name].state]
+        again = [
+            name for name in ready if name in self.tried and self.tried[name][1] == self.arrivals[name].state
+        ]
         return (
             again or sorted(ready, key=lambda name: self.arrivals[name].last_change_ns)[: self.options.jobs]
         )
@@ -149,14 +197,39 @@ class BatchWatch:
             in_order = sorted(there, key=lambda name: there[name])
             self._grade(batch, own_state(batch.folder), in_order)
 
-    def _grade(self, batch: Batch, own: State, chosen: list[str]) -> bool:
-        """Grades the chosen fruit with those that were graded before; whether the batch could be graded."""
-        known, states = {*self.tried, *chosen}, {name: self.arrivals[name].state for name in chosen}
-        rows = tuple(row for row in batch.rows if row.fruit_id in known)
-        self.at_work = True
-        self._tell((), working=chosen)
+    def _grade(self, batch: Batch, own: State, chosen: list[str], *, compare_all: bool = False) -> bool:
+        """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
+        where they are to be (`compare_all`), the batch's own files have changed since they were, or so many
+        are chosen (rows that change at once) that it takes no longer.
+        """
+        many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
+        states = {name: self.arrivals[name].state for name in chosen}
+        known = {*self.tried, *chosen}
+        self.batch = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
+        self.working, self.at_work = tuple(chosen), True
+        self._tell(())
         try:
-            self.status, self.entry = grade(
+            if compare_all or many or self.ranking is None or own != self.own:
+                self._grade_all(self.batch, own, chosen)
+            else:
+                self._grade_newcomers(self.batch, self.ranking, chosen)
+        except (BatchRefused, NotWritten) as fault:
+            self.at_work = False
+            self._refused(fault)
+            return False
+        self.working, self.at_work = (), False
+        for name in chosen:
+            self.tried[name] = batch.row_of[name], states[name]
+        self._tell(())
+        if self.unreported and self.pace.due():
+            self._report()
+        return True
+
+    def _grade_all(self, batch: Batch, own: State, chosen: list[str]) -> None:
+        """All fruit so far as `drupe grade` grades them, with ranking and report."""
+        records = PackedRecords()
+        try:
+            self.status, entry = grade(
                 self.root,
                 self.options.out,
                 jobs=self.options.jobs,
@@ -164,31 +237,98 @@ class BatchWatch:
                 console=self.console,
                 screen=self.options.screen,
                 options=ReportOptions(language=self.options.language),
-                opened=replace(batch, rows=rows),
+                opened=batch,
                 retried=chosen,
+                records=records,
             )
-        except (BatchRefused, NotWritten) as fault:
-            problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
-            self._tell(tuple(str(problem) for problem in problems))
-            return False
-        finally:
-            self.at_work = False
+        except KeyboardInterrupt:
+            self.ranking = None  # it has reported what was done
+            raise
+        self.ranking, self.own = IncrementalRanking(records, entry), own
+        self.unreported = self.uncompared = False
         for name in chosen:
-            self.tried[name] = own, states[name]
-            self.recent = [name, *(one for one in self.recent if one != name)]
+            self._first_of_recent(name)
+
+    def _grade_newcomers(self, batch: Batch, ranking: IncrementalRanking, chosen: list[str]) -> None:
+        """The chosen fruit alone, and those that have a recording which names one of them."""
+        for gone in ranking.records.keys() - batch.row_of.keys():
+            del ranking.records[gone]
+
+        def ended(run: BatchRun, record: FruitRecord) -> None:
+            ranking.add(run, record)
+            self.unreported = self.uncompared = True
+            self._first_of_recent(record.fruit_id)
+            self.working = tuple(name for name in self.working if name != record.fruit_id)
+            self._tell(())
+
+        named = [name for name in ranking.named_by_others(chosen) if name in batch.row_of]
+        grade_newcomers(
+            batch,
+            self.options.out,
+            [*chosen, *named],
+            ranking.records,
+            jobs=self.options.jobs,
+            time_limit_s=self.options.time_limit_s,
+            console=self.console,
+            screen=self.options.screen,
+            ended=ended,
+        )
+
+    def _report(self) -> bool:
+        """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
+        if self.batch is None or self.ranking is None:
+            return False
+        records = self.ranking.records
+        expected = {*records, *self.working}
+        rows = tuple(row for row in self.batch.rows if row.fruit_id in expected)
+        try:
+            with self.pace.reporting():
+                done = report_graded(
+                    replace(self.batch, rows=rows),
+                    self.options.out,
+                    records,
+                    screen=self.options.screen,
+                    options=ReportOptions(language=self.options.language),
+                )
+        except (BatchRefused, NotWritten) as fault:
+            self._refused(fault)
+            return False
+        if done is not None:
+            self.status, self.ranking.entry = done
+        self.unreported = False
         self._tell(())
         return True
 
-    def _tell(self, problems: tuple[str, ...], *, working: Sequence[str] = ()) -> None:
+    def _end(self, batch: Batch | None, own: State) -> int:
+        """All fruit held against each other once more, where some have come since they were; the exit
+        status.
+        """
+        if batch is not None and self.uncompared:
+            done = self._grade(batch, own, [], compare_all=True)
+        else:
+            done = not self.unreported or self._report()
+        return self.status if done else USAGE
+
+    def _refused(self, fault: BatchRefused | NotWritten) -> None:
+        """Tells why nothing could be graded or written."""
+        self.working = ()
+        problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
+        self._tell(tuple(str(problem) for problem in problems))
+
+    def _first_of_recent(self, name: str) -> None:
+        """The fruit was graded last."""
+        self.recent = [name, *(one for one in self.recent if one != name)]
+
+    def _tell(self, problems: tuple[str, ...]) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
         for problem in problems:
             self.console.print(problem, highlight=False, markup=False)
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,
-                batch=self.entry,
+                batch=None if self.ranking is None else self.ranking.entry,
                 recent=tuple(self.recent),
-                working=tuple(working),
+                working=self.working,
                 waiting=tuple((name, one.missing) for name, one in self.arrivals.items() if one.missing),
                 expected=self.expected,
                 problems=problems,

@@ -2,20 +2,27 @@
 
 import csv
 import http.client
+import json
 import shutil
 import time
+from collections import Counter
 from contextlib import closing
 from urllib.parse import urlsplit
 
 import pytest
 from rich.console import Console
 
+from pipeline.batch import cache, provenance
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
+from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, read_record, write_record
+from pipeline.files import manifest
 from pipeline.problem import BatchRefused
-from pipeline.run import grading
+from pipeline.ranking import report_entries
+from pipeline.run import fruit_queue, grading
 from pipeline.run.fruit_records import ended_record
+from pipeline.run.packed_records import PackedRecords
+from pipeline.watch import watching
 from pipeline.watch.page_server import PageServer
 from pipeline.watch.watching import BatchWatch, WatchOptions
 from recon.silhouettes.hull import ball
@@ -45,27 +52,61 @@ def put(batch, name, *, recording=True):
         (folder / "grasps" / "grasp-1.h5").write_text(f"of {name}")
 
 
-@pytest.fixture
-def watched(batch, monkeypatch):
-    """Watches with a clock that sleeping moves; `during` are done one at each sleep; the work is instant."""
-    worked, shown, time_s = [], [], [0.0]
+def modulus_of(name):
+    """E of the fake work (MPa): 0.1 of A, 0.2 of B, 0.3 of C; of a reference body 1.2 times its known 0.5."""
+    return 0.6 if name.startswith("body") else 0.1 * (1 + (sum(name.encode()) - ord("A")) % 19)
 
-    def work(todo, records, _so_far, **_):
+
+def fake_record(fruit_id, task):
+    """What the fake work makes of a fruit: its recording's content tells whether it is another's, too."""
+    if fruit_id.startswith("crash"):
+        return ended_record(task, Outcome.CRASHED, "signal 9")
+    task.results.claim()
+    (path,) = task.folder.grasp_files()[:1]
+    said = path.read_text()
+    named = {said.removeprefix("of "): said.removeprefix("of ") in task.batch_fruits}
+    strangers = {name: known for name, known in named.items() if name != fruit_id}
+    grasp = GraspRecord(grasp="grasp-1", digest=said)
+    E_MPa = modulus_of(fruit_id)
+    record = FruitRecord(
+        fruit_id=fruit_id,
+        outcome="graded",
+        key=task.key,
+        given=task.given,
+        grasps=(grasp,),
+        modulus=ModulusRecord(E_MPa=E_MPa, E_sd_MPa=0.01 * E_MPa),
+        strangers=strangers,
+        doubts=tuple(f"names {name}" for name, known in strangers.items() if known),
+    )
+    write_record(task.results.record, record)
+    return record
+
+
+@pytest.fixture
+def worked(monkeypatch):
+    """Fruit in the order in which they are worked on, which takes no time; "stop" is where Ctrl-C comes."""
+    worked = []
+
+    def work(todo, records, ended, **_):
         for fruit_id, task in todo:
             worked.append(fruit_id)
-            if fruit_id.startswith("crash"):
-                records[fruit_id] = ended_record(task, Outcome.CRASHED, "signal 9")
-                continue
-            task.results.claim()
-            modulus = ModulusRecord(E_MPa=0.1 + 0.1 * len(records), E_sd_MPa=0.01)
-            records[fruit_id] = FruitRecord(
-                fruit_id=fruit_id, outcome="graded", key=task.key, given=task.given, modulus=modulus
-            )
-            write_record(task.results.record, records[fruit_id])
+            if fruit_id == "stop" and worked.count("stop") == 1:
+                raise KeyboardInterrupt
+            records[fruit_id] = fake_record(fruit_id, task)
+            ended(records[fruit_id])
+        while todo.refused:
+            ended(todo.refused.popleft())
 
     monkeypatch.setattr(grading, "_work", work)
+    return worked
 
-    def run(*during, idle_s=30.0, settle_s=2.0, jobs=1):
+
+@pytest.fixture
+def watched(batch, worked):
+    """Watches with a clock that sleeping moves; `during` are done one at each sleep."""
+    shown, time_s = [], [0.0]
+
+    def begun(*during, idle_s=30.0, settle_s=2.0, jobs=1):
         steps = list(during)
 
         def sleep(seconds):
@@ -76,20 +117,23 @@ def watched(batch, monkeypatch):
         options = WatchOptions(
             out=batch / "results", jobs=jobs, time_limit_s=60, screen=False, settle_s=settle_s, idle_s=idle_s
         )
-        console = Console(quiet=True)
         watch = BatchWatch(
             root=batch,
             options=options,
-            console=console,
+            console=Console(quiet=True),
             show=shown.append,
             clock=lambda: time_s[0],
             sleep=sleep,
         )
+        return watch, steps
+
+    def run(*during, **how):
+        watch, steps = begun(*during, **how)
         status = watch.run()
         assert not steps
         return status
 
-    run.worked, run.shown = worked, shown
+    run.begun, run.worked, run.shown, run.time_s = begun, worked, shown, time_s
     return run
 
 
@@ -200,6 +244,280 @@ def test_a_deleted_fruit_costs_nothing(batch, watched):
     put(batch, "B")
     watched(*[lambda: None] * 12, lambda: shutil.rmtree(batch / "fruits" / "A"), lambda: put(batch, "C"))
     assert sorted(rows(batch)) == ["B", "C"]
+
+
+QUIET = [lambda: None] * 8
+"""Enough looks for a fruit to be at rest and graded."""
+
+
+def one_by_one(batch, *names):
+    """Each put there when the one before is graded."""
+    return [step for name in names for step in (lambda name=name: put(batch, name), *QUIET)]
+
+
+def reports_take(monkeypatch, watched, seconds):
+    """Reports take so long by the watch's clock; how many fruit each was of."""
+    made, report = [], grading.report
+
+    def slow(run, records):
+        made.append(len(run.batch.rows))
+        watched.time_s[0] += seconds
+        return report(run, records)
+
+    monkeypatch.setattr(grading, "report", slow)
+    return made
+
+
+def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, monkeypatch):
+    """Records read and unpacked, files hashed, tasks made: of the newcomer alone."""
+    reports_take(monkeypatch, watched, 10.0)
+    counts, spent = Counter(), {}
+
+    def counted(module, name):
+        function = getattr(module, name)
+
+        def counting(*arguments, **options):
+            counts[name] += 1
+            return function(*arguments, **options)
+
+        monkeypatch.setattr(module, name, counting)
+
+    for module, name in (
+        (fruit_queue, "read_record"), (fruit_queue, "fruit_task"), (cache, "file_hash"),
+        (provenance, "file_hash"), (manifest, "_hash"), (PackedRecords, "__getitem__"),
+        (report_entries, "_fruit_entry"),
+    ):  # fmt: skip
+        counted(module, name)
+
+    def keep(name):
+        spent[name] = dict(counts)
+        counts.clear()
+
+    names = [f"N{k:02d}" for k in range(24)]
+    watched(
+        *[
+            step
+            for name in names
+            for step in (lambda name=name: put(batch, name), *QUIET, lambda name=name: keep(name))
+        ]
+    )
+    assert watched.worked == names
+    assert spent["N03"] == spent["N12"] == spent["N23"]
+    assert spent["N23"]["read_record"] == 1
+
+
+def test_of_several_at_once_each_is_shown_when_it_ends(batch, watched):
+    def both():
+        put(batch, "A")
+        put(batch, "B")
+
+    watched(*one_by_one(batch, "C", "D"), both, jobs=2)
+    shown = [(entry.recent[:2], entry.working) for entry in watched.shown]
+    at = shown.index((("A", "D"), ("B",)))
+    assert shown[at + 1] == (("B", "A"), ())
+
+
+def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
+    monkeypatch.setattr(watching, "TURN", 2)
+    looked, into = [], watching.arrival
+    monkeypatch.setattr(
+        watching, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
+    )
+    watched(
+        *one_by_one(batch, *"ABCDE"),
+        looked.clear,
+        *[lambda: None] * 3,
+        lambda: looked.append("here"),
+        lambda: (batch / "fruits" / "C" / "grasps" / "grasp-2.h5").write_text("again"),
+        *QUIET,
+    )
+    three_looks = looked[: looked.index("here")]
+    assert sorted(three_looks[:5]) == list("ABCDE")
+    assert len(three_looks) <= 8
+    assert watched.worked == [*"ABCDE", "C"]
+
+
+def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1.0)
+    watched(*one_by_one(batch, *[f"N{k:02d}" for k in range(40)]))
+    assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first two, the last, and 1 % of the time between
+    assert len(made) >= 4
+    assert (made[0], made[-1]) == (1, 40)
+    assert len(rows(batch)) == 40
+
+
+def test_a_report_that_is_late_is_made_when_nothing_comes(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1.0)
+    watched(*one_by_one(batch, "A", "B", "C"), *[lambda: None] * 240, idle_s=200.0)
+    assert made == [1, 2, 3, 3]
+
+
+def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watched(*one_by_one(batch, "C", "E", "A", "D", "B"))
+    ranks = {}
+    for entry in watched.shown:
+        if entry.recent:
+            fruit = next(one for one in entry.batch.fruits if one.fruit_id == entry.recent[0])
+            ranks.setdefault(fruit.fruit_id, (fruit.rank, len(entry.batch.fruits)))
+    assert ranks == {"C": (1, 1), "E": (2, 2), "A": (1, 3), "D": (3, 4), "B": (2, 5)}
+    assert {name: row["rank"] for name, row in rows(batch).items()} == dict(
+        zip("ABCDE", "12345", strict=True)
+    )
+
+
+def shown_first(watched, name):
+    """A fruit's entry as the page has it first."""
+    for entry in watched.shown:
+        for fruit in () if entry.batch is None else entry.batch.fruits:
+            if fruit.fruit_id == name:
+                return fruit
+    raise AssertionError(name)
+
+
+def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def twin():
+        put(batch, "B")
+        (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_text("of A")
+
+    assert watched(*one_by_one(batch, "C", "A"), twin) == 4
+    assert "fruits/A/grasps/grasp-1.h5" in " ".join(shown_first(watched, "B").doubts)
+    assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
+
+
+def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    (batch / "fruits.csv").write_text(
+        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "body,true,0.5,0.005,0.48\nA,,,,\nB,,,,\nC,,,,\n"
+    )
+    with (batch / "batch.toml").open("a") as settings:
+        settings.write("[reference]\ncorrect = true\n")
+    watched(*one_by_one(batch, "body", "C", "A", "B"))
+    for name in "ABC":
+        assert shown_first(watched, name).E_MPa == pytest.approx(modulus_of(name) / 1.2)
+        assert float(rows(batch)[name]["E_MPa"]) == pytest.approx(modulus_of(name) / 1.2, rel=1e-3)
+        assert read_record(batch / "results" / "fruits" / name / "record.json").reference.corrected
+
+
+def test_a_fruit_that_a_recording_of_another_names_has_that_one_graded_again(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def of_another():
+        put(batch, "A")
+        (batch / "fruits" / "A" / "grasps" / "grasp-1.h5").write_text("of B")
+
+    watched(
+        *one_by_one(batch, "D"), of_another, *QUIET, lambda: put(batch, "C"), *QUIET, *one_by_one(batch, "B")
+    )
+    assert watched.worked == ["D", "A", "C", "B", "A"]
+    assert "names B" in read_record(batch / "results" / "fruits" / "A" / "record.json").doubts
+
+
+def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    table = batch / "fruits.csv"
+    watched(
+        *one_by_one(batch, "A", "B", "C"),
+        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\n"),
+        *QUIET,
+        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\nB,,sunny side\n"),
+        *QUIET,
+    )
+    assert watched.worked == ["A", "B", "C", "A"]
+    working = [entry.working for entry in watched.shown if entry.working]
+    assert working == [("A",), ("B",), ("C",), ("A",), ("B",)]
+    given = {name: read_record(batch / "results" / "fruits" / name / "record.json").given for name in "AB"}
+    assert (given["A"].height_mm, given["B"].notes) == (56, "sunny side")
+
+
+def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tmp_path):
+    """Files, ranking and outcomes: with a copy, a crash, a stranger, a reference body and a late row."""
+    body = "body,,true,0.5,0.005,0.48\n"
+    head = "fruit_id,height_mm,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+    names = ["B", "crash-1", "K", "body", "A", "D", "H"]
+    (batch / "fruits.csv").write_text(head + body + "K,560,,,,\n")
+
+    def recorded(name, said):
+        put(batch, name)
+        (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(said)
+
+    all_rows = head + body + "K,560,,,,\n" + "".join(f"{n},56,,,,\n" for n in names if n not in ("body", "K"))
+    watched(
+        lambda: recorded("A", "of D"),
+        *QUIET,
+        *one_by_one(batch, *(name for name in names if name not in "AH")),
+        lambda: recorded("H", "of B"),
+        *QUIET,
+        lambda: (batch / "fruits.csv").write_text(all_rows),
+        *QUIET,
+    )
+    grading.grade(
+        batch, tmp_path / "plain", jobs=1, time_limit_s=60, console=Console(quiet=True), screen=False
+    )
+
+    def left(out):
+        files = {path.relative_to(out): path for path in out.rglob("*") if path.is_file()}
+        said = json.loads((out / "batch.json").read_text())
+        return (
+            set(files),
+            {
+                name: path.read_text()
+                for name, path in files.items()
+                if name.name in ("record.json", "ranking.csv")
+            },
+            {name: said[name] for name in ("outcomes", "inputs", "exit_status", "reference", "settings")},
+        )
+
+    assert left(batch / "results") == left(tmp_path / "plain")
+    assert json.loads((batch / "results" / "batch.json").read_text())["outcomes"]["K"] == "implausible-input"
+
+
+def interrupted():
+    raise KeyboardInterrupt
+
+
+def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+
+
+def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert (watch.at_work, watch.working) == (True, ("stop",))
+    assert watch.stop() == 130
+    assert made == [1, 2]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert "Interrupted:</b> 3 of 4 fruit" in (batch / "results" / "report.html").read_text()
+    said = json.loads((batch / "results" / "batch.json").read_text())
+    assert (said["exit_status"], sorted(said["outcomes"])) == (130, ["A", "B", "C"])
+    assert watched() == 0
+    assert watched.worked == ["A", "B", "C", "stop", "stop"]
+    assert sorted(rows(batch)) == ["A", "B", "C", "stop"]
+
+
+@pytest.mark.parametrize("before", [(), ("A",)])
+def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, worked, before):
+    for name in (*before, "stop"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q")
+    assert worked == [*before, "stop"]
+    assert ran.status == 130
+    assert "drupe: stopped; a fruit was not finished" in ran.err
 
 
 def ask(server, path, *, host=None, method="GET"):
