@@ -106,13 +106,15 @@ class ThirdForce:
 class ForceBalance:
     """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
 
-    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
+    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N. `peak_N`: what a pad pushes
+    at the greatest load, mean over the pads.
     """
 
     recording: GraspResponse
     courses: Float[np.ndarray, "j f"]
     normal: Float[np.ndarray, "j 6 j 6"]
     pushed: Float[np.ndarray, "j 6"]
+    peak_N: float
 
     @classmethod
     def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
@@ -126,6 +128,7 @@ class ForceBalance:
             courses=courses,
             normal=white - held,
             pushed=-courses @ balance.weighed(balance.measured),
+            peak_N=_peak_N(recording),
         )
 
     def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce:
@@ -138,7 +141,7 @@ class ForceBalance:
         count = 3 * len(self.courses)
         normal = np.einsum("jalb,ax,by->jxly", self.normal, arms, arms, optimize=True).reshape(count, count)
         pushed = (self.pushed @ arms).ravel()
-        found = [_posterior(normal, pushed, scale * _peak_N(self.recording)) for scale in SCALES]
+        found = [_posterior(normal, pushed, scale * self.peak_N) for scale in SCALES]
         amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])
         local = self.courses.T @ amounts.reshape(-1, 3)
         pulls = self.recording.load @ local[:, 0] <= 0
@@ -178,7 +181,6 @@ def _courses(recording: GraspResponse) -> Float[np.ndarray, "j f"]:
 
 
 def _peak_N(recording: GraspResponse) -> float:
-    """The mean over the pads of what they push at the greatest load."""
     return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
 
 
