@@ -106,8 +106,8 @@ class ThirdForce:
 class ForceBalance:
     """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
 
-    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N. `peak_N`: what a pad pushes
-    at the greatest load, mean over the pads.
+    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N. `peak_N`: a pad's push at
+    the greatest load, mean over the pads.
     """
 
     recording: GraspResponse
