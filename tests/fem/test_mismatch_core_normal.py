@@ -1,5 +1,6 @@
 """Normal equations of markers and balances: every eliminated unknown written out as a column instead."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from fem.mismatch.model.baseline import GraspResponse, baseline
 from fem.mismatch.model.marker_equations import (
     DESIGN_EFFECT,
     MARKER_VARIANCE_INFLATION,
+    MODEL_FLOOR,
     BalanceEquations,
     MarkerEquations,
 )
@@ -69,9 +71,15 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             column = blank()
             column[frame] = pattern
             add(column, 1.0)
-    weight = np.broadcast_to(
-        tracks.sd_mm[None, :, None] ** -2.0 / (MARKER_VARIANCE_INFLATION * DESIGN_EFFECT), (frames, count, 3)
-    )
+    about = COMPLIANCE * tracks.unit_displacement
+    for marker in range(count):
+        for contact in np.unique(episode[:, marker]):
+            about[episode[:, marker] == contact, marker] -= about[episode[:, marker] == contact, marker].mean(
+                axis=0
+            )
+    floor_mm = MODEL_FLOOR * np.sqrt((about[episode >= 0] ** 2).mean())
+    variance = MARKER_VARIANCE_INFLATION * DESIGN_EFFECT * (tracks.sd_mm[None, :, None] ** 2 + floor_mm**2)
+    weight = np.broadcast_to(1 / variance, (frames, count, 3))
     return episode >= 0, weight[episode >= 0].ravel(), np.array(columns), np.array(prior)
 
 
@@ -154,3 +162,11 @@ def test_the_weight_of_the_fruit_is_no_imbalance():
         float((pull * BalanceEquations.of(one, weight_N=weight).weighed(pull)).sum()) for weight in (0.0, 1.5)
     )
     assert with_weight < 3.0 < 1e-3 * without
+
+
+def test_a_sensor_without_noise_is_believed_no_further_than_the_models_own_error():
+    one = recording()
+    quiet = replace(one, tracks=replace(one.tracks, sd_mm=np.full_like(one.tracks.sd_mm, 1e-6)))
+    weight = MarkerEquations.of(quiet, compliance=COMPLIANCE, gel_scale_sd=SCALE_SD).weight
+    twice = MarkerEquations.of(quiet, compliance=2 * COMPLIANCE, gel_scale_sd=SCALE_SD).weight
+    np.testing.assert_allclose(weight, 4 * twice, rtol=1e-4)
