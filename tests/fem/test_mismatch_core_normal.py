@@ -12,7 +12,7 @@ from fem.mismatch.model.baseline import GraspResponse, baseline
 from fem.mismatch.model.marker_equations import (
     DESIGN_EFFECT,
     MARKER_VARIANCE_INFLATION,
-    MODEL_FLOOR,
+    QUIETEST,
     BalanceEquations,
     MarkerEquations,
 )
@@ -77,8 +77,9 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             about[episode[:, marker] == contact, marker] -= about[episode[:, marker] == contact, marker].mean(
                 axis=0
             )
-    floor_mm = MODEL_FLOOR * np.sqrt((about[episode >= 0] ** 2).mean())
-    variance = MARKER_VARIANCE_INFLATION * DESIGN_EFFECT * (tracks.sd_mm[None, :, None] ** 2 + floor_mm**2)
+    least_mm = QUIETEST * np.sqrt((about[episode >= 0] ** 2).mean())
+    noise_mm = np.maximum(tracks.sd_mm[None, :, None], least_mm)
+    variance = MARKER_VARIANCE_INFLATION * DESIGN_EFFECT * noise_mm**2
     weight = np.broadcast_to(1 / variance, (frames, count, 3))
     return episode >= 0, weight[episode >= 0].ravel(), np.array(columns), np.array(prior)
 
@@ -164,7 +165,7 @@ def test_the_weight_of_the_fruit_is_no_imbalance():
     assert with_weight < 3.0 < 1e-3 * without
 
 
-def test_a_sensor_without_noise_is_believed_no_further_than_the_models_own_error():
+def test_a_sensor_without_noise_counts_as_if_it_had_a_share_of_the_response():
     one = recording()
     quiet = replace(one, tracks=replace(one.tracks, sd_mm=np.full_like(one.tracks.sd_mm, 1e-6)))
     weight = MarkerEquations.of(quiet, compliance=COMPLIANCE, gel_scale_sd=SCALE_SD).weight

@@ -37,11 +37,11 @@ there then gain a few units of ln evidence on sound recordings of two solvers; w
 soft jaws gain ten times as much, and one that is there only twice."""
 
 
-MODEL_FLOOR = 0.008
-"""Standard deviation of the plain model's own error at a marker, over the root mean square of the response.
-Of 37 sound fruit of linear flesh recordings left out show 0.008 of it beyond sensors' noise (median, cases
-of even number; odd: 0.007), however quiet the sensor (`benchmarks/sealed/sealed_proof.py check`). Without it
-three fruit whose noise was below 0.011 are false alarms."""
+QUIETEST = 0.016
+"""Noise of the quietest sensor, over the root mean square of the response: a quieter one counts as if it had
+so much. The plain model's own error is half of it, whatever the noise (0.008 beyond noise in recordings left
+out; median of 37 sound fruit of linear flesh, `benchmarks/sealed/sealed_proof.py check`). Of those fruit all
+three with noise below 0.011 were false alarms, none with 0.014 to 0.017."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class MarkerEquations:
         `design_effect`: how many numbers count as one; 1 where what is left is held against noise itself.
         """
         tracks = recording.tracks
-        floor_mm2 = (MODEL_FLOOR * compliance) ** 2 * _mean_square(tracks)
-        weight = 1 / (MARKER_VARIANCE_INFLATION * design_effect * (1 / marker_weight(tracks) + floor_mm2))
+        most = 1 / ((QUIETEST * compliance) ** 2 * _mean_square(tracks))
+        weight = np.minimum(marker_weight(tracks), most) / (MARKER_VARIANCE_INFLATION * design_effect)
         noise_N = recording.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(recording.response, 0, 2)
         free = recording.case.support == "free"
