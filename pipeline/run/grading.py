@@ -4,6 +4,7 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -27,6 +28,7 @@ from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.console import utc_now
 from pipeline.run.engines import WorkPlace, cluster_of, local_pool
+from pipeline.run.former_results import identity, require_same_batch
 from pipeline.run.fruit_queue import FruitQueue, WaitingFruit
 from pipeline.run.fruit_records import ended_record, with_forced
 from pipeline.run.fruit_work import work_on
@@ -144,8 +146,12 @@ def grade_newcomers(
         since_s=time.monotonic(),
     )
     fruits = [run.results.fruit(fruit_id) for fruit_id in newcomers]
+    read = read_files(replace(batch, rows=tuple(batch.row_of[fruit_id] for fruit_id in newcomers)))
+    require_results_apart(run.results, batch.folder, read, "--out")
+    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
     with results_lock(run.results.root):
         require_free(run.results, fruits, "--out")
+        require_same_batch(run.results, identity(batch, run.inputs), "--out")
         _begun(run.results, fruits)
         write_run(run.results, batch.row_of, mark=WorkPlace().mark)
         for fruit_id in newcomers:
@@ -177,7 +183,7 @@ def report_graded(
     started, since_s = now(), time.monotonic()
     run = _placed(batch, out, started=started, since_s=since_s, force=False, screen=screen, options=options)
     with results_lock(run.results.root):
-        require_free(run.results, (), "--out")
+        run.require_ours()
         if any(row.fruit_id not in records for row in batch.rows):
             _broken_off(run, records, ReportSoFar(run, records), INTERRUPTED)
             return None

@@ -130,9 +130,11 @@ class BatchWatch:
 
     def stop(self) -> int:
         """After an interruption of `run`: ranking and report of what is done; the exit status."""
-        if self.ranking is not None and (self.unreported or self.at_work):
-            self._report()
-        return INTERRUPTED if self.at_work else self.status
+        at_work = self.at_work
+        done = self.ranking is None or not (self.unreported or at_work) or self._report()
+        if at_work:
+            return INTERRUPTED
+        return self.status if done else USAGE
 
     def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
         """The batch with the fruit that are whole, or why it cannot be graded."""
@@ -200,19 +202,24 @@ class BatchWatch:
     def _grade(self, batch: Batch, own: State, chosen: list[str], *, compare_all: bool = False) -> bool:
         """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
         where they are to be (`compare_all`), the batch's own files have changed since they were, or so many
-        are chosen (rows that change at once) that it takes no longer.
+        are chosen (rows that change at once) that it takes no longer; else those alone are graded again that
+        have a recording which names one of the chosen.
         """
+        self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
         many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
         states = {name: self.arrivals[name].state for name in chosen}
         known = {*self.tried, *chosen}
         self.batch = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
-        self.working, self.at_work = tuple(chosen), True
+        ranking = None if compare_all or many or own != self.own else self.ranking
+        named = [] if ranking is None else ranking.named_by_others(chosen)
+        self.working = (*chosen, *(name for name in named if name in self.batch.row_of))
+        self.at_work = True
         self._tell(())
         try:
-            if compare_all or many or self.ranking is None or own != self.own:
+            if ranking is None:
                 self._grade_all(self.batch, own, chosen)
             else:
-                self._grade_newcomers(self.batch, self.ranking, chosen)
+                self._grade_newcomers(self.batch, ranking, self.working)
         except (BatchRefused, NotWritten) as fault:
             self.at_work = False
             self._refused(fault)
@@ -249,8 +256,8 @@ class BatchWatch:
         for name in chosen:
             self._first_of_recent(name)
 
-    def _grade_newcomers(self, batch: Batch, ranking: IncrementalRanking, chosen: list[str]) -> None:
-        """The chosen fruit alone, and those that have a recording which names one of them."""
+    def _grade_newcomers(self, batch: Batch, ranking: IncrementalRanking, taken: tuple[str, ...]) -> None:
+        """The taken fruit alone."""
         for gone in ranking.records.keys() - batch.row_of.keys():
             del ranking.records[gone]
 
@@ -261,11 +268,10 @@ class BatchWatch:
             self.working = tuple(name for name in self.working if name != record.fruit_id)
             self._tell(())
 
-        named = [name for name in ranking.named_by_others(chosen) if name in batch.row_of]
         grade_newcomers(
             batch,
             self.options.out,
-            [*chosen, *named],
+            taken,
             ranking.records,
             jobs=self.options.jobs,
             time_limit_s=self.options.time_limit_s,
@@ -275,11 +281,13 @@ class BatchWatch:
         )
 
     def _report(self) -> bool:
-        """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
+        """Ranking and report of the fruit so far, unless they cannot be made, which is told. Fruit that could
+        not be graded again make it that of an interrupted run.
+        """
         if self.batch is None or self.ranking is None:
             return False
         records = self.ranking.records
-        expected = {*records, *self.working}
+        expected = {*records, *self.tried, *self.working}
         rows = tuple(row for row in self.batch.rows if row.fruit_id in expected)
         try:
             with self.pace.reporting():
@@ -293,7 +301,9 @@ class BatchWatch:
         except (BatchRefused, NotWritten) as fault:
             self._refused(fault)
             return False
-        if done is not None:
+        if done is None:
+            self.status = INTERRUPTED
+        else:
             self.status, self.ranking.entry = done
         self.unreported = False
         self._tell(())

@@ -246,6 +246,24 @@ def test_a_deleted_fruit_costs_nothing(batch, watched):
     assert sorted(rows(batch)) == ["B", "C"]
 
 
+def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    own, away = batch / "fruits" / "A", batch / "A"
+    watch, _ = watched.begun(
+        *one_by_one(batch, "A", "B", "C"),
+        lambda: own.rename(away),
+        *QUIET,
+        *one_by_one(batch, "D"),
+        lambda: away.rename(own),
+        *QUIET,
+        interrupted,
+    )
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 0
+    assert sorted(rows(batch)) == ["A", "B", "C", "D"]
+
+
 QUIET = [lambda: None] * 8
 """Enough looks for a fruit to be at rest and graded."""
 
@@ -493,6 +511,21 @@ def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, m
     assert made == [1, 2, 3]
 
 
+def test_ctrl_c_tells_by_its_status_that_the_report_could_not_be_written(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def edited():
+        with (batch / "results" / "ranking.csv").open("a") as ranking:
+            ranking.write("by hand\n")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), edited, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 2
+    assert (batch / "results" / "ranking.csv").read_text().endswith("by hand\n")
+    assert "ranking.csv" in " ".join(watched.shown[-1].problems)
+
+
 def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batch, watched, monkeypatch):
     made = reports_take(monkeypatch, watched, 1000.0)
     watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
@@ -508,6 +541,83 @@ def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batc
     assert watched() == 0
     assert watched.worked == ["A", "B", "C", "stop", "stop"]
     assert sorted(rows(batch)) == ["A", "B", "C", "stop"]
+
+
+def test_newcomers_are_not_written_through_a_link(batch, watched, monkeypatch, tmp_path):
+    reports_take(monkeypatch, watched, 1000.0)
+    results, stranger = batch / "results", tmp_path / "stranger"
+    stranger.mkdir()
+
+    def linked():
+        results.rename(batch / "before")
+        results.symlink_to(stranger)
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), linked, *one_by_one(batch, "C"))
+    assert watch.run() == 2
+    assert list(stranger.iterdir()) == []
+    assert watched.worked == ["A", "B"]
+    assert any("is a link" in problem for entry in watched.shown for problem in entry.problems)
+
+
+def test_newcomers_are_not_written_into_the_results_of_another_batch(batch, watched, monkeypatch, tmp_path):
+    """Neither their records nor, between fruit, ranking and report."""
+    reports_take(monkeypatch, watched, 1000.0)
+    results, other = batch / "results", tmp_path / "tuesday"
+    (other / "fruits").mkdir(parents=True)
+    shutil.copy(batch / "batch.toml", other)
+    (other / "fruits.csv").write_text("fruit_id\nX\n")
+    put(other, "X")
+    grading.grade(other, None, jobs=1, time_limit_s=60, console=Console(quiet=True), screen=False)
+    theirs = (other / "results" / "ranking.csv").read_text()
+
+    def replaced():
+        results.rename(batch / "before")
+        shutil.copytree(other / "results", results)
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), replaced, *one_by_one(batch, "D"))
+    assert watch.run() == 2
+    assert watch.stop() == 2
+    assert watched.worked == ["X", "A", "B", "C"]
+    assert not (results / "fruits" / "D").exists()
+    assert (results / "ranking.csv").read_text() == theirs
+
+
+def test_ctrl_c_while_a_fruit_is_graded_again_for_a_newcomer_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def names_b():
+        put(batch, "stop")
+        (batch / "fruits" / "stop" / "grasps" / "grasp-1.h5").write_text("of B")
+
+    def stops_again():
+        watched.worked[:] = [name for name in watched.worked if name != "stop"]
+
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "D"), names_b, *QUIET, stops_again, *one_by_one(batch, "B"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watched.worked == ["D", "B", "stop"]
+    assert watch.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "D"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_a_fruit_that_could_not_be_graded_again_makes_the_run_an_interrupted_one(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        (batch / "fruits" / "A" / "grasps" / "grasp-2.h5").write_text("again")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "C"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
 
 
 @pytest.mark.parametrize("before", [(), ("A",)])
