@@ -40,6 +40,10 @@ from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, T
 from reports.entries import BatchEntry
 
 
+class InterruptedAtWork(KeyboardInterrupt):
+    """Ctrl-C came while fruit were worked on; ranking and report of those done are written."""
+
+
 def grade(
     root: Path,
     out: Path | None,
@@ -69,7 +73,7 @@ def grade(
     it; with `force` it is graded, and that is one of its doubts. With `screen` every fruit is screened for
     missing physics; without, what an earlier run found stays. Raises BatchRefused where the batch as a
     whole cannot be graded, or `out` is no place for results or holds another batch's, before anything is
-    written, and NotWritten where the batch's own files cannot be.
+    written, NotWritten where the batch's own files cannot be, and InterruptedAtWork.
     """
     started, since_s = now(), time.monotonic()
     place = place or WorkPlace()
@@ -105,9 +109,11 @@ def grade(
                     time_limit_s=time_limit_s,
                     console=console,
                 )
-        except (KeyboardInterrupt, BatchRefused) as ended:
-            status = USAGE if isinstance(ended, BatchRefused) else INTERRUPTED
-            _broken_off(run, records, so_far, status)
+        except KeyboardInterrupt:
+            _broken_off(run, records, so_far, INTERRUPTED)
+            raise InterruptedAtWork from None
+        except BatchRefused:
+            _broken_off(run, records, so_far, USAGE)
             raise
         for fruit_id in records:
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)

@@ -15,7 +15,7 @@ from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.run.batch_run import BatchRun, ReportOptions
-from pipeline.run.grading import grade, grade_newcomers, report_graded
+from pipeline.run.grading import InterruptedAtWork, grade, grade_newcomers, report_graded
 from pipeline.run.incremental_ranking import IncrementalRanking
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.reporting import ReportPace
@@ -90,9 +90,7 @@ class BatchWatch:
     uncompared: bool = False
     """Whether fruit were graded since all were last held against each other."""
     working: tuple[str, ...] = ()
-    """Fruit that are being graded."""
-    at_work: bool = False
-    """Whether fruit are being graded, or were when an interruption came."""
+    """Fruit that are being graded, or were when an interruption came."""
     status: int = 0
 
     def __post_init__(self) -> None:
@@ -130,7 +128,7 @@ class BatchWatch:
 
     def stop(self) -> int:
         """After an interruption of `run`: ranking and report of what is done; the exit status."""
-        at_work = self.at_work
+        at_work = bool(self.working)
         done = self.ranking is None or not (self.unreported or at_work) or self._report()
         if at_work:
             return INTERRUPTED
@@ -203,7 +201,8 @@ class BatchWatch:
         """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
         where they are to be (`compare_all`), the batch's own files have changed since they were, or so many
         are chosen (rows that change at once) that it takes no longer; else those alone are graded again that
-        have a recording which names one of the chosen.
+        have a recording which names one of the chosen. A report follows where it is due, or a chosen one is a
+        reference body, by which all others are corrected.
         """
         self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
         many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
@@ -213,7 +212,6 @@ class BatchWatch:
         ranking = None if compare_all or many or own != self.own else self.ranking
         named = [] if ranking is None else ranking.named_by_others(chosen)
         self.working = (*chosen, *(name for name in named if name in self.batch.row_of))
-        self.at_work = True
         self._tell(())
         try:
             if ranking is None:
@@ -221,14 +219,14 @@ class BatchWatch:
             else:
                 self._grade_newcomers(self.batch, ranking, self.working)
         except (BatchRefused, NotWritten) as fault:
-            self.at_work = False
             self._refused(fault)
             return False
-        self.working, self.at_work = (), False
+        self.working = ()
         for name in chosen:
             self.tried[name] = batch.row_of[name], states[name]
         self._tell(())
-        if self.unreported and self.pace.due():
+        corrects = any(batch.row_of[name].reference for name in chosen)
+        if self.unreported and (corrects or self.pace.due()):
             self._report()
         return True
 
@@ -248,8 +246,15 @@ class BatchWatch:
                 retried=chosen,
                 records=records,
             )
+        except InterruptedAtWork:
+            self.working = tuple(name for name in batch.row_of if name not in records)
+            self.status, self.ranking = INTERRUPTED, None  # what was done is reported
+            raise
         except KeyboardInterrupt:
-            self.ranking = None  # it has reported what was done
+            if self.ranking is not None:
+                self.ranking.records.update(records)
+                self.working = tuple(name for name in self.working if name not in records)
+                self.unreported = True
             raise
         self.ranking, self.own = IncrementalRanking(records, entry), own
         self.unreported = self.uncompared = False

@@ -420,6 +420,21 @@ def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, 
         assert read_record(batch / "results" / "fruits" / name / "record.json").reference.corrected
 
 
+def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, monkeypatch):
+    """C of 0.3 / 1.2 = 0.25 MPa ranks among A of 0.1 / 1.2 and E of 0.5 / 1.2 before any other report."""
+    reports_take(monkeypatch, watched, 1000.0)
+    (batch / "fruits.csv").write_text(
+        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "body,true,0.5,0.005,0.48\nA,,,,\nC,,,,\nE,,,,\n"
+    )
+    with (batch / "batch.toml").open("a") as settings:
+        settings.write("[reference]\ncorrect = true\n")
+    watched(*one_by_one(batch, "A", "E", "body", "C"))
+    first = next(entry for entry in watched.shown if entry.recent[:1] == ("C",))
+    E_MPa = {fruit.fruit_id: fruit.E_MPa for fruit in first.batch.fruits if not fruit.reference}
+    assert E_MPa == {name: pytest.approx(modulus_of(name) / 1.2) for name in "ACE"}
+
+
 def test_a_fruit_that_a_recording_of_another_names_has_that_one_graded_again(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
 
@@ -531,7 +546,7 @@ def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batc
     watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
     with pytest.raises(KeyboardInterrupt):
         watch.run()
-    assert (watch.at_work, watch.working) == (True, ("stop",))
+    assert watch.working == ("stop",)
     assert watch.stop() == 130
     assert made == [1, 2]
     assert sorted(rows(batch)) == ["A", "B", "C"]
@@ -618,6 +633,51 @@ def test_a_fruit_that_could_not_be_graded_again_makes_the_run_an_interrupted_one
     assert watch.stop() == 130
     assert sorted(rows(batch)) == ["B", "C"]
     assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("place", ["FruitQueue", "report"])
+def test_ctrl_c_in_the_last_comparison_leaves_ranking_and_report_of_all(batch, watched, monkeypatch, place):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, *"ABCDE"))
+    grades = watching.grade
+
+    def interrupted_there(*arguments, **how):
+        if how["retried"]:
+            return grades(*arguments, **how)
+        with monkeypatch.context() as patch:
+            patch.setattr(grading, place, lambda *_, **__: interrupted())
+            return grades(*arguments, **how)
+
+    monkeypatch.setattr(watching, "grade", interrupted_there)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.working == ()
+    assert watch.stop() == 0
+    assert made == [1, 2, 5]
+    assert sorted(rows(batch)) == list("ABCDE")
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+
+
+def test_ctrl_c_while_the_last_comparison_grades_a_fruit_again_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "A", "stop", "B"))
+    grades = watching.grade
+
+    def once_more(*arguments, **how):
+        if not how["retried"]:
+            (batch / "results" / "fruits" / "stop" / "record.json").unlink()
+            watched.worked.clear()
+        return grades(*arguments, **how)
+
+    monkeypatch.setattr(watching, "grade", once_more)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
 
 
 @pytest.mark.parametrize("before", [(), ("A",)])
