@@ -42,7 +42,7 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     measured = [records[row.fruit_id] for row in run.batch.rows]
     compared = copies_doubted(measured, run.batch.folder)
     in_order, finding = against_references(compared, correct=settings.reference.correct)
-    records.update(_kept_comparisons(measured, in_order, run.results))
+    records.update(_keep_comparisons(measured, in_order, run.results))
     chart, own = ControlChart(), []
     if run.chart is not None and finding is not None:
         own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
@@ -161,16 +161,17 @@ def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) ->
     return DOUBTED if alarm or any(one.doubts for one in records) else DONE
 
 
-def _kept_comparisons(
+def _keep_comparisons(
     measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
-) -> Iterator[tuple[str, FruitRecord]]:
-    """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
-    fruit have too, beside what was measured; those that said otherwise, as they are now.
+) -> dict[str, FruitRecord]:
+    """Writes into every record.json what the reference bodies make of its fruit, and which of its recordings
+    other fruit have too, beside what was measured. The records of those that said otherwise, as they are now.
     """
+    kept = {}
     for record, one in zip(measured, compared, strict=True):
         if with_copies(as_measured(record, one), one.copied) != record:
             path = results.fruit(record.fruit_id).record
             whole = read_record(path) or record
-            kept = with_copies(as_measured(whole, one), one.copied)
-            write_record(path, kept)
-            yield record.fruit_id, kept
+            kept[record.fruit_id] = with_copies(as_measured(whole, one), one.copied)
+            write_record(path, kept[record.fruit_id])
+    return kept

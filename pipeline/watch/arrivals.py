@@ -10,7 +10,8 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
 OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
-"""Kinds of files beside batch.toml that every fruit's result may depend on; of fruits.csv each on its row."""
+"""Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
+depends on the fruit's own row alone."""
 DESCRIPTION = "grasp.toml"
 """The file without which a folder of frames is no grasp yet."""
 

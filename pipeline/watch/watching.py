@@ -77,7 +77,7 @@ class BatchWatch:
     tried: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
     recent: list[str] = field(default_factory=list)
-    """Fruit in the order in which they were graded, the last first."""
+    """Fruit in the order in which their files were graded, the last first."""
     own: State | None = None
     """The batch's own files when all fruit were last held against each other; None: none were yet."""
     batch: Batch | None = None
@@ -331,7 +331,9 @@ class BatchWatch:
         self._tell(tuple(str(problem) for problem in problems))
 
     def _first_of_recent(self, name: str) -> None:
-        """The fruit was graded last."""
+        """The fruit was graded last, unless its files are those of before: then it is where it was."""
+        if name in self.tried and self.tried[name][1] == self.arrivals[name].state:
+            return
         self.recent = [name, *(one for one in self.recent if one != name)]
 
     def _tell(self, problems: tuple[str, ...]) -> None:

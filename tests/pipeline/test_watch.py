@@ -466,6 +466,36 @@ def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, 
     assert (given["A"].height_mm, given["B"].notes) == (56, "sunny side")
 
 
+def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched, monkeypatch):
+    """For its row, or for a newcomer that its recording names; with files of its own that changed it is."""
+    reports_take(monkeypatch, watched, 1000.0)
+    recent = []
+
+    def keep():
+        recent.append("".join(watched.shown[-1].recent))
+
+    def of_another():
+        put(batch, "C")
+        (batch / "fruits" / "C" / "grasps" / "grasp-1.h5").write_text("of D")
+
+    watched(
+        *one_by_one(batch, "A", "B"),
+        of_another,
+        *QUIET,
+        keep,
+        lambda: (batch / "fruits.csv").write_text("fruit_id,height_mm,notes\nA,,sunny side\n"),
+        *QUIET,
+        keep,
+        *one_by_one(batch, "D"),
+        keep,
+        lambda: (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again"),
+        *QUIET,
+        keep,
+    )
+    assert watched.worked == ["A", "B", "C", "D", "C", "B"]
+    assert recent == ["CBA", "CBA", "DCBA", "BDCA"]
+
+
 def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tmp_path):
     """Files, ranking and outcomes: with a copy, a crash, a stranger, a reference body and a late row."""
     body = "body,,true,0.5,0.005,0.48\n"
