@@ -16,6 +16,8 @@ PLAIN_SIGNAL = 10.0
 """Signal over noise from which an effect is plain."""
 PROBABILITIES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Bins of the reliability diagram, for probabilities of names."""
+NOISE_SHARES = (0.0, 0.012, 0.018, 0.024, 0.03, 1.0)
+"""Bins of the sensors' noise over the response."""
 TENTHS = 10
 """Bins of the p-values of sound cases."""
 
@@ -65,6 +67,7 @@ def tables(cases: Sequence[Scored]) -> list[str]:
             share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
             for law in sorted({str(one.label.get("law")) for one in sound})
         ),
+        *by_noise([one for one in sound if one.label.get("law") == "linear"]),
         share("single effects detected", [one.detected for one in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
         share("  named first, all", [one.named_first for one in singles]),
@@ -83,6 +86,20 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         "",
         *curves(singles),
     ]  # fmt: skip
+
+
+def by_noise(sound: Sequence[Scored]) -> list[str]:
+    """By the sensors' noise over the response: false alarms, and what the plain model leaves beyond it in
+    recordings left out, root mean square over the response."""
+    lines = []
+    for low, high in pairwise(NOISE_SHARES):
+        own = [one for one in sound if one.row["heldout"] and low <= one.row["heldout"]["noise"] < high]
+        if own:
+            squares = [one.row["heldout"]["before"] ** 2 - one.row["heldout"]["noise"] ** 2 for one in own]
+            left = np.sqrt(max(np.median(squares), 0.0))
+            words = f"  linear flesh, noise {low:g} to {high:g} of the response"
+            lines.append(share(words, [one.detected for one in own]) + f"; beyond noise {left:.3f} (median)")
+    return lines
 
 
 def _one_of_two(one: Scored) -> bool:

@@ -57,7 +57,7 @@ class FinerPatterns:
         if not self.count:
             return by_pattern
         found = by_pattern.copy()
-        found[:, own] = _smoothed(self.smoothing, by_pattern[:, own])
+        found[:, own] = np.einsum("ij,prjx->prix", self.smoothing, by_pattern[:, own], optimize=True)
         return found
 
 
@@ -68,10 +68,11 @@ def with_finer_patterns(
     smoothing = _smoothing(history)
     course = np.linalg.qr(prepared.shares)[0]
     left_N = prepared.force_N - np.tensordot(prepared.shares, prepared.patterns, axes=1)
-    smooth = _smoothed(smoothing, left_N).reshape(len(left_N), -1)
+    smooth = np.einsum("ij,fjx->fix", smoothing, left_N, optimize=True).reshape(len(left_N), -1)
     greatest_N = 0.0
     for seed in range(NOISE_DRAWS):
-        noise_N = _smoothed(smoothing, _noise(prepared, history, seed)).reshape(smooth.shape)
+        noise_N = np.einsum("ij,fjx->fix", smoothing, _noise(prepared, history, seed), optimize=True)
+        noise_N = noise_N.reshape(smooth.shape)
         noise_N -= course @ (course.T @ noise_N)
         greatest_N = max(greatest_N, float(np.linalg.norm(noise_N, ord=2)))
     courses, size, shapes = np.linalg.svd(smooth, full_matrices=False)
@@ -100,11 +101,6 @@ def _noise(prepared: PreparedGrasp, history: GraspHistory, seed: int) -> Float[n
         ],
         axis=1,
     )
-
-
-def _smoothed(smoothing: Float[np.ndarray, "n n"], force: Float[np.ndarray, "... n 3"]) -> np.ndarray:
-    """S over the markers, by one dense product."""
-    return np.moveaxis(np.tensordot(smoothing, force, axes=(1, force.ndim - 2)), 0, -2)
 
 
 def _smoothing(history: GraspHistory) -> Float[np.ndarray, "n n"]:

@@ -257,8 +257,7 @@ class DiscrepancyPrior:
     `per_compliance`: the amount grows as the flesh gives way, times 1/E and ForwardModel.compliance_ratio.
     `saturating`: the response levels off as its parameter grows, so that beside a true one the apparent
     amount would be much less: the effect's own refit goes without it, and the whole of it counts as error of
-    the parameter. `trades_with_modulus`: in soft flesh 1/E and this stand for each other. `one_way_only`: of
-    the signature that has no modes alone (fem.mismatch.signature_variant.ONE_WAY).
+    the parameter. `trades_with_modulus`: in soft flesh 1/E and this stand for each other.
 
     Measured on the null reference's fruit: skin alone first, Poisson's ratio and the jaws with that in place
     (`benchmarks/mismatch_nulls.py --without`); gains and drifts as root mean squares.
@@ -269,7 +268,6 @@ class DiscrepancyPrior:
     per_compliance: bool = False
     saturating: bool = False
     trades_with_modulus: bool = False
-    one_way_only: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from injected_mismatch import injected_case, only_grasp
 
+from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
 from fem.mismatch.model.baseline import GraspResponse, baseline
 from fem.mismatch.model.marker_equations import (
     DESIGN_EFFECT,
+    LEAST_NOISE_SHARE,
     MARKER_VARIANCE_INFLATION,
-    QUIETEST,
     BalanceEquations,
     MarkerEquations,
 )
@@ -71,16 +72,9 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             column = blank()
             column[frame] = pattern
             add(column, 1.0)
-    about = COMPLIANCE * tracks.unit_displacement
-    for marker in range(count):
-        for contact in np.unique(episode[:, marker]):
-            about[episode[:, marker] == contact, marker] -= about[episode[:, marker] == contact, marker].mean(
-                axis=0
-            )
-    least_mm = QUIETEST * np.sqrt((about[episode >= 0] ** 2).mean())
-    noise_mm = np.maximum(tracks.sd_mm[None, :, None], least_mm)
-    variance = MARKER_VARIANCE_INFLATION * DESIGN_EFFECT * noise_mm**2
-    weight = np.broadcast_to(1 / variance, (frames, count, 3))
+    weight = np.broadcast_to(
+        tracks.sd_mm[None, :, None] ** -2.0 / (MARKER_VARIANCE_INFLATION * DESIGN_EFFECT), (frames, count, 3)
+    )
     return episode >= 0, weight[episode >= 0].ravel(), np.array(columns), np.array(prior)
 
 
@@ -167,7 +161,15 @@ def test_the_weight_of_the_fruit_is_no_imbalance():
 
 def test_a_sensor_without_noise_counts_as_if_it_had_a_share_of_the_response():
     one = recording()
-    quiet = replace(one, tracks=replace(one.tracks, sd_mm=np.full_like(one.tracks.sd_mm, 1e-6)))
-    weight = MarkerEquations.of(quiet, compliance=COMPLIANCE, gel_scale_sd=SCALE_SD).weight
-    twice = MarkerEquations.of(quiet, compliance=2 * COMPLIANCE, gel_scale_sd=SCALE_SD).weight
-    np.testing.assert_allclose(weight, 4 * twice, rtol=1e-4)
+    episode, response = one.tracks.episode, COMPLIANCE * one.tracks.unit_displacement
+    squares = []
+    for marker in range(episode.shape[1]):
+        for contact in np.unique(episode[:, marker][episode[:, marker] >= 0]):
+            moved = response[episode[:, marker] == contact, marker]
+            squares.append(((moved - moved.mean(axis=0)) ** 2).ravel())
+    share_mm = LEAST_NOISE_SHARE * np.sqrt(np.concatenate(squares).mean())
+    counted = MARKER_VARIANCE_INFLATION * DESIGN_EFFECT * variance_inflation(one.tracks.lag1)
+    for noise_mm, expected_mm in ((1e-6, share_mm), (0.5 * share_mm, share_mm), (3 * share_mm, 3 * share_mm)):
+        seen = replace(one, tracks=replace(one.tracks, sd_mm=np.full(episode.shape[1], noise_mm)))
+        weight = MarkerEquations.of(seen, compliance=COMPLIANCE, gel_scale_sd=SCALE_SD).weight
+        np.testing.assert_allclose(weight, 1 / (counted * expected_mm**2), rtol=1e-9)

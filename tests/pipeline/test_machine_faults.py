@@ -136,7 +136,7 @@ def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, m
     )
     assert done.returncode == -9
     (left,) = tmp_path.iterdir()
-    for name in (f"{PREFIX}theirs00", "drupe-notes", f"{PREFIX}nolock00"):
+    for name in (f"{PREFIX}theirs00", "drupe-notes"):
         (tmp_path / name).mkdir()
     (tmp_path / f"{PREFIX}theirs00" / "notes.txt").touch()
     (tmp_path / f"{PREFIX}link0000").symlink_to(left)
@@ -147,6 +147,18 @@ def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, m
             assert second.is_dir()
     names = {p.name for p in tmp_path.iterdir()}
     assert names == {f"{PREFIX}theirs00", "drupe-notes", f"{PREFIX}link0000"}
+
+
+def test_an_empty_folder_of_that_name_was_left_before_its_lock_was_made(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / f"{PREFIX}nolock00").mkdir()
+    (tmp_path / f".out.{PREFIX}nolock00").mkdir()
+    with scratch():
+        pass
+    assert [p.name for p in tmp_path.iterdir()] == [f".out.{PREFIX}nolock00"]
+    with scratch(near=tmp_path / "out"):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_run_killed_while_it_removes_its_scratch_folder_leaves_one_that_is_swept(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from fem.fem_failure import FemFailure
 from fem.materials.fung_neo_hookean import fung_at_small_strain, fung_neo_hookean, shrunk_as_a_whole
 from fem.materials.strain_path import strain_energy
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import DiscrepancyPrior, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import (
@@ -82,7 +82,6 @@ SPEC = EffectSpec(
     ),
     modes=(NEO_HOOKEAN,),
     holds_large_deformation=True,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=1.0, one_way_only=True),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

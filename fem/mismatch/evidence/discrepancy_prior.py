@@ -16,7 +16,6 @@ import numpy as np
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.signature_variant import ONE_WAY
 
 
 def discrepancy_columns(
@@ -34,8 +33,6 @@ def discrepancy_columns(
     for effect, signature in found:
         spec, prior = effect.spec, effect.spec.discrepancy
         if prior is None or spec.name in without:
-            continue
-        if prior.one_way_only and signature.variant != ONE_WAY:
             continue
         size = forward.compliance * forward.compliance_ratio if prior.per_compliance else 1.0
         (column,) = signature.columns

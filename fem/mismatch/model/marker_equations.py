@@ -9,7 +9,7 @@ V: inverse variance, the mean over each contact taken out; A: rigid motions and 
 much does not depend on the fields; one more field costs two passes over the markers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,11 +37,11 @@ there then gain a few units of ln evidence on sound recordings of two solvers; w
 soft jaws gain ten times as much, and one that is there only twice."""
 
 
-QUIETEST = 0.016
-"""Noise of the quietest sensor, over the root mean square of the response: a quieter one counts as if it had
-so much. The plain model's own error is half of it, whatever the noise (0.008 beyond noise in recordings left
-out; median of 37 sound fruit of linear flesh, `benchmarks/sealed/sealed_proof.py check`). Of those fruit all
-three with noise below 0.011 were false alarms, none with 0.014 to 0.017."""
+LEAST_NOISE_SHARE = 0.016
+"""Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
+The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
+variance at most. Chosen on sound fruit of linear flesh of the sealed proof: all three with noise below 0.012
+were false alarms, two of nine up to 0.024, none of 25 above (`benchmarks/sealed/sealed_proof.py check`)."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,13 @@ class MarkerEquations:
     ) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
 
-        `design_effect`: how many numbers count as one; 1 where what is left is held against noise itself.
+        `design_effect`: how many numbers count as one; 1 where what is left is held against noise itself (of
+        LEAST_NOISE_SHARE at least).
         """
         tracks = recording.tracks
-        most = 1 / ((QUIETEST * compliance) ** 2 * _mean_square(tracks))
-        weight = np.minimum(marker_weight(tracks), most) / (MARKER_VARIANCE_INFLATION * design_effect)
+        least_mm = LEAST_NOISE_SHARE * compliance * _root_mean_square(tracks)
+        believed = replace(tracks, sd_mm=np.maximum(tracks.sd_mm, least_mm))
+        weight = marker_weight(believed) / (MARKER_VARIANCE_INFLATION * design_effect)
         noise_N = recording.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(recording.response, 0, 2)
         free = recording.case.support == "free"
@@ -143,10 +145,10 @@ class MarkerEquations:
         return np.asarray(motion.reshape(right.shape)), np.asarray(amounts)
 
 
-def _mean_square(tracks: MarkerTracks) -> float:
-    """Of a component of the unit response about its mean over a contact, where markers touch, (mm MPa)^2."""
+def _root_mean_square(tracks: MarkerTracks) -> float:
+    """Of a component of the unit response about its mean over a contact, where markers touch, mm MPa."""
     about = about_episode_mean(tracks.unit_displacement, tracks.episode)
-    return float((about**2).sum() / (3 * (tracks.episode >= 0).sum()))
+    return float(np.sqrt((about**2).sum() / max(3 * (tracks.episode >= 0).sum(), 1)))
 
 
 SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3
