@@ -91,14 +91,16 @@ def tables(cases: Sequence[Scored]) -> list[str]:
 def by_noise(sound: Sequence[Scored]) -> list[str]:
     """By the sensors' noise over the response: false alarms, and what the plain model leaves beyond it in
     recordings left out, root mean square over the response."""
+    heldout = [(one.detected, one.row["heldout"]) for one in sound if one.row.get("heldout")]
     lines = []
     for low, high in pairwise(NOISE_SHARES):
-        own = [one for one in sound if one.row["heldout"] and low <= one.row["heldout"]["noise"] < high]
+        own = [(detected, rms) for detected, rms in heldout if low <= rms["noise"] < high]
         if own:
-            squares = [one.row["heldout"]["before"] ** 2 - one.row["heldout"]["noise"] ** 2 for one in own]
-            left = np.sqrt(max(np.median(squares), 0.0))
+            left = np.sqrt(max(np.median([rms["before"] ** 2 - rms["noise"] ** 2 for _, rms in own]), 0.0))
             words = f"  linear flesh, noise {low:g} to {high:g} of the response"
-            lines.append(share(words, [one.detected for one in own]) + f"; beyond noise {left:.3f} (median)")
+            lines.append(
+                share(words, [detected for detected, _ in own]) + f"; beyond noise {left:.3f} (median)"
+            )
     return lines
 
 
