@@ -342,8 +342,8 @@ def main() -> int:
     campaign = Campaign(arguments.folder, arguments.seed, quick=arguments.quick)
     kinds = [
         ("command", signal.SIGKILL),
-        ("command", signal.SIGTERM),
         ("process", signal.SIGKILL),
+        ("command", signal.SIGTERM),
         ("process", signal.SIGSEGV),
     ]
     trials: list[tuple[str, Callable[[], str]]] = []

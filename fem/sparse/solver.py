@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.sparse.condensed_compliance import compliance
@@ -55,14 +55,19 @@ def factorise(stiffness: csr_array) -> Factor:
 
     Both triangles are stored.
     """
-    return analyse(stiffness).factorise(stiffness)
+    stiffness = _canonical(stiffness)
+    return _plan(stiffness).of(stiffness)
 
 
 def analyse(stiffness: csr_array) -> Analysis:
     """Plan the elimination for the pattern of a symmetric matrix; its values do not matter."""
+    return _plan(_canonical(stiffness))
+
+
+def _plan(stiffness: csr_array) -> "_Plan":
+    """Of a canonical matrix."""
     if (np.diff(stiffness.indptr) == 0).any():
         raise _singular("a node belongs to no element")
-    stiffness = _canonical(stiffness)
     return _Plan(fronts(stiffness), stiffness.indptr, stiffness.indices)
 
 
@@ -77,6 +82,10 @@ class _Plan:
         same = np.array_equal(stiffness.indptr, self.indptr)
         if not (same and np.array_equal(stiffness.indices, self.indices)):
             raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
+        return self.of(stiffness)
+
+    def of(self, stiffness: csr_array) -> Factor:
+        """Of a canonical matrix of just this pattern."""
         try:
             factor = _Factorised(cholesky(self.fronts, stiffness.data))
         except NotPositiveDefinite as error:
@@ -118,9 +127,12 @@ def _canonical(stiffness: csr_array) -> csr_array:
     same = np.array_equal(across.indptr, stiffness.indptr)
     if same and np.array_equal(across.indices, stiffness.indices):
         return stiffness
-    here = stiffness.tocoo()
-    places = (np.concatenate([here.row, here.col]), np.concatenate([here.col, here.row]))
-    return coo_array((np.tile(here.data / 2, 2), places), shape=stiffness.shape).tocsr()
+    there = stiffness.copy()
+    there.data = np.ones_like(there.data)
+    # Imaginary ones hold a place for each nonzero's mirror image: sums that vanish would be left out again.
+    whole = (stiffness + 1j * (there + there.T.tocsr())).tocsr()
+    mirrored = (whole.data + whole.tocsc().data).real / 2
+    return csr_array((mirrored, whole.indices, whole.indptr), shape=stiffness.shape)
 
 
 def _singular(why: str) -> FemFailure:

@@ -5,9 +5,13 @@ import json
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from unittest import mock
 
+from pipeline.cli import main
 from samples.fruit import fruits_of_seed
 from samples.sample_batch import write_scan
 
@@ -37,8 +41,21 @@ class Ran:
         return lines[0]
 
 
-def drupe(*arguments: object, timeout: float = 600) -> Ran:
-    """Runs the drupe command as a user does, in a process of its own."""
+def drupe(*arguments: object) -> Ran:
+    """Runs the command in this process, its fruit too (conftest.InThisProcess)."""
+    out, err = StringIO(), StringIO()
+    status = 0
+    with mock.patch.object(sys, "argv", ["drupe", *map(str, arguments)]):
+        try:
+            with redirect_stdout(out), redirect_stderr(err):
+                main()
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+    return Ran(status, out.getvalue(), err.getvalue())
+
+
+def drupe_alone(*arguments: object, timeout: float = 600) -> Ran:
+    """Runs the command as a user does: it and every fruit have processes of their own."""
     command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
     return Ran(done.returncode, done.stdout, done.stderr)

@@ -5,7 +5,7 @@ import json
 import h5py
 import pandas as pd
 import pytest
-from sample_batches import drupe
+from sample_batches import drupe, drupe_alone
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -34,7 +34,7 @@ def test_a_case_is_no_batch(batch):
 
 
 def test_missing_folder(tmp_path):
-    ran = drupe("grade", tmp_path / "nowhere")
+    ran = drupe_alone("grade", tmp_path / "nowhere")
     assert ran.status == 2
     assert "no such batch folder" in ran.one_line_error()
 
@@ -99,7 +99,7 @@ def test_geometry_model_that_is_not_there(batch):
 
 
 def test_wrong_usage_is_status_two_without_a_traceback():
-    ran = drupe("grade")
+    ran = drupe_alone("grade")
     assert ran.status == 2
     assert "Traceback" not in ran.err
     assert "BATCH" in ran.err

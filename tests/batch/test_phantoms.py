@@ -55,7 +55,7 @@ def record(results, name):
     return json.loads((results / "fruits" / name / "record.json").read_text())
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name):
     found = record(graded[0], name)["modulus"]
@@ -64,7 +64,7 @@ def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name
     assert found["E_sd_MPa"] < 0.05 * E_MPA
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
     """No stem, no suture, no doubt about shape or size, and Poisson's ratio as the batch says."""
@@ -74,7 +74,7 @@ def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
     assert (found["flesh"]["poisson_ratio"], found["flesh"]["poisson_ratio_source"]) == (0.45, "batch.toml")
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_specimen_without_a_core_has_none_in_its_results(graded):
     results, _ = graded
     assert record(results, "solid")["pit"] is None
@@ -83,7 +83,7 @@ def test_a_specimen_without_a_core_has_none_in_its_results(graded):
     assert "pit size" not in record(results, "solid")["modulus"]["parts_sd_MPa"]
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_soft_bodies_are_printed_with_digits_enough(graded):
     results, ran = graded
     table = pd.read_csv(results / "ranking.csv").set_index("fruit_id")

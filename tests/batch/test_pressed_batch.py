@@ -144,6 +144,7 @@ def test_check_says_beforehand_what_grading_would(batch):
     assert "says not enough of the fruit between the plates" in said
 
 
+@pytest.mark.proof
 def test_explain_takes_the_diameters_of_the_table(batch, tmp_path):
     code, said = run(
         "explain", batch, "--fruit", "soft", "--json", tmp_path / "a.json", "--out", tmp_path / "out"

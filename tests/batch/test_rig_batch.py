@@ -87,7 +87,7 @@ def test_jaws_that_give_way_make_fruit_soft_and_their_rig_makes_E_right(true_sof
     assert 0.001 * E < part < 0.2 * E
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_soft_and_rid_of_the_rig, tmp_path):
     *_, batch = true_soft_and_rid_of_the_rig
     vague = tmp_path / "vague"

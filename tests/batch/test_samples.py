@@ -6,7 +6,7 @@ import re
 import cv2
 import pandas as pd
 import pytest
-from sample_batches import drupe
+from sample_batches import drupe, drupe_alone
 
 from pipeline.batch.opening import read_mat
 
@@ -15,9 +15,9 @@ from pipeline.batch.opening import read_mat
 def two_fruits(tmp_path_factory):
     """The tiny shipped batch, copied with `drupe sample` and graded with `drupe grade`."""
     folder = tmp_path_factory.mktemp("two") / "batch"
-    sampled = drupe("sample", folder, "--name", "two-fruits")
+    sampled = drupe_alone("sample", folder, "--name", "two-fruits")
     assert sampled.status == 0, sampled.err
-    return folder, drupe("grade", folder)
+    return folder, drupe_alone("grade", folder)
 
 
 @pytest.mark.slow

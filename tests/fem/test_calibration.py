@@ -45,17 +45,20 @@ def errors(estimator: Estimator, budget: ErrorBudget, part: str, *, draws: int, 
     return float(np.sqrt(np.mean(np.square(change)))), float(np.sqrt(np.mean(np.square(stated))))
 
 
+@pytest.mark.proof
 def test_noise_of_force_and_displacement_moves_the_modulus_as_stated(estimator):
     budget = replace(NOTHING, force_scale_sd=0.01)
     found, stated = errors(estimator, budget, TACTILE, draws=12, sensor=Sensor())
     assert 0.6 < found / stated < 1.6
 
 
+@pytest.mark.proof
 def test_a_pit_of_another_size_moves_the_modulus_as_stated(estimator):
     found, stated = errors(estimator, replace(NOTHING, pit_size_sd=0.03), "pit size", draws=4)
     assert 0.55 < found / stated < 1.8
 
 
+@pytest.mark.proof
 def test_another_skin_moves_the_modulus_as_stated(estimator):
     found, stated = errors(estimator, replace(NOTHING, surface_sd_mm=0.1), REGISTRATION, draws=4)
     assert 0.5 < found / stated < 2

@@ -30,7 +30,7 @@ def test_finite_elements_between_the_tables_shapes_agree_within_a_fiftieth(nu, a
     assert found == pytest.approx(truth, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("semi_axes_mm", [(30.0, 29.0, 26.0), (30.0, 27.0, 30.0)])
 def test_tetrahedra_of_a_fruit_without_an_axis_agree_within_a_thirtieth(semi_axes_mm):
     """The repository's own solver at small strain, for a squeeze of 3 %."""

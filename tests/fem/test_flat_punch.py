@@ -54,6 +54,7 @@ def test_slabs_agree_with_finite_elements_within_a_hundredth(nu, thickness_mm):
     assert per_mm(thickness_mm, nu) == pytest.approx(force, rel=0.01)
 
 
+@pytest.mark.proof
 def test_finite_strain_moves_the_force_by_a_fiftieth_at_most_in_the_trusted_range():
     slab = punched_slab(nu=0.45, radius=1, thickness=2, wide=16, law=neo_hookean)
     force = [slab.force_at(2 - d) for d in (0.05, 0.1, 0.2)]

@@ -40,6 +40,7 @@ def test_relaxing_flesh_is_named_with_its_share_its_time_and_its_modulus():
     assert sum(c.probability for c in said.ranking) == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.proof
 def test_two_effects_at_work_are_named_together():
     said = explained(
         injected(
@@ -54,6 +55,7 @@ def test_two_effects_at_work_are_named_together():
     assert said.verdict == "stiffening+viscoelastic"
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize(
     ("injecting", "name"),
     [

@@ -75,6 +75,7 @@ def test_touch_is_found_where_it_is():
     assert trace.travel_mm[first_touch(trace)] == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.proof
 def test_nine_tenths_of_the_intervals_hold_the_truth():
     rng = np.random.default_rng(11)
     inside = {"g": [], "tau_s": [], "onset_mm": []}

@@ -78,6 +78,7 @@ def test_a_drift_stands_apart_from_a_force_over_the_travel_only_where_time_passe
     assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == apart
 
 
+@pytest.mark.proof
 def test_a_drift_in_a_single_ramp_is_not_the_only_name():
     time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=0.0)
     said = account(time, hertz_N(depth) + 0.3 * time + noise, travel).explanation
@@ -98,6 +99,7 @@ def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
     assert found.explanation.notes[0].startswith("Rupture: at 5.")
 
 
+@pytest.mark.proof
 def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before():
     time, force, travel = injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0))
     found = account(time, force, travel, radius_mm=RADIUS_MM, thickness_mm=THICK_MM)
@@ -165,6 +167,7 @@ def test_what_is_not_predicted_is_unknown_and_its_E_is_withheld():
     assert all(c.modulus is None for c in said.ranking)
 
 
+@pytest.mark.proof
 def test_a_press_that_began_in_contact_is_answered_with_onset_zero_as_well():
     rng = np.random.default_rng(9)
     time = np.arange(0, 8, 0.04)

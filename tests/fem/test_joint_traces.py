@@ -43,6 +43,7 @@ def test_rates_together_name_relaxation_with_one_share_time_and_modulus():
     assert said.heldout.rms_before > 3 * said.heldout.rms_after
 
 
+@pytest.mark.proof
 def test_linear_flesh_pressed_thrice_is_nothing_to_report():
     said = explained(three()).explanation
     assert said.verdict == "none"

@@ -215,6 +215,7 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
         assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
 
 
+@pytest.mark.proof
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
     """The two pads differ too little in the linear round for its choice to be the same on every machine."""
     forward, _ = plain_forward_model(injected_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))

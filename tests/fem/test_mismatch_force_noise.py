@@ -99,7 +99,7 @@ def test_the_plain_models_product_is_negative() -> None:
     assert OfAll().product(noise) < 0
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_drawn_noise_of_the_response_is_as_large_as_the_real_one() -> None:
     """As the equations weigh it: between recordings of one grasp with their noise and nearly without.
 

@@ -136,6 +136,7 @@ def test_the_force_is_what_the_pads_do_not_balance(late: bool):
         assert force - force.mean() == pytest.approx(true - true.mean(), abs=0.1 * PEAK_N)
 
 
+@pytest.mark.proof
 def test_a_contact_in_one_recording_alone_is_found_in_that_one():
     first, second = normal_N(forward_of(borne(only=1)))
     assert np.abs(first).max() < 0.1 * PEAK_N

@@ -95,7 +95,7 @@ def least(found: Sequence[ComparedCandidate], place: PlaceKind, **manner: float)
     return one.least.least
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_creep_and_drift_in_a_short_press_are_parted_by_a_slow_one_that_is_held():
     case = injected_case(crept=lambda unit: unit + ARM.creep_share * lagging(unit, TIME_S, ARM.retardation_s))
     found = compared(loading_only(case), ["viscoelastic", "sensor_drift"])
@@ -108,7 +108,7 @@ def test_creep_and_drift_in_a_short_press_are_parted_by_a_slow_one_that_is_held(
     assert least(found, PlaceKind.SAME, hold_s=10.0) > 5 * as_before
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_stiffening_and_damage_in_one_loading_are_parted_by_a_second_cycle():
     def stiffer(unit: np.ndarray) -> np.ndarray:
         size = np.linalg.norm(unit, axis=(1, 2))[:, None, None]
@@ -120,7 +120,7 @@ def test_stiffening_and_damage_in_one_loading_are_parted_by_a_second_cycle():
         assert least(found, place, cycles=2) > 1.2 * least(found, place)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_where_the_spot_is_pressed_again(monkeypatch):
     """Where the same flesh is pressed, as before or by the other pad, more than across, where the gain alone
     shows. Which of the first two parts them more depends on the mesh: on seven meshes, 0.84 to 1.16 times.
@@ -139,7 +139,7 @@ def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_where_the_spot_
     assert min(turned, same) > 1.5 * across
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_grasp_that_is_asked_for_tells_the_truth_apart_by_more_than_another():
     """Creep against drift after one short press: the same spots held for ten seconds are expected to tell
     more than a grasp across. Recorded by another solver, with fresh noise, they do.

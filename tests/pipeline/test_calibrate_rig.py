@@ -162,7 +162,7 @@ def test_E_comes_back_through_a_soft_rig_and_its_interval_knows_the_rig(tmp_path
     assert abs(less["value"] - truth) < 0.1 * truth
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_what_is_stiffer_than_the_rig_has_a_lower_bound(tmp_path: Path) -> None:
     calibrated(tmp_path)
     truth = 200.0

@@ -125,6 +125,7 @@ def test_what_is_missing_or_strange_is_asked_for_before_a_file_is_written(tmp_pa
     assert not (tmp_path / "out.h5").exists()
 
 
+@pytest.mark.proof
 def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(tmp_path):
     """Files of before have a radius and no specimen."""
     source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
@@ -159,6 +160,7 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
     assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()
 
 
+@pytest.mark.proof
 def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_touch(tmp_path):
     sources = [pressed(tmp_path / f"{k}.csv", sliding_N, 2.0 + 0.5 * k) for k in range(3)]
     found = explained(

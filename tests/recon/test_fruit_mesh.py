@@ -106,7 +106,7 @@ def test_same_photos_give_the_same_mesh():
     assert np.array_equal(again.vertices, on_the_mat()[0].vertices)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_height_alone_gives_scale_without_a_mat():
     height_mm = 2 * EGG.semi_mm[2]
     found = reconstruct(photos(14), mat=None, height_mm=height_mm, options=QUICK)

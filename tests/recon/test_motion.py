@@ -25,7 +25,7 @@ def test_x_points_to_where_the_first_photo_was_taken(photos):
     assert abs(np.degrees(np.arctan2(y, x))) < 3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
     noise = np.random.default_rng(2).integers(0, 255, photos[0].image.shape, dtype=np.uint8)
     with pytest.raises(ReconFailure, match=r"first photo \(front\.png\) shares too few .* retake") as caught:

@@ -8,9 +8,11 @@ from samples.graded_bricks import BrickGrading
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.case_simulation import body_of
+from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
-from samples.mismatch.meshed_fruit import meshed_fruit
+from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nulls import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
 
@@ -19,13 +21,21 @@ FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 
 WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("effect", [*EFFECTS, "palm"])
-def test_an_effect_runs_on_a_graded_mesh(effect: str) -> None:
-    rng = np.random.default_rng(3)
+@pytest.fixture(scope="module")
+def ball() -> tuple[DrawnFruit, CaseGrasp, MeshedFruit]:
+    """A ball, a grasp of it, and its mesh graded towards the skin."""
     drawn = drawn_ball()
     grasp = grasp_along_x(drawn, WAY)
-    stands = meshed_fruit(drawn, grasp, fineness=SMALL)
+    return drawn, grasp, meshed_fruit(drawn, grasp, fineness=SMALL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", [*EFFECTS, "palm"])
+def test_an_effect_runs_on_a_graded_mesh(
+    effect: str, ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit]
+) -> None:
+    rng = np.random.default_rng(3)
+    drawn, grasp, stands = ball
     body: GrippedBody
     if effect in EFFECTS:
         parameters = drawn_parameters(effect, 1, rng)
@@ -43,10 +53,10 @@ def test_an_effect_runs_on_a_graded_mesh(effect: str) -> None:
 
 
 @pytest.mark.slow
-def test_finite_strain_stiffens_a_pressed_ball_a_little() -> None:
-    drawn = drawn_ball()
-    grasp = grasp_along_x(drawn, WAY)
-    stands = meshed_fruit(drawn, grasp, fineness=SMALL)
+def test_finite_strain_stiffens_a_pressed_ball_a_little(
+    ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit],
+) -> None:
+    _, grasp, stands = ball
     linear, large = (
         total_N(grasped_ball(grasp, stands, sound_body(stands, law))) for law in ("linear", "neo-hookean")
     )
@@ -55,11 +65,13 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little() -> None:
 
 
 @pytest.mark.slow
-def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one() -> None:
+def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one(
+    ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit],
+) -> None:
     injected = (InjectedEffect(effect="loose_pit", parameters={"gap_mm": 0.05}),)
     grasp, even = rough(drawn_ball(), WAY, FINE_AND_EVEN)
     found = []
-    for stands in (even, meshed_fruit(drawn_ball(), grasp, fineness=SMALL)):
+    for stands in (even, ball[2]):
         body, inner = body_of(stands, injected)
         found.append(total_N(grasped_ball(grasp, stands, body, inner=inner)))
     assert found[1][1:] == pytest.approx(found[0][1:], rel=0.02)

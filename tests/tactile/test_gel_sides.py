@@ -96,6 +96,7 @@ def test_a_gel_with_sides_moves_as_another_librarys_elements_say(way: int, sides
     assert endless > 5 * with_sides
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize("way", [0, 2])
 def test_a_domed_gel_moves_as_another_librarys_elements_say(way: int) -> None:
     *truth, under_load = by_elements(bonded=False, domed=True)[way]
