@@ -1,0 +1,148 @@
+"""Ctrl-C in `drupe watch`: what is left, what is said, and the exit status."""
+
+import json
+
+import pytest
+from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+
+from pipeline.run import grading
+from pipeline.watch import watching
+
+
+def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+
+
+def test_ctrl_c_tells_by_its_status_that_the_report_could_not_be_written(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def edited():
+        with (batch / "results" / "ranking.csv").open("a") as ranking:
+            ranking.write("by hand\n")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), edited, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 2
+    assert (batch / "results" / "ranking.csv").read_text().endswith("by hand\n")
+    assert "ranking.csv" in " ".join(watched.shown[-1].problems)
+
+
+def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.working == ("stop",)
+    assert watch.stop() == 130
+    assert made == [1, 2]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert "Interrupted:</b> 3 of 4 fruit" in (batch / "results" / "report.html").read_text()
+    said = json.loads((batch / "results" / "batch.json").read_text())
+    assert (said["exit_status"], sorted(said["outcomes"])) == (130, ["A", "B", "C"])
+    assert watched() == 0
+    assert watched.worked == ["A", "B", "C", "stop", "stop"]
+    assert sorted(rows(batch)) == ["A", "B", "C", "stop"]
+
+
+def test_ctrl_c_while_a_fruit_is_graded_again_for_a_newcomer_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def names_b():
+        put(batch, "stop")
+        (batch / "fruits" / "stop" / "grasps" / "grasp-1.h5").write_text("of B")
+
+    def stops_again():
+        watched.worked[:] = [name for name in watched.worked if name != "stop"]
+
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "D"), names_b, *QUIET, stops_again, *one_by_one(batch, "B"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watched.worked == ["D", "B", "stop"]
+    assert watch.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "D"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_a_fruit_that_could_not_be_graded_again_makes_the_run_an_interrupted_one(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        (batch / "fruits" / "A" / "grasps" / "grasp-2.h5").write_text("again")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "C"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("place", ["FruitQueue", "report"])
+def test_ctrl_c_in_the_last_comparison_leaves_ranking_and_report_of_all(batch, watched, monkeypatch, place):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, *"ABCDE"))
+    grades = watching.grade
+
+    def interrupted_there(*arguments, **how):
+        if how["retried"]:
+            return grades(*arguments, **how)
+        with monkeypatch.context() as patch:
+            patch.setattr(grading, place, lambda *_, **__: interrupted())
+            return grades(*arguments, **how)
+
+    monkeypatch.setattr(watching, "grade", interrupted_there)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.working == ()
+    assert watch.stop() == 0
+    assert made == [1, 2, 5]
+    assert sorted(rows(batch)) == list("ABCDE")
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+
+
+def test_ctrl_c_while_the_last_comparison_grades_a_fruit_again_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "A", "stop", "B"))
+    grades = watching.grade
+
+    def once_more(*arguments, **how):
+        if not how["retried"]:
+            (batch / "results" / "fruits" / "stop" / "record.json").unlink()
+            watched.worked.clear()
+        return grades(*arguments, **how)
+
+    monkeypatch.setattr(watching, "grade", once_more)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+@pytest.mark.parametrize("before", [(), ("A",)])
+def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, worked, before):
+    for name in (*before, "stop"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q")
+    assert worked == [*before, "stop"]
+    assert ran.status == 130
+    assert "drupe: stopped; a fruit was not finished" in ran.err
