@@ -80,6 +80,6 @@ def watch(
             status = watching.run()
         except KeyboardInterrupt:
             unfinished = "; a fruit was not finished, the same command goes on from here"
-            typer.echo(f"drupe: stopped{unfinished if watching.working else ''}", err=True)
+            typer.echo(f"drupe: stopped{unfinished if watching.graded.working else ''}", err=True)
             status = watching.stop()
     raise typer.Exit(status)

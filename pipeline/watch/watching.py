@@ -10,15 +10,9 @@ from rich.console import Console
 from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch
-from pipeline.batch.records import FruitRecord
-from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
-from pipeline.run.batch_run import BatchRun, ReportOptions
-from pipeline.run.grading import InterruptedAtWork, grade, grade_newcomers, report_graded
-from pipeline.run.incremental_ranking import IncrementalRanking
-from pipeline.run.packed_records import PackedRecords
-from pipeline.run.reporting import ReportPace
+from pipeline.run.incremental_run import IncrementalRun
 from pipeline.watch.arrivals import Arrival, State, arrival, own_state
 from reports.kiosk_page import KioskEntry
 from reports.language import ENGLISH
@@ -80,22 +74,22 @@ class BatchWatch:
     """Fruit in the order in which their files were graded, the last first."""
     own: State | None = None
     """The batch's own files when all fruit were last held against each other; None: none were yet."""
-    batch: Batch | None = None
-    """The batch as it was last graded."""
-    ranking: IncrementalRanking | None = None
-    """Of the fruit so far; None: nothing is graded."""
-    pace: ReportPace = field(init=False)
-    unreported: bool = False
-    """Whether fruit were graded since the last report."""
-    uncompared: bool = False
-    """Whether fruit were graded since all were last held against each other."""
-    working: tuple[str, ...] = ()
-    """Fruit that are being graded, or were when an interruption came."""
-    status: int = 0
+    graded: IncrementalRun = field(init=False)
+    """The fruit so far, their ranking and report."""
 
     def __post_init__(self) -> None:
-        """The pace of reports, by the watch's clock."""
-        self.pace = ReportPace(self.clock)
+        """The run that takes the fruit, by the watch's options and clock."""
+        options = self.options
+        self.graded = IncrementalRun(
+            out=options.out,
+            jobs=options.jobs,
+            time_limit_s=options.time_limit_s,
+            screen=options.screen,
+            language=options.language,
+            console=self.console,
+            tell=self._changed,
+            clock=self.clock,
+        )
 
     def run(self) -> int:
         """Watches until nothing new has come for `idle_s`; the exit status of the last report."""
@@ -117,22 +111,24 @@ class BatchWatch:
                     refused_at = -float("inf") if done else self.clock()
                     quiet_since = self.clock() if done else quiet_since
                     continue
-                if batch is not None and self.unreported and self.pace.due():
+                if batch is not None and self.graded.report_due:
                     refused_at = -float("inf") if self._report() else self.clock()
                     continue
             waiting = any(self._since(name) < self.options.settle_s for name in self.arrivals)
             idle_s = self.options.idle_s
             if idle_s is not None and not waiting and self.clock() - quiet_since >= idle_s:
-                return self._end(batch, own)
+                if batch is not None and self.graded.uncompared:
+                    self._grade(batch, own, [], compare_all=True)
+                return self.stop()
             self.sleep(max(EVERY_S, looked_s / SHARE))
 
     def stop(self) -> int:
-        """After an interruption of `run`: ranking and report of what is done; the exit status."""
-        at_work = bool(self.working)
-        done = self.ranking is None or not (self.unreported or at_work) or self._report()
-        if at_work:
-            return INTERRUPTED
-        return self.status if done else USAGE
+        """At the end of `run`, or after an interruption of it: ranking and report of what is done, where the
+        last lack something; the exit status.
+        """
+        if self.graded.unreported:
+            self._report()
+        return self.graded.exit_status
 
     def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
         """The batch with the fruit that are whole, or why it cannot be graded."""
@@ -206,129 +202,48 @@ class BatchWatch:
         """
         self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
         many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
+        changed = own != self.own
         states = {name: self.arrivals[name].state for name in chosen}
         known = {*self.tried, *chosen}
-        self.batch = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
-        ranking = None if compare_all or many or own != self.own else self.ranking
-        named = [] if ranking is None else ranking.named_by_others(chosen)
-        self.working = (*chosen, *(name for name in named if name in self.batch.row_of))
-        self._tell(())
+        so_far = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
         try:
-            if ranking is None:
-                self._grade_all(self.batch, own, chosen)
+            if compare_all or many or changed:
+                self.graded.grade_all(so_far, chosen, changed=changed)
+                self.own = own
+                for name in chosen:
+                    self._first_of_recent(name)
             else:
-                self._grade_newcomers(self.batch, ranking, self.working)
+                self.graded.grade_newcomers(so_far, chosen)
         except (BatchRefused, NotWritten) as fault:
             self._refused(fault)
             return False
-        self.working = ()
         for name in chosen:
             self.tried[name] = batch.row_of[name], states[name]
         self._tell(())
         corrects = any(batch.row_of[name].reference for name in chosen)
-        if self.unreported and (corrects or self.pace.due()):
+        if self.graded.report_due or (corrects and self.graded.unreported):
             self._report()
         return True
 
-    def _grade_all(self, batch: Batch, own: State, chosen: list[str]) -> None:
-        """All fruit so far as `drupe grade` grades them, with ranking and report."""
-        records = PackedRecords()
-        try:
-            self.status, entry = grade(
-                self.root,
-                self.options.out,
-                jobs=self.options.jobs,
-                time_limit_s=self.options.time_limit_s,
-                console=self.console,
-                screen=self.options.screen,
-                options=ReportOptions(language=self.options.language),
-                opened=batch,
-                retried=chosen,
-                records=records,
-            )
-        except InterruptedAtWork:
-            self.working = tuple(name for name in batch.row_of if name not in records)
-            self.status, self.ranking = INTERRUPTED, None  # what was done is reported
-            raise
-        except KeyboardInterrupt:
-            if self.ranking is not None:
-                self.ranking.records.update(records)
-                self.working = tuple(name for name in self.working if name not in records)
-                self.unreported = True
-            raise
-        self.ranking, self.own = IncrementalRanking(records, entry), own
-        self.unreported = self.uncompared = False
-        for name in chosen:
-            self._first_of_recent(name)
-
-    def _grade_newcomers(self, batch: Batch, ranking: IncrementalRanking, taken: tuple[str, ...]) -> None:
-        """The taken fruit alone."""
-        for gone in ranking.records.keys() - batch.row_of.keys():
-            del ranking.records[gone]
-
-        def ended(run: BatchRun, record: FruitRecord) -> None:
-            ranking.add(run, record)
-            self.unreported = self.uncompared = True
-            self._first_of_recent(record.fruit_id)
-            self.working = tuple(name for name in self.working if name != record.fruit_id)
-            self._tell(())
-
-        grade_newcomers(
-            batch,
-            self.options.out,
-            taken,
-            ranking.records,
-            jobs=self.options.jobs,
-            time_limit_s=self.options.time_limit_s,
-            console=self.console,
-            screen=self.options.screen,
-            ended=ended,
-        )
-
     def _report(self) -> bool:
-        """Ranking and report of the fruit so far, unless they cannot be made, which is told. Fruit that could
-        not be graded again make it that of an interrupted run.
-        """
-        if self.batch is None or self.ranking is None:
-            return False
-        records = self.ranking.records
-        expected = {*records, *self.tried, *self.working}
-        rows = tuple(row for row in self.batch.rows if row.fruit_id in expected)
+        """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
         try:
-            with self.pace.reporting():
-                done = report_graded(
-                    replace(self.batch, rows=rows),
-                    self.options.out,
-                    records,
-                    screen=self.options.screen,
-                    options=ReportOptions(language=self.options.language),
-                )
+            self.graded.report()
         except (BatchRefused, NotWritten) as fault:
             self._refused(fault)
             return False
-        if done is None:
-            self.status = INTERRUPTED
-        else:
-            self.status, self.ranking.entry = done
-        self.unreported = False
-        self._tell(())
         return True
-
-    def _end(self, batch: Batch | None, own: State) -> int:
-        """All fruit held against each other once more, where some have come since they were; the exit
-        status.
-        """
-        if batch is not None and self.uncompared:
-            done = self._grade(batch, own, [], compare_all=True)
-        else:
-            done = not self.unreported or self._report()
-        return self.status if done else USAGE
 
     def _refused(self, fault: BatchRefused | NotWritten) -> None:
         """Tells why nothing could be graded or written."""
-        self.working = ()
         problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
         self._tell(tuple(str(problem) for problem in problems))
+
+    def _changed(self, ended: str | None) -> None:
+        """The fruit at work or their ranking are others now; `ended`: the fruit that has ended."""
+        if ended is not None:
+            self._first_of_recent(ended)
+        self._tell(())
 
     def _first_of_recent(self, name: str) -> None:
         """The fruit was graded last, unless its files are those of before: then it is where it was."""
@@ -343,9 +258,9 @@ class BatchWatch:
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,
-                batch=None if self.ranking is None else self.ranking.entry,
+                batch=None if self.graded.ranking is None else self.graded.ranking.entry,
                 recent=tuple(self.recent),
-                working=self.working,
+                working=self.graded.working,
                 waiting=tuple((name, one.missing) for name, one in self.arrivals.items() if one.missing),
                 expected=self.expected,
                 problems=problems,

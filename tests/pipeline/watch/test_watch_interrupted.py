@@ -5,8 +5,13 @@ import json
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
-from pipeline.run import grading
-from pipeline.watch import watching
+from pipeline.run import fruit_queue, grading, incremental_run
+
+
+def said_of(batch):
+    """Exit status and graded fruit, as batch.json has them."""
+    said = json.loads((batch / "results" / "batch.json").read_text())
+    return said["exit_status"], sorted(said["outcomes"])
 
 
 def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, monkeypatch):
@@ -43,7 +48,7 @@ def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batc
     watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
     with pytest.raises(KeyboardInterrupt):
         watch.run()
-    assert watch.working == ("stop",)
+    assert watch.graded.working == ("stop",)
     assert watch.stop() == 130
     assert made == [1, 2]
     assert sorted(rows(batch)) == ["A", "B", "C"]
@@ -70,7 +75,7 @@ def test_ctrl_c_while_a_fruit_is_graded_again_for_a_newcomer_says_so(batch, watc
     with pytest.raises(KeyboardInterrupt):
         watch.run()
     assert watched.worked == ["D", "B", "stop"]
-    assert watch.working == ("stop",)
+    assert watch.graded.working == ("stop",)
     assert watch.stop() == 130
     assert sorted(rows(batch)) == ["B", "D"]
     assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
@@ -97,20 +102,20 @@ def test_a_fruit_that_could_not_be_graded_again_makes_the_run_an_interrupted_one
 def test_ctrl_c_in_the_last_comparison_leaves_ranking_and_report_of_all(batch, watched, monkeypatch, place):
     made = reports_take(monkeypatch, watched, 1000.0)
     watch, _ = watched.begun(*one_by_one(batch, *"ABCDE"))
-    grades = watching.grade
+    grades = incremental_run.grade
 
     def interrupted_there(*arguments, **how):
-        if how["retried"]:
+        if how["retried"] != []:
             return grades(*arguments, **how)
         with monkeypatch.context() as patch:
             patch.setattr(grading, place, lambda *_, **__: interrupted())
             return grades(*arguments, **how)
 
-    monkeypatch.setattr(watching, "grade", interrupted_there)
+    monkeypatch.setattr(incremental_run, "grade", interrupted_there)
     with pytest.raises(KeyboardInterrupt):
         watch.run()
     assert sorted(rows(batch)) == ["A", "B"]
-    assert watch.working == ()
+    assert watch.graded.working == ()
     assert watch.stop() == 0
     assert made == [1, 2, 5]
     assert sorted(rows(batch)) == list("ABCDE")
@@ -121,21 +126,121 @@ def test_ctrl_c_while_the_last_comparison_grades_a_fruit_again_says_so(batch, wa
     reports_take(monkeypatch, watched, 1000.0)
     watched.worked.append("stop")  # it is graded once before Ctrl-C comes
     watch, _ = watched.begun(*one_by_one(batch, "A", "stop", "B"))
-    grades = watching.grade
+    grades = incremental_run.grade
 
     def once_more(*arguments, **how):
-        if not how["retried"]:
+        if how["retried"] == []:
             (batch / "results" / "fruits" / "stop" / "record.json").unlink()
             watched.worked.clear()
         return grades(*arguments, **how)
 
-    monkeypatch.setattr(watching, "grade", once_more)
+    monkeypatch.setattr(incremental_run, "grade", once_more)
     with pytest.raises(KeyboardInterrupt):
         watch.run()
-    assert watch.working == ("stop",)
+    assert watch.graded.working == ("stop",)
     assert watch.stop() == 130
     assert sorted(rows(batch)) == ["A", "B"]
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_ctrl_c_in_the_very_first_report_leaves_no_fruit_unfinished(batch, watched, monkeypatch):
+    watch, _ = watched.begun(*one_by_one(batch, "A"))
+    with monkeypatch.context() as patch:
+        patch.setattr(grading, "report", lambda *_: interrupted())
+        with pytest.raises(KeyboardInterrupt):
+            watch.run()
+    assert watched.worked == ["A"]
+    assert watch.graded.working == ()
+    assert watch.stop() == 0
+    assert sorted(rows(batch)) == ["A"]
+    assert said_of(batch) == (0, ["A"])
+
+
+@pytest.mark.parametrize("read_again", ["", "A", "AB"])
+def test_ctrl_c_while_a_changed_batch_is_read_again_is_an_interrupted_run(
+    batch, watched, monkeypatch, read_again
+):
+    """E of those that were not read again may be another by the new settings."""
+    reports_take(monkeypatch, watched, 1000.0)
+    settings, reads, read = (batch / "batch.toml").read_text(), fruit_queue.read_record, []
+
+    def stops(path):
+        read.append(path.parent.name)
+        return interrupted() if "".join(read) not in "AB"[: len(read_again)] else reads(path)
+
+    def changed():
+        (batch / "batch.toml").write_text(settings.replace("0.5", "0.15"))
+        monkeypatch.setattr(fruit_queue, "read_record", stops)
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    unfinished = tuple(name for name in "ABC" if name not in read_again)
+    assert watch.graded.working == unfinished
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, [*read_again])
+    assert sorted(rows(batch)) == [*(read_again or "AB")]  # where none was, those of the report before
+
+
+def test_ctrl_c_while_changed_rows_are_read_again_is_an_interrupted_run(batch, watched, monkeypatch):
+    def changed():
+        (batch / "fruits.csv").write_text("fruit_id,height_mm\nA,55\nB,56\n")
+        monkeypatch.setattr(fruit_queue, "read_record", lambda _: interrupted())
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("A", "B")
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, ["C"])
+
+
+def test_ctrl_c_before_earlier_results_are_read_leaves_them(batch, watched, monkeypatch):
+    for name in "AB":
+        put(batch, name)
+    assert watched() == 0
+    monkeypatch.setattr(fruit_queue, "read_record", lambda _: interrupted())
+    watch, _ = watched.begun()
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 130
+    assert said_of(batch) == (0, ["A", "B"])
+    assert sorted(rows(batch)) == ["A", "B"]
+
+
+def test_ctrl_c_after_a_comparison_that_was_refused_tells_so_by_its_status(batch, watched, monkeypatch):
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        with (batch / "batch.toml").open("a") as settings:
+            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert watch.stop() == 2
+
+
+def test_a_comparison_that_was_refused_is_forgotten_when_one_is_made(batch, watched, monkeypatch):
+    memory_MiB = grading.free_memory_MiB
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        with (batch / "batch.toml").open("a") as settings:
+            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+
+    watch, _ = watched.begun(
+        *one_by_one(batch, "A", "B"),
+        without_memory,
+        *QUIET,
+        lambda: monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB),
+        *[lambda: None] * 40,
+        interrupted,
+    )
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 0
+    assert said_of(batch) == (0, ["A", "B"])
 
 
 @pytest.mark.parametrize("before", [(), ("A",)])

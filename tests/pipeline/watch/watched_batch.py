@@ -4,7 +4,7 @@ import csv
 
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, write_record
-from pipeline.run import grading
+from pipeline.run import grading, reporting
 from pipeline.run.fruit_records import ended_record
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -73,7 +73,8 @@ def reports_take(monkeypatch, watched, seconds):
         watched.time_s[0] += seconds
         return report(run, records)
 
-    monkeypatch.setattr(grading, "report", slow)
+    for module in (grading, reporting):
+        monkeypatch.setattr(module, "report", slow)
     return made
 
 
