@@ -58,6 +58,7 @@ def grade(
     retried: Collection[str] | None = None,
     place: WorkPlace | None = None,
     records: PackedRecords | None = None,
+    waiting: int | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
@@ -66,7 +67,8 @@ def grade(
     that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
     earlier run ended them for a cause that may pass; None: all, and it is said how many are as that run left
     them. `place`: where fruit are worked on; None: on this machine, `jobs` at a time. `records`: empty; where
-    the fruit's records are put.
+    the fruit's records are put. `waiting`: fruit of a watched batch that wait until these are done; None: the
+    batch is not watched.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -111,6 +113,7 @@ def grade(
                     engine=engine,
                     time_limit_s=time_limit_s,
                     console=console,
+                    waiting=waiting,
                 )
         except KeyboardInterrupt:
             _broken_off(run, records, so_far, INTERRUPTED)
@@ -133,15 +136,16 @@ def grade_newcomers(
     time_limit_s: float,
     console: Console,
     ended: Callable[[BatchRun, FruitRecord], None],
+    waiting: int = 0,
     screen: bool = True,
     now: Callable[[], datetime] = utc_now,
 ) -> None:
     """Grades fruit of a batch that `grade` has graded into `out` without them, or as they were before.
 
     `batch`: as it was read, with the fruit so far and the newcomers; `records`: those of the other fruit, to
-    which the newcomers' are added, each told to `ended` as it comes. Of other fruit no file is read, and
-    neither ranking nor report is made: `report_graded` and the next `grade` do that. Raises BatchRefused
-    and NotWritten as `grade` does.
+    which the newcomers' are added, each told to `ended` as it comes; `waiting` as in `grade`. Of other fruit
+    no file is read, and neither ranking nor report is made: `report_graded` and the next `grade` do that.
+    Raises BatchRefused and NotWritten as `grade` does.
     """
     run = _placed(
         batch,
@@ -165,8 +169,15 @@ def grade_newcomers(
             ended(run, records[fruit_id])
         if queue.todo:
             engine = local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
-            tell = partial(ended, run)
-            _work(queue, records, tell, engine=engine, time_limit_s=time_limit_s, console=console)
+            _work(
+                queue,
+                records,
+                partial(ended, run),
+                engine=engine,
+                time_limit_s=time_limit_s,
+                console=console,
+                waiting=waiting,
+            )
 
 
 def report_graded(
@@ -318,12 +329,15 @@ def _work(
     engine: Engine,
     time_limit_s: float,
     console: Console,
+    waiting: int | None,
 ) -> None:
     """Grades what is to do, shows how far it is, puts each record into `records` as it comes, and tells it to
     `ended`.
     """
+    before = None if waiting is None else len(records)
+    total = len(todo.todo) + (waiting or 0)
     with (
-        BatchProgress(console, total=len(todo.todo), jobs=engine.at_once) as progress,
+        BatchProgress(console, total=total, jobs=engine.at_once, before=before) as progress,
         closing(run_on(engine, work_on, todo)) as events,
     ):
 

@@ -83,11 +83,12 @@ class IncrementalRun:
         refused = self.unreported or (self.refused and self.status != INTERRUPTED)
         return USAGE if refused else self.status
 
-    def grade_all(self, batch: Batch, retried: Collection[str], *, changed: bool) -> None:
+    def grade_all(self, batch: Batch, retried: Collection[str], *, waiting: int, changed: bool) -> None:
         """All fruit of `batch`, held against each other, with ranking and report, as `drupe grade` does.
 
         `retried` are at work; of the others, those are too whose record does not hold. `changed`: whether the
         batch's own files are others than those of `records`, which hold for no fruit then until it is read.
+        `waiting`: fruit that are graded after these.
         """
         records = PackedRecords()
         self._begins(retried)
@@ -103,6 +104,7 @@ class IncrementalRun:
                 opened=batch,
                 retried=None if self.batch is None else retried,
                 records=records,
+                waiting=waiting,
             )
         except (BatchRefused, NotWritten):
             self.working, self.refused = (), True
@@ -138,7 +140,7 @@ class IncrementalRun:
         self.unreported = not written and not (first and self.working)
         self.status = INTERRUPTED if written else self.status
 
-    def grade_newcomers(self, batch: Batch, newcomers: Collection[str]) -> None:
+    def grade_newcomers(self, batch: Batch, newcomers: Collection[str], *, waiting: int) -> None:
         """Those alone, and fruit that have a recording which names one of them; each is ranked as it ends.
 
         `batch`: with the fruit so far, which `grade_all` has graded with the same files of the batch's own.
@@ -169,6 +171,7 @@ class IncrementalRun:
                 console=self.console,
                 screen=self.screen,
                 ended=ended,
+                waiting=waiting,
             )
         except (BatchRefused, NotWritten):
             rows = tuple(row for row in batch.rows if row.fruit_id in before or row.fruit_id in self.records)

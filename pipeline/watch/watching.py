@@ -13,7 +13,7 @@ from pipeline.batch.opening import Batch, open_batch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.run.incremental_run import IncrementalRun
-from pipeline.watch.arrivals import Arrival, State, arrival, own_state
+from pipeline.watch.arrivals import Arrivals, State, own_state
 from reports.kiosk_page import KioskEntry
 from reports.language import ENGLISH
 
@@ -21,8 +21,6 @@ EVERY_S = 0.5
 """Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
 SHARE = 0.05
 """Of the time that looking may take: after a look that took t, t over this is waited."""
-TURN = 100
-"""Graded fruit whose files one look looks at again, in turn: 0.5 ms each (benchmarks/many_fruit.py watch)."""
 AS_MANY = 10
 """Fruit that are only read again in the time in which a single one is taken in: 20 ms and 0.2 s
 (benchmarks/many_fruit.py watch)."""
@@ -60,26 +58,23 @@ class BatchWatch:
     show: Callable[[KioskEntry], None]
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
-    arrivals: dict[str, Arrival] = field(default_factory=dict)
-    """What lies in the folder of each fruit that has any files."""
-    turn: int = 0
-    """Of the graded fruit, the first whose folder the last look went into again."""
-    expected: int = 0
-    """Rows of the table whose fruit have none yet."""
-    seen: dict[str, tuple[State, float]] = field(default_factory=dict)
-    """Files of each fruit, and since when they are so."""
     tried: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
     recent: list[str] = field(default_factory=list)
     """Fruit in the order in which their files were graded, the last first."""
     own: State | None = None
     """The batch's own files when all fruit were last held against each other; None: none were yet."""
+    named: dict[str, str] = field(default_factory=dict)
+    """Fruit that the console has said to lack files, and which."""
+    arrivals: Arrivals = field(init=False)
+    """What lies in the fruit's folders."""
     graded: IncrementalRun = field(init=False)
     """The fruit so far, their ranking and report."""
 
     def __post_init__(self) -> None:
-        """The run that takes the fruit, by the watch's options and clock."""
+        """Its parts, by the watch's options and clock."""
         options = self.options
+        self.arrivals = Arrivals(settle_s=options.settle_s, clock=self.clock)
         self.graded = IncrementalRun(
             out=options.out,
             jobs=options.jobs,
@@ -101,10 +96,11 @@ class BatchWatch:
             own = own_state(BatchFolder(self.root))
             batch, problems = self._opened()
             looked_s = self.clock() - began
-            now = own, problems, tuple((name, one.state) for name, one in self.arrivals.items())
+            now = own, problems, tuple((name, one.state) for name, one in self.arrivals.of.items())
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
                 self._tell(problems)
+            self._name_lacking()
             if self.clock() - refused_at >= AGAIN_S:
                 if batch is not None and (chosen := self._chosen(batch, own)):
                     done = self._grade(batch, own, chosen)
@@ -114,9 +110,8 @@ class BatchWatch:
                 if batch is not None and self.graded.report_due:
                     refused_at = -float("inf") if self._report() else self.clock()
                     continue
-            waiting = any(self._since(name) < self.options.settle_s for name in self.arrivals)
-            idle_s = self.options.idle_s
-            if idle_s is not None and not waiting and self.clock() - quiet_since >= idle_s:
+            idle_s, coming = self.options.idle_s, not all(map(self.arrivals.at_rest, self.arrivals.of))
+            if idle_s is not None and not coming and self.clock() - quiet_since >= idle_s:
                 if batch is not None and self.graded.uncompared:
                     self._grade(batch, own, [], compare_all=True)
                 return self.stop()
@@ -138,31 +133,9 @@ class BatchWatch:
             return None, tuple(str(problem) for problem in refused.problems)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
-        """Looks into the folder of every fruit, listed or not, into those of graded ones in turn; the fruit
-        that lack nothing.
-        """
-        rows = (*rows, *unlisted_fruit(folder.root / "fruits", rows))
-        before, self.arrivals = self.arrivals, {}
-        graded = [name for name, one in before.items() if self.tried.get(name, ((), ()))[1] == one.state]
-        self.turn = self.turn + TURN if self.turn + TURN < len(graded) else 0
-        passed_over = {*graded[: self.turn], *graded[self.turn + TURN :]}
-        for row in rows:
-            if row.fruit_id in passed_over:
-                self.arrivals[row.fruit_id] = before[row.fruit_id]
-                continue
-            one = arrival(folder.fruit(row.fruit_id), row)
-            if one.state:
-                self.arrivals[row.fruit_id] = one
-                if self.seen.get(row.fruit_id, ((), 0.0))[0] != one.state:
-                    self.seen[row.fruit_id] = one.state, self.clock()
-        self.expected = len(rows) - len(self.arrivals)
-        return tuple(
-            row for row in rows if row.fruit_id in self.arrivals and not self.arrivals[row.fruit_id].missing
-        )
-
-    def _since(self, name: str) -> float:
-        """Seconds for which a fruit's files are as they are."""
-        return self.clock() - self.seen[name][1]
+        """The fruit that lack nothing, listed or not."""
+        every = (*rows, *unlisted_fruit(folder.root / "fruits", rows))
+        return self.arrivals.look(folder, every, {name: files for name, (_, files) in self.tried.items()})
 
     def _chosen(self, batch: Batch, own: State) -> list[str]:
         """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
@@ -172,14 +145,17 @@ class BatchWatch:
         ready = [
             name
             for name, row in batch.row_of.items()
-            if self._since(name) >= self.options.settle_s
-            and (own != self.own or self.tried.get(name) != (row, self.arrivals[name].state))
+            if self.arrivals.at_rest(name)
+            and (own != self.own or self.tried.get(name) != (row, self.arrivals.of[name].state))
         ]
         again = [
-            name for name in ready if name in self.tried and self.tried[name][1] == self.arrivals[name].state
+            name
+            for name in ready
+            if name in self.tried and self.tried[name][1] == self.arrivals.of[name].state
         ]
         return (
-            again or sorted(ready, key=lambda name: self.arrivals[name].last_change_ns)[: self.options.jobs]
+            again
+            or sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)[: self.options.jobs]
         )
 
     def _begin_with_earlier_results(self) -> None:
@@ -203,17 +179,18 @@ class BatchWatch:
         self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
         many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
         changed = own != self.own
-        states = {name: self.arrivals[name].state for name in chosen}
+        states = {name: self.arrivals.of[name].state for name in chosen}
         known = {*self.tried, *chosen}
+        waiting = sum(name not in known and self.arrivals.at_rest(name) for name in batch.row_of)
         so_far = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
         try:
             if compare_all or many or changed:
-                self.graded.grade_all(so_far, chosen, changed=changed)
+                self.graded.grade_all(so_far, chosen, waiting=waiting, changed=changed)
                 self.own = own
                 for name in chosen:
                     self._first_of_recent(name)
             else:
-                self.graded.grade_newcomers(so_far, chosen)
+                self.graded.grade_newcomers(so_far, chosen, waiting=waiting)
         except (BatchRefused, NotWritten) as fault:
             self._refused(fault)
             return False
@@ -247,9 +224,17 @@ class BatchWatch:
 
     def _first_of_recent(self, name: str) -> None:
         """The fruit was graded last, unless its files are those of before: then it is where it was."""
-        if name in self.tried and self.tried[name][1] == self.arrivals[name].state:
+        if name in self.tried and self.tried[name][1] == self.arrivals.of[name].state:
             return
         self.recent = [name, *(one for one in self.recent if one != name)]
+
+    def _name_lacking(self) -> None:
+        """Says on the console which fruit lack files though theirs are at rest: once what each lacks."""
+        lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
+        for name, missing in lacking.items():
+            if self.named.get(name) != missing:
+                self.console.print(f"{name}: not graded yet, lacks {missing}", highlight=False, markup=False)
+        self.named = lacking
 
     def _tell(self, problems: tuple[str, ...]) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
@@ -261,8 +246,8 @@ class BatchWatch:
                 batch=None if self.graded.ranking is None else self.graded.ranking.entry,
                 recent=tuple(self.recent),
                 working=self.graded.working,
-                waiting=tuple((name, one.missing) for name, one in self.arrivals.items() if one.missing),
-                expected=self.expected,
+                waiting=self.arrivals.lacking,
+                expected=self.arrivals.expected,
                 problems=problems,
             )
         )

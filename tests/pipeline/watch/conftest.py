@@ -1,5 +1,7 @@
 """A watched batch whose fruit take no time to be graded."""
 
+import io
+
 import pytest
 from rich.console import Console
 from watched_batch import HEAD, fake_record
@@ -40,7 +42,7 @@ def worked(monkeypatch):
 @pytest.fixture
 def watched(batch, worked):
     """Watches with a clock that sleeping moves; `during` are done one at each sleep."""
-    shown, time_s = [], [0.0]
+    shown, time_s, said = [], [0.0], io.StringIO()
 
     def begun(*during, idle_s=30.0, settle_s=2.0, jobs=1):
         steps = list(during)
@@ -56,7 +58,7 @@ def watched(batch, worked):
         watch = BatchWatch(
             root=batch,
             options=options,
-            console=Console(quiet=True),
+            console=Console(file=said, width=200),
             show=shown.append,
             clock=lambda: time_s[0],
             sleep=sleep,
@@ -69,5 +71,5 @@ def watched(batch, worked):
         assert not steps
         return status
 
-    run.begun, run.worked, run.shown, run.time_s = begun, worked, shown, time_s
+    run.begun, run.worked, run.shown, run.said, run.time_s = begun, worked, shown, said, time_s
     return run

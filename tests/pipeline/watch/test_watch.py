@@ -5,7 +5,7 @@ import shutil
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
-from pipeline.watch import watching
+from pipeline.watch import arrivals
 from reports.kiosk_page import kiosk_html
 
 
@@ -132,10 +132,10 @@ def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, m
 
 
 def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
-    monkeypatch.setattr(watching, "TURN", 2)
-    looked, into = [], watching.arrival
+    monkeypatch.setattr(arrivals, "TURN", 2)
+    looked, into = [], arrivals.arrival
     monkeypatch.setattr(
-        watching, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
+        arrivals, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
     )
     watched(
         *one_by_one(batch, *"ABCDE"),

@@ -241,13 +241,3 @@ def test_a_comparison_that_was_refused_is_forgotten_when_one_is_made(batch, watc
         watch.run()
     assert watch.stop() == 0
     assert said_of(batch) == (0, ["A", "B"])
-
-
-@pytest.mark.parametrize("before", [(), ("A",)])
-def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, worked, before):
-    for name in (*before, "stop"):
-        put(batch, name)
-    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q")
-    assert worked == [*before, "stop"]
-    assert ran.status == 130
-    assert "drupe: stopped; a fruit was not finished" in ran.err
