@@ -23,15 +23,15 @@ from reports.language import ENGLISH
 
 @dataclass(kw_only=True)
 class IncrementalRun:
-    """Fruit are graded into `out`, `jobs` at a time, each within `time_limit_s`; with `screen` they are
-    screened.
+    """Fruit graded into `out` as they come, of which every moment has records, a ranking and an exit status
+    that agree, after Ctrl-C and a refusal too.
 
-    `records` are those of the fruit of `batch`, but for `working` and such as could not be graded again;
-    `ranking` is of the same records. `tell` is told when `working` or the ranking have changed, with the
-    fruit that has ended. `clock` in seconds.
+    `records` are those of all fruit of `batch`, but for `working` and such as could not be graded again;
+    `ranking` is of the same records. `jobs`: fruit at once, each within `time_limit_s`; `screen`: whether
+    they are screened. `tell` is told when `working` or the ranking have changed, with the fruit that has
+    ended. `clock` in seconds.
 
-    Each method raises BatchRefused and NotWritten where something cannot be graded or written. After Ctrl-C
-    nothing but `report` may be called.
+    The methods raise BatchRefused and NotWritten as `grade` does. After Ctrl-C only `report` may be called.
     """
 
     out: Path
@@ -106,13 +106,14 @@ class IncrementalRun:
                 records=records,
                 waiting=waiting,
             )
+            ranking = IncrementalRanking(records, entry)
         except (BatchRefused, NotWritten):
             self.working, self.refused = (), True
             raise
         except KeyboardInterrupt as stopped:
             self._interrupted(batch, records, retried, changed=changed, stopped=stopped)
             raise
-        self.batch, self.records, self.ranking = batch, records, IncrementalRanking(records, entry)
+        self.batch, self.records, self.ranking = batch, records, ranking
         self.working, self.unreported, self.uncompared, self.refused = (), False, False, False
 
     def _interrupted(

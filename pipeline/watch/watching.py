@@ -1,7 +1,7 @@
 """The loop of `drupe watch`: fruit are graded as they arrive, one after the other."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -64,8 +64,6 @@ class BatchWatch:
     """Fruit in the order in which their files were graded, the last first."""
     own: State | None = None
     """The batch's own files when all fruit were last held against each other; None: none were yet."""
-    named: dict[str, str] = field(default_factory=dict)
-    """Fruit that the console has said to lack files, and which."""
     arrivals: Arrivals = field(init=False)
     """What lies in the fruit's folders."""
     graded: IncrementalRun = field(init=False)
@@ -91,6 +89,7 @@ class BatchWatch:
         self._begin_with_earlier_results()
         quiet_since, refused_at = self.clock(), -float("inf")
         before: object = None
+        named: dict[str, str] = {}
         while True:
             began = self.clock()
             own = own_state(BatchFolder(self.root))
@@ -100,7 +99,7 @@ class BatchWatch:
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
                 self._tell(problems)
-            self._name_lacking()
+            named = self._name_lacking(named)
             if self.clock() - refused_at >= AGAIN_S:
                 if batch is not None and (chosen := self._chosen(batch, own)):
                     done = self._grade(batch, own, chosen)
@@ -228,13 +227,15 @@ class BatchWatch:
             return
         self.recent = [name, *(one for one in self.recent if one != name)]
 
-    def _name_lacking(self) -> None:
-        """Says on the console which fruit lack files though theirs are at rest: once what each lacks."""
+    def _name_lacking(self, named: Mapping[str, str]) -> dict[str, str]:
+        """Says on the console which fruit lack files though theirs are at rest, where it has not `named` them
+        before; all of them, and what each lacks.
+        """
         lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
         for name, missing in lacking.items():
-            if self.named.get(name) != missing:
+            if named.get(name) != missing:
                 self.console.print(f"{name}: not graded yet, lacks {missing}", highlight=False, markup=False)
-        self.named = lacking
+        return lacking
 
     def _tell(self, problems: tuple[str, ...]) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
