@@ -85,8 +85,10 @@ def watch(
         try:
             status = watching.run()
         except KeyboardInterrupt:
-            unfinished = "; a fruit was not finished, the same command goes on from here"
-            typer.echo(f"drupe: stopped{unfinished if watching.graded.working else ''}", err=True)
+            unfinished = len(watching.graded.working)
+            fruit = "a fruit was" if unfinished == 1 else f"{unfinished} fruit were"
+            goes_on = f"; {fruit} not finished, the same command goes on from here" if unfinished else ""
+            typer.echo(f"drupe: stopped{goes_on}", err=True)
             status = watching.stop()
     if not quiet and watching.graded.reported is not None:
         print_summary(watching.graded.reported, place, console=Console())

@@ -234,13 +234,17 @@ class BatchWatch:
         lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
         for name, missing in lacking.items():
             if named.get(name) != missing:
-                self.console.print(f"{name}: not graded yet, lacks {missing}", highlight=False, markup=False)
+                self._say(f"{name}: not graded yet, lacks {missing}")
         return lacking
+
+    def _say(self, sentence: str) -> None:
+        """A line on the console."""
+        self.console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
     def _tell(self, problems: tuple[str, ...]) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
         for problem in problems:
-            self.console.print(problem, highlight=False, markup=False)
+            self._say(problem)
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,

@@ -20,6 +20,15 @@ def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, work
     assert "drupe: stopped; a fruit was not finished" in ran.err
 
 
+def test_the_command_counts_the_fruit_that_ctrl_c_left_unfinished(batch, drupe, worked, monkeypatch):
+    monkeypatch.setattr("pipeline.commands.watch.cores", lambda: 2)
+    for name in ("stop", "then"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q", "--jobs", "2")
+    assert ran.status == 130
+    assert "drupe: stopped; 2 fruit were not finished, the same command goes on from here" in ran.err
+
+
 @pytest.mark.parametrize("ends", ["when nothing new comes", "by Ctrl-C"])
 def test_a_watch_ends_with_the_summary_of_a_plain_grade(batch, drupe, worked, monkeypatch, ends):
     (batch / "fruits.csv").write_text("fruit_id\nA\nB\n")

@@ -6,6 +6,7 @@ import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
 from pipeline.run import fruit_queue, grading, incremental_run
+from pipeline.run.incremental_ranking import IncrementalRanking
 
 
 def said_of(batch):
@@ -193,6 +194,35 @@ def test_ctrl_c_while_changed_rows_are_read_again_is_an_interrupted_run(batch, w
     assert watch.graded.working == ("A", "B")
     assert watch.stop() == 130
     assert said_of(batch) == (130, ["C"])
+
+
+def test_ctrl_c_when_a_fruit_has_just_ended_leaves_none_unfinished(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    add = IncrementalRanking.add
+
+    def stops(self, run, record):
+        return interrupted() if record.fruit_id == "C" else add(self, run, record)
+
+    monkeypatch.setattr(IncrementalRanking, "add", stops)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ()
+    assert watch.stop() == 0
+    assert said_of(batch) == (0, ["A", "B", "C"])
+
+
+def test_ctrl_c_before_a_changed_fruit_is_graded_again_says_so(batch, watched, monkeypatch):
+    def changed():
+        (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again")
+        monkeypatch.setattr(grading, "require_free", lambda *_: interrupted())
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("B",)
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, ["A"])
 
 
 def test_ctrl_c_before_earlier_results_are_read_leaves_them(batch, watched, monkeypatch):
