@@ -206,7 +206,7 @@ class DayMeter:
 def watch(graded: Path, batch: Path, *, there: int, every_s: float) -> None:
     """`drupe watch` with such work, and what it cost."""
     from pipeline.batch.opening import open_batch
-    from pipeline.run import grading
+    from pipeline.run import grading, reporting
     from pipeline.run.console import RunConsole
     from pipeline.watch.watching import BatchWatch, WatchOptions
     from reports.kiosk_page import kiosk_html
@@ -259,7 +259,7 @@ def watch(graded: Path, batch: Path, *, there: int, every_s: float) -> None:
         grading.grade(batch, None, jobs=1, time_limit_s=600, console=console, opened=opened)
     meter = DayMeter(len(names))
     ended = meter.timed("work", ended)
-    grading.report = meter.timed("reports", grading.report)
+    grading.report = reporting.report = meter.timed("reports", grading.report)
     BatchWatch._opened = meter.timed("looks", BatchWatch._opened)
     options = WatchOptions(
         out=batch / "results", jobs=1, time_limit_s=600, screen=True, settle_s=2, idle_s=60 + every_s

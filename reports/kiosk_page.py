@@ -14,7 +14,7 @@ from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark
-from reports.words import advice, percent, with_sd
+from reports.words import advice, effect_name, percent, suspect_words, with_sd
 
 MOST_BEFORE = 8
 """Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
@@ -26,6 +26,8 @@ WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
 """What to do with a fruit, by the list that it is on; each is in the words files."""
 COUNTED = {SHIP: "to ship", HOLD: "to hold back", LOOK: "to look at"}
 """The lists beside the number of their fruit."""
+UNEXPLAINED = "unknown"
+"""Name of what no known effect explains; such a fruit is to be looked at."""
 MISSING = ("photos or fruit.ply", "a recording in grasps/")
 """What a fruit may lack (pipeline.watch.arrivals), with "and" between both."""
 
@@ -67,6 +69,7 @@ def _page(entry: KioskEntry) -> str:
         "with_sd": with_sd,
         "percent": percent,
         "next_action": next_action,
+        "left_out": left_out,
         "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
         "missing_words": lambda missing: say(" and ").join(say(one) for one in missing.split(" and ")),
     }
@@ -101,3 +104,19 @@ def next_action(fruit: FruitEntry) -> str:
         why = reason_words(fruit.decision_reason)
         return f"{why[0].upper()}{why[1:]}."
     return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
+
+
+def left_out(fruit: FruitEntry) -> str:
+    """What the model leaves out of a fruit's E, as the screen or `drupe explain` say, as a sentence; empty
+    where nothing is known to be left out. Of what nobody can name `next_action` says enough.
+    """
+    if not fruit.ok or fruit.reference or fruit.mismatch in ("none", UNEXPLAINED):
+        return ""
+    suspects = () if fruit.screen is None else fruit.screen.suspects
+    if fruit.mismatch and not fruit.mismatch_taken:
+        found = f"{say('Missing physics')}: {effect_name(fruit.mismatch)}."
+    elif suspects and suspects[0].name != UNEXPLAINED:
+        found = f"{say('Missing physics suspected')}: {suspect_words(suspects)}."
+    else:
+        return ""
+    return f"{found} {say('Neither E nor what to do takes that into account.')}"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from reports.entries import OR, FruitEntry, ScreenEntry, ranked
+from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, ranked
 from reports.language import decimals as with_comma
 from reports.language import say
 
@@ -84,9 +85,14 @@ def screen_words(screen: ScreenEntry) -> str:
         return f"not screened for missing physics, {screen.why_not}"
     if not screen.suspects:
         return ""
-    first, *others = screen.suspects
+    return f"missing physics suspected, {suspect_words(screen.suspects)} (drupe explain says more)"
+
+
+def suspect_words(suspects: Sequence[Suspect]) -> str:
+    """The likeliest of the suspects, and those that look like it."""
+    first, *others = suspects
     like = f", or {' or '.join(effect_name(one.name) for one in others)}" if others else ""
-    return f"missing physics suspected, {first.short}{like} (drupe explain says more)"
+    return f"{first.short}{like}"
 
 
 def p_words(p_value: float | None) -> str:

@@ -1,8 +1,10 @@
 """Where things lie in a batch and in its results."""
 
+import os
 import re
 import unicodedata
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from recon.cameras.photos import photo_paths
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
 
+PARTS = ("photos", "photos-flipped", "grasps")
+"""Folders in a fruit's folder."""
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep, of this version and of earlier ones."""
 
@@ -369,9 +373,11 @@ class Results:
                 yield self.root / name
         yield from self.root.glob("*.h5")
         yield from photo_paths(self.root)
-        for kind in ("photos", "photos-flipped", "grasps"):
-            yield from self.root.glob(kind)
-            yield from self.root.glob(f"fruits/*/{kind}")
+        names = [str(self.root)]
+        with suppress(OSError), os.scandir(self.root / "fruits") as found:
+            names += [one.path for one in found]
+        inside = (f"{name}/{part}" for name in names for part in PARTS)
+        yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands
 
     def _made_by_an_earlier_version(self) -> bool:
         return not is_claimed(self.root) and _says(self.provenance, "drupe-batch-result")

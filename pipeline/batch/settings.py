@@ -253,14 +253,19 @@ def settings_schema() -> dict[str, Any]:
 
 def read_settings(path: Path) -> Settings:
     """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
-    if path.parent.exists() and not path.parent.is_dir():
-        raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")])
-    if not path.parent.is_dir():
-        raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")])
+    require_folder(path.parent)
     if path.with_name("case.toml").is_file():
         return read_toml(path, Settings, missing=_A_CASE)
     photos = _PHOTOS if photo_paths(path.parent) or any(map(photo_paths, _folders(path.parent))) else ""
     return read_toml(path, Settings, missing=photos.format(folder=path.parent) or _MISSING)
+
+
+def require_folder(root: Path) -> None:
+    """Raises BatchRefused where the batch's folder is not there, or is no folder."""
+    if root.exists() and not root.is_dir():
+        raise BatchRefused([Problem(str(root), "is a file; give the batch's folder.")])
+    if not root.is_dir():
+        raise BatchRefused([Problem(str(root), "there is no such batch folder.")])
 
 
 def _folders(root: Path) -> list[Path]:

@@ -1,5 +1,6 @@
 """What the process that grades one fruit is told."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from recon.cameras.printed_mat import Mat
 from recon.pit.priors import PitBody, PitPrior
+from recon.plain_file import printable
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "measured_on", "notes", "reference"}
 """Settings that change no fruit's result."""
@@ -41,6 +43,11 @@ class FruitTask:
     key: str
     batch_fruits: BatchFruits | None = None
     screen: bool = True
+
+    def named_in_batch(self, sentence: str) -> str:
+        """The sentence with the batch's files named from its folder on, as people look for them there."""
+        root = re.escape(printable(str(self.batch_root)))
+        return re.sub(rf"(?<![^\s(\"']){root}/", "", sentence)
 
 
 def batch_fruits(batch: Batch, results: Results) -> BatchFruits:

@@ -37,14 +37,16 @@ def grade(
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Work on the cluster of this scheduler of dask (tcp://node1:8786); BATCH and OUT must lie "
-            "on a file system that all its machines share.",
+            help="Grade on several machines: the address of the program that hands fruit out to them, a "
+            "scheduler of dask (tcp://node1:8786). BATCH and OUT must lie on a file system that all share.",
         ),
     ] = None,
     slurm: Annotated[
         bool,
         typer.Option(
-            "--slurm", help="Work in as many jobs of Slurm as --jobs says, one fruit at a time each."
+            "--slurm",
+            help="Grade on a computing cluster whose machines Slurm gives out, in as many of its jobs as "
+            "--jobs says, one fruit at a time each.",
         ),
     ] = False,
     provenance: Annotated[

@@ -52,11 +52,17 @@ def watch(
     require_libraries()
     language = chosen_language(lang)
     with elsewhere():
+        from rich.console import Console
+
         from pipeline.batch.layout import Results
+        from pipeline.batch.settings import require_folder
+        from pipeline.ranking.run_summary import print_summary
         from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.watching import BatchWatch, WatchOptions
         from reports.kiosk_page import kiosk_html
+    require_folder(batch)
+    console = RunConsole(quiet=quiet, verbose=verbose, log=log)
     place = out or batch / "results"
     options = WatchOptions(
         out=place,
@@ -73,13 +79,17 @@ def watch(
         watching = BatchWatch(
             root=batch,
             options=options,
-            console=RunConsole(quiet=quiet, verbose=verbose, log=log),
+            console=console,
             show=lambda entry: server.show(kiosk_html(entry, language=language)),
         )
         try:
             status = watching.run()
         except KeyboardInterrupt:
-            unfinished = "; a fruit was not finished, the same command goes on from here"
-            typer.echo(f"drupe: stopped{unfinished if watching.working else ''}", err=True)
+            unfinished = len(watching.graded.working)
+            fruit = "a fruit was" if unfinished == 1 else f"{unfinished} fruit were"
+            goes_on = f"; {fruit} not finished, the same command goes on from here" if unfinished else ""
+            typer.echo(f"drupe: stopped{goes_on}", err=True)
             status = watching.stop()
+    if not quiet and watching.graded.reported is not None:
+        print_summary(watching.graded.reported, place, console=Console())
     raise typer.Exit(status)

@@ -72,7 +72,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome,
-        reason=reason,
+        reason=task.named_in_batch(reason),
         key=task.key,
         given=task.given,
         mesh=facts.mesh,

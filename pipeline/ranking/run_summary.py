@@ -97,6 +97,10 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     fruits = without_references(batch.fruits)
     graded = sum(fruit.ok for fruit in fruits)
     console.print(f"{graded} of {len(fruits)} fruit graded", highlight=False)
+    if batch.unfinished is not None:
+        console.print(
+            f"interrupted: {batch.unfinished.done} of {batch.unfinished.total} fruit done", highlight=False
+        )
     for sentence in () if batch.reference is None else batch.reference.sentences:
         lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
         console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)

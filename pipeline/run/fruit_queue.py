@@ -28,8 +28,9 @@ class WaitingFruit(NamedTuple):
 
 
 class FruitQueue:
-    """The fruit of a run: `records` of those that are done, `todo` of the others, which it yields with their
-    tasks. One whose numbers are not plausible gets its record when it is reached, and is one of `refused`.
+    """The fruit of a run: `records` of those that are done, as many from an earlier run as `kept` says, and
+    `todo` of the others, which it yields with their tasks. One whose numbers are not plausible gets its
+    record when it is reached, and is one of `refused`.
 
     `retried`: fruit that are tried again where an earlier run ended them for a cause that may pass; None:
     all. `fruits`: those that are looked at; None: all of the run. `records`: where records are put; None:
@@ -61,8 +62,7 @@ class FruitQueue:
             before = read_record(run.results.fruit(fruit_id).record)
             if before is None or not self._holds(fruit_id, before, refused):
                 self.todo.append(WaitingFruit(fruit_id, run.batch.folder.fruit(fruit_id)))
-        if kept := len(looked_at) - len(self.todo) - len(refused):
-            console.print(f"{kept} of {len(looked_at)} fruit unchanged since the last run", highlight=False)
+        self.kept = len(looked_at) - len(self.todo) - len(refused)
 
     def _holds(self, fruit_id: str, before: FruitRecord, refused: list[str]) -> bool:
         """Whether an earlier run's record holds, or the fruit's numbers are refused; it is in `records`."""

@@ -73,7 +73,7 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome.code,
-        reason=outcome.sentence(particulars),
+        reason=task.named_in_batch(outcome.sentence(particulars)),
         key=task.key,
         given=task.given,
     )

@@ -35,7 +35,7 @@ from pipeline.run.fruit_work import work_on
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar, report
+from pipeline.run.reporting import ReportSoFar, report, report_of_done
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
 
@@ -58,15 +58,17 @@ def grade(
     retried: Collection[str] | None = None,
     place: WorkPlace | None = None,
     records: PackedRecords | None = None,
+    waiting: int | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
     `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
     that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
-    earlier run ended them for a cause that may pass; None: all. `place`: where fruit are worked on; None: on
-    this machine, `jobs` at a time. `records`: empty; where the fruit's records are put, to go on from with
-    `grade_newcomers`.
+    earlier run ended them for a cause that may pass; None: all, and it is said how many are as that run left
+    them. `place`: where fruit are worked on; None: on this machine, `jobs` at a time. `records`: empty; where
+    the fruit's records are put. `waiting`: fruit of a watched batch that wait until these are done; None: the
+    batch is not watched.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -95,6 +97,9 @@ def grade(
         write_run(run.results, run.batch.row_of, mark=place.mark)
         queue = FruitQueue(run, console, retried, records=records)
         records = queue.records
+        if retried is None and queue.kept:
+            kept = f"{queue.kept} of {len(run.batch.rows)} fruit unchanged since the last run"
+            console.print(kept, highlight=False)
         with suppress(NotWritten):
             run.write_provenance(records.outcomes, None)
         so_far = ReportSoFar(run, records)
@@ -108,6 +113,7 @@ def grade(
                     engine=engine,
                     time_limit_s=time_limit_s,
                     console=console,
+                    waiting=waiting,
                 )
         except KeyboardInterrupt:
             _broken_off(run, records, so_far, INTERRUPTED)
@@ -130,46 +136,48 @@ def grade_newcomers(
     time_limit_s: float,
     console: Console,
     ended: Callable[[BatchRun, FruitRecord], None],
+    waiting: int = 0,
     screen: bool = True,
     now: Callable[[], datetime] = utc_now,
 ) -> None:
     """Grades fruit of a batch that `grade` has graded into `out` without them, or as they were before.
 
-    `batch`: as it was read, with the fruit so far and the newcomers; `records`: those of the fruit so far, to
-    which the newcomers' are added, each told to `ended` as it comes. Of other fruit no file is read, and
-    neither ranking nor report is made: `report_graded` and the next `grade` do that. Raises BatchRefused
-    and NotWritten as `grade` does.
+    `batch`: as it was read, with the fruit so far and the newcomers; `records`: those of the other fruit, to
+    which the newcomers' are added, each told to `ended` as it comes; `waiting` as in `grade`. Of other fruit
+    no file is read, and neither ranking nor report is made: `report_graded` and the next `grade` do that.
+    Raises BatchRefused and NotWritten as `grade` does.
     """
-    run = BatchRun(
-        batch=batch,
-        results=Results(out),
-        chart=None,
-        inputs={},
+    run = _placed(
+        batch,
+        out,
+        newcomers=newcomers,
+        started=now(),
+        since_s=time.monotonic(),
         force=False,
         screen=screen,
         options=ReportOptions(),
-        started=now(),
-        since_s=time.monotonic(),
     )
     fruits = [run.results.fruit(fruit_id) for fruit_id in newcomers]
-    read = read_files(replace(batch, rows=tuple(batch.row_of[fruit_id] for fruit_id in newcomers)))
-    require_results_apart(run.results, batch.folder, read, "--out")
-    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
     with results_lock(run.results.root):
         require_free(run.results, fruits, "--out")
         require_same_batch(run.results, identity(batch, run.inputs), "--out")
         _begun(run.results, fruits)
         write_run(run.results, batch.row_of, mark=WorkPlace().mark)
-        for fruit_id in newcomers:
-            records.pop(fruit_id, None)
         queue = FruitQueue(run, console, newcomers, fruits=newcomers, records=records)
         for fruit_id in [one for one in newcomers if one in records]:
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
             ended(run, records[fruit_id])
         if queue.todo:
             engine = local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
-            tell = partial(ended, run)
-            _work(queue, records, tell, engine=engine, time_limit_s=time_limit_s, console=console)
+            _work(
+                queue,
+                records,
+                partial(ended, run),
+                engine=engine,
+                time_limit_s=time_limit_s,
+                console=console,
+                waiting=waiting,
+            )
 
 
 def report_graded(
@@ -180,47 +188,58 @@ def report_graded(
     screen: bool = True,
     options: ReportOptions,
     now: Callable[[], datetime] = utc_now,
-) -> tuple[int, BatchEntry] | None:
+) -> tuple[int, BatchEntry | None]:
     """Ranking and report of fruit that `grade` and `grade_newcomers` have graded; none is worked on.
 
-    What `grade` returns; None where fruit of the batch are not in `records`, and the page says that the run
-    was interrupted. Raises BatchRefused and NotWritten as `grade` does.
+    What `grade` returns. Where fruit of the batch are not in `records`, all that is written is that of an
+    interrupted run, and so is the status; no entry where no fruit is. Raises BatchRefused and NotWritten as
+    `grade` does.
     """
     started, since_s = now(), time.monotonic()
     run = _placed(batch, out, started=started, since_s=since_s, force=False, screen=screen, options=options)
     with results_lock(run.results.root):
         run.require_ours()
-        if any(row.fruit_id not in records for row in batch.rows):
-            _broken_off(run, records, ReportSoFar(run, records), INTERRUPTED)
-            return None
-        return report(run, records)
+        status, entry = report_of_done(run, records)
+        if status == INTERRUPTED:
+            _say_broken_off(run, records, status)
+        return status, entry
 
 
 def _broken_off(run: BatchRun, records: PackedRecords, so_far: ReportSoFar, status: int) -> None:
     """What a run leaves that ends before its fruit are done; what cannot be written is left out."""
+    _say_broken_off(run, records, status)
+    so_far.write(interrupted=True)
+
+
+def _say_broken_off(run: BatchRun, records: PackedRecords, status: int) -> None:
     with suppress(NotWritten):
         run.write_provenance(records.outcomes, status)
-    so_far.write(interrupted=True)
 
 
 def _placed(
     batch: Batch,
     out: Path | None,
     *,
+    newcomers: Collection[str] | None = None,
     started: datetime,
     since_s: float,
     force: bool,
     screen: bool,
     options: ReportOptions,
 ) -> BatchRun:
-    """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
+    """The run, whose places are fit to be written to; raises BatchRefused where one is not.
+
+    `newcomers`: fruit of the batch that alone are read; such a run has neither hashes nor chart, as it makes
+    no report.
+    """
     options.require_parts()
     results = Results(out or batch.folder.default_results)
-    inputs = _inputs(batch)
+    rows = batch.rows if newcomers is None else tuple(batch.row_of[fruit_id] for fruit_id in newcomers)
+    inputs = _inputs(replace(batch, rows=rows))
     read = [*inputs, *_models(batch)]
     require_results_apart(results, batch.folder, read, "--out")
     require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
-    named = batch.settings.reference.chart
+    named = batch.settings.reference.chart if newcomers is None else None
     chart = None if named is None else chart_path(batch.folder, named)
     if chart is not None:
         require_chart_place(chart, batch.folder, results, read)
@@ -228,7 +247,7 @@ def _placed(
         batch=batch,
         results=results,
         chart=chart,
-        inputs=input_hashes(batch.folder.root, inputs),
+        inputs=input_hashes(batch.folder.root, inputs) if newcomers is None else {},
         force=force,
         screen=screen,
         options=options,
@@ -310,12 +329,15 @@ def _work(
     engine: Engine,
     time_limit_s: float,
     console: Console,
+    waiting: int | None,
 ) -> None:
     """Grades what is to do, shows how far it is, puts each record into `records` as it comes, and tells it to
     `ended`.
     """
+    before = None if waiting is None else len(records)
+    total = len(todo.todo) + (waiting or 0)
     with (
-        BatchProgress(console, total=len(todo.todo), jobs=engine.at_once) as progress,
+        BatchProgress(console, total=total, jobs=engine.at_once, before=before) as progress,
         closing(run_on(engine, work_on, todo)) as events,
     ):
 

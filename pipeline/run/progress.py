@@ -13,18 +13,28 @@ from pipeline.run.time_left import TimeLeft
 
 
 class BatchProgress:
-    """Shows which fruit is at which stage, how many are done, and when the rest will be."""
+    """Shows which fruit is at which stage, how many are done, and when the rest will be.
+
+    `total`: fruit that are still to be done. `before`: those of a watched batch that were done before; they
+    are counted with these, as those that have come so far. None: the batch is not watched.
+    """
 
     def __init__(
-        self, console: Console, *, total: int, jobs: int, clock: Callable[[], float] = time.monotonic
+        self,
+        console: Console,
+        *,
+        total: int,
+        jobs: int,
+        before: int | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._console = console
         self._lines = not console.is_terminal or (isinstance(console, RunConsole) and console.verbose)
-        self._total = total
+        self._total, self._done = total + (before or 0), before or 0
+        self._what = "" if before is None else " that have come"
         self._clock = clock
         self._started = clock()
         self._time_left = TimeLeft(total=total, jobs=jobs, clock=clock)
-        self._done = 0
         self._stage: dict[str, str] = {}
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -35,7 +45,7 @@ class BatchProgress:
             console=console,
             transient=True,
         )
-        self._task = self._bar.add_task("grading", total=total, left="")
+        self._task = self._bar.add_task("grading", total=self._total, completed=self._done, left="")
 
     @property
     def jobs(self) -> int:
@@ -77,7 +87,7 @@ class BatchProgress:
         self._done += 1
         left = self._left()
         self._bar.update(self._task, completed=self._done, left=left)
-        note = f" ({self._done} of {self._total}{', ' + left if left else ''})"
+        note = f" ({self._done} of {self._total}{self._what}{', ' + left if left else ''})"
         self._console.print(
             f"[{self._elapsed()}] {fruit_id}: {sentence}{note}", highlight=False, markup=False, soft_wrap=True
         )

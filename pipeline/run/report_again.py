@@ -11,11 +11,12 @@ from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import FruitRecord, read_record
+from pipeline.exit_status import INTERRUPTED
 from pipeline.files.manifest import json_in
 from pipeline.files.results_lock import results_lock
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.batch_run import BatchRun, ReportOptions
-from pipeline.run.reporting import ReportSoFar, report
+from pipeline.run.reporting import report_of_done
 from recon.plain_file import printable
 from reports.entries import BatchEntry
 
@@ -59,10 +60,8 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
                 records[row.fruit_id] = record
         if not records:
             raise BatchRefused([Problem(str(out), "holds no fruit's record; run `drupe grade` first.")])
-        if len(records) < len(opened.rows):
-            ReportSoFar(run, records).write(interrupted=True)
-            return None
-        return report(run, records)[1]
+        status, entry = report_of_done(run, records)
+        return None if status == INTERRUPTED else entry
 
 
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:

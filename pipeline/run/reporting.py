@@ -8,7 +8,7 @@ from functools import partial
 from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.records import FruitRecord, read_record, write_record
-from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
+from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.ranking.batch_faults import batch_faults
@@ -105,16 +105,16 @@ class ReportSoFar:
         if self._pace.due() and len(self._records) < len(self._run.batch.rows):
             self.write()
 
-    def write(self, *, interrupted: bool = False) -> None:
-        """Writes the report of the records there are."""
+    def write(self, *, interrupted: bool = False) -> BatchEntry | None:
+        """Writes the report of the records there are; what it says, None where there are none."""
         with self._pace.reporting():
-            self._write(interrupted=interrupted)
+            return self._write(interrupted=interrupted)
 
-    def _write(self, *, interrupted: bool) -> None:
+    def _write(self, *, interrupted: bool) -> BatchEntry | None:
         run = self._run
         measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
         if not measured:
-            return
+            return None
         compared = copies_doubted(measured, run.batch.folder)
         in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
         entry = entry_of(run)(
@@ -127,6 +127,17 @@ class ReportSoFar:
         )
         with suppress(NotWritten):
             _write(entry, run)
+        return entry
+
+
+def report_of_done(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[int, BatchEntry | None]:
+    """`report` of a run that works on no fruit. Where some have no record: INTERRUPTED, and what ranking and
+    report of the others say, which tell that they are not all (None: there are no others). batch.json is left
+    as it is.
+    """
+    if all(row.fruit_id in records for row in run.batch.rows):
+        return report(run, records)
+    return INTERRUPTED, ReportSoFar(run, records).write(interrupted=True)
 
 
 def entry_of(run: BatchRun) -> partial[BatchEntry]:

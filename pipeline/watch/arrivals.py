@@ -1,7 +1,7 @@
 """What has arrived in the folder of a batch: which fruit are whole and at rest, and what others lack."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
@@ -12,6 +12,8 @@ State = tuple[tuple[str, int, int], ...]
 OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
 """Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
 depends on the fruit's own row alone."""
+TURN = 100
+"""Graded fruit whose files one look looks at again, in turn: 0.5 ms each (benchmarks/many_fruit.py watch)."""
 DESCRIPTION = "grasp.toml"
 """The file without which a folder of frames is no grasp yet."""
 
@@ -41,6 +43,55 @@ def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
     if not recorded:
         lacks.append("a recording in grasps/")
     return Arrival(state=state_of(_files(folder.root)), missing=" and ".join(lacks))
+
+
+@dataclass(kw_only=True)
+class Arrivals:
+    """What lies in the folders of a batch's fruit, look by look.
+
+    `settle_s`: seconds without a change after which a fruit's files are at rest; `clock` in seconds.
+    """
+
+    settle_s: float
+    clock: Callable[[], float]
+    of: dict[str, Arrival] = field(default_factory=dict)
+    """The fruit that have any files."""
+    expected: int = 0
+    """Fruit that have none yet."""
+    turn: int = 0
+    """Of the graded fruit, the first whose folder the last look went into again."""
+    since: dict[str, tuple[State, float]] = field(default_factory=dict)
+    """Files of each fruit, and since when they are so."""
+
+    def look(
+        self, folder: BatchFolder, rows: Sequence[FruitRow], graded: Mapping[str, State]
+    ) -> tuple[FruitRow, ...]:
+        """Looks into the folders of all `rows`, into those of fruit whose files are as they were `graded` in
+        turn; the rows of fruit that lack nothing.
+        """
+        before, self.of = self.of, {}
+        as_graded = [name for name, one in before.items() if graded.get(name) == one.state]
+        self.turn = self.turn + TURN if self.turn + TURN < len(as_graded) else 0
+        passed_over = {*as_graded[: self.turn], *as_graded[self.turn + TURN :]}
+        for row in rows:
+            name = row.fruit_id
+            one = before[name] if name in passed_over else arrival(folder.fruit(name), row)
+            if not one.state:
+                continue
+            self.of[name] = one
+            if self.since.get(name, ((), 0.0))[0] != one.state:
+                self.since[name] = one.state, self.clock()
+        self.expected = len(rows) - len(self.of)
+        return tuple(row for row in rows if row.fruit_id in self.of and not self.of[row.fruit_id].missing)
+
+    def at_rest(self, name: str) -> bool:
+        """Whether a fruit's files have been as they are for long enough."""
+        return self.clock() - self.since[name][1] >= self.settle_s
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """Fruit that have files, but not all that grading needs, and what they lack."""
+        return tuple((name, one.missing) for name, one in self.of.items() if one.missing)
 
 
 def own_state(folder: BatchFolder) -> State:

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.ranking.run_summary import MOST_CHARACTERS, print_summary
-from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect, Unfinished
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 
@@ -26,6 +26,21 @@ def lines(tmp_path):
         return text.getvalue().splitlines()
 
     return shown
+
+
+def test_of_an_interrupted_run_it_says_how_many_are_done(tmp_path):
+    batch = BatchEntry(
+        name="b",
+        category="nectarine",
+        fruits=(fruit("N01"),),
+        started_utc=NOON,
+        finished_utc=NOON,
+        exit_status=None,
+        unfinished=Unfinished(done=1, total=3, interrupted=True),
+    )
+    text = io.StringIO()
+    print_summary(batch, tmp_path, console=Console(file=text, width=80))
+    assert "interrupted: 1 of 3 fruit done" in text.getvalue().splitlines()
 
 
 def fruit(fruit_id, *doubts, ok=True):

@@ -140,6 +140,17 @@ def test_a_log_says_the_time_left_after_each_fruit_but_the_last():
     ]
 
 
+def test_fruit_of_a_watched_batch_are_counted_among_those_that_have_come():
+    clock, text = Clock(), io.StringIO()
+    with BatchProgress(Console(file=text, width=200), total=2, jobs=1, before=12, clock=clock) as progress:
+        progress.stage("a", "mesh")
+        clock.now_s += 40
+        progress.done("a", "E = 1", whole=True)
+        progress.done("b", "E = 1", whole=True)
+    ends = [line.split("E = 1 ")[1] for line in text.getvalue().splitlines() if "E = 1" in line]
+    assert ends == ["(13 of 14 that have come, about 00:40 left)", "(14 of 14 that have come)"]
+
+
 def test_a_fruit_that_dies_before_its_first_stage_tells_nothing():
     left = TimeLeft(total=3, jobs=1, clock=Clock())
     left.done("a", whole=False)

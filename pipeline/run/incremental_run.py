@@ -1,0 +1,212 @@
+"""A run that takes the fruit of a batch as they come: their records, their ranking, and what is written."""
+
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.batch.opening import Batch
+from pipeline.batch.records import FruitRecord
+from pipeline.exit_status import DONE, INTERRUPTED, USAGE
+from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused
+from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.grading import InterruptedAtWork, grade, grade_newcomers, report_graded
+from pipeline.run.incremental_ranking import IncrementalRanking
+from pipeline.run.packed_records import PackedRecords
+from pipeline.run.reporting import ReportPace
+from reports.entries import BatchEntry
+from reports.language import ENGLISH
+
+
+@dataclass(kw_only=True)
+class IncrementalRun:
+    """Fruit graded into `out` as they come, of which every moment has records, a ranking and an exit status
+    that agree, after Ctrl-C and a refusal too.
+
+    `records` are those of all fruit of `batch`, but for `working` and such as could not be graded again;
+    `ranking` is of the same records. `jobs`: fruit at once, each within `time_limit_s`; `screen`: whether
+    they are screened. `tell` is told when `working` or the ranking have changed, with the fruit that has
+    ended. `clock` in seconds.
+
+    The methods raise BatchRefused and NotWritten as `grade` does. After Ctrl-C only `report` may be called.
+    """
+
+    out: Path
+    jobs: int
+    time_limit_s: float
+    screen: bool
+    language: str = ENGLISH
+    console: Console
+    tell: Callable[[str | None], None]
+    clock: Callable[[], float] = time.monotonic
+    batch: Batch | None = None
+    """As it was when its fruit were graded; None: nothing is."""
+    records: PackedRecords = field(default_factory=PackedRecords)
+    ranking: IncrementalRanking | None = None
+    """None: the fruit were not held against each other yet."""
+    working: tuple[str, ...] = ()
+    """Fruit that are being graded, or were when Ctrl-C came."""
+    unreported: bool = False
+    """Whether the last report lacks something."""
+    uncompared: bool = False
+    """Whether fruit were graded since all were last held against each other."""
+    refused: bool = False
+    """Whether what was last to be graded was refused."""
+    status: int = DONE
+    """Exit status of the last report."""
+    pace: ReportPace = field(init=False)
+
+    def __post_init__(self) -> None:
+        """The pace of reports, by the run's clock."""
+        self.pace = ReportPace(self.clock)
+
+    @property
+    def report_due(self) -> bool:
+        """Whether a report is to be made now."""
+        return self.unreported and self.pace.due()
+
+    @property
+    def reported(self) -> BatchEntry | None:
+        """What the last report says; None where it lacks something or there is none."""
+        return None if self.ranking is None or self.unreported else self.ranking.entry
+
+    @property
+    def exit_status(self) -> int:
+        """Of a run that ends now: that of its last report, but INTERRUPTED where fruit are unfinished, and
+        USAGE where the report, or what was last to be graded, was refused.
+        """
+        if self.working:
+            return INTERRUPTED
+        refused = self.unreported or (self.refused and self.status != INTERRUPTED)
+        return USAGE if refused else self.status
+
+    def grade_all(self, batch: Batch, retried: Collection[str], *, waiting: int, changed: bool) -> None:
+        """All fruit of `batch`, held against each other, with ranking and report, as `drupe grade` does.
+
+        `retried` are at work; of the others, those are too whose record does not hold. `changed`: whether the
+        batch's own files are others than those of `records`, which hold for no fruit then until it is read.
+        `waiting`: fruit that are graded after these.
+        """
+        records = PackedRecords()
+        self._begins(retried)
+        try:
+            self.status, entry = grade(
+                batch.folder.root,
+                self.out,
+                jobs=self.jobs,
+                time_limit_s=self.time_limit_s,
+                console=self.console,
+                screen=self.screen,
+                options=ReportOptions(language=self.language),
+                opened=batch,
+                retried=None if self.batch is None else retried,
+                records=records,
+                waiting=waiting,
+            )
+            ranking = IncrementalRanking(records, entry)
+        except (BatchRefused, NotWritten):
+            self.working, self.refused = (), True
+            raise
+        except KeyboardInterrupt as stopped:
+            self._interrupted(batch, records, retried, changed=changed, stopped=stopped)
+            raise
+        self.batch, self.records, self.ranking = batch, records, ranking
+        self.working, self.unreported, self.uncompared, self.refused = (), False, False, False
+
+    def _interrupted(
+        self,
+        batch: Batch,
+        records: PackedRecords,
+        retried: Collection[str],
+        *,
+        changed: bool,
+        stopped: KeyboardInterrupt,
+    ) -> None:
+        """Ctrl-C came while all fruit were held against each other, of which `records` are done. Results of
+        earlier runs that were not all read yet are left as they are.
+        """
+        written = isinstance(stopped, InterruptedAtWork)
+        first = self.batch is None
+        if changed or written:
+            self.working = tuple(name for name in batch.row_of if name not in records)
+            self.records, self.ranking = records, None
+        else:
+            self.working = tuple(name for name in retried if name not in records)
+            self.records.update(records)
+            self._forget(self.working)
+        self.batch = batch
+        self.unreported = not written and not (first and self.working)
+        self.status = INTERRUPTED if written else self.status
+
+    def grade_newcomers(self, batch: Batch, newcomers: Collection[str], *, waiting: int) -> None:
+        """Those alone, and fruit that have a recording which names one of them; each is ranked as it ends.
+
+        `batch`: with the fruit so far, which `grade_all` has graded with the same files of the batch's own.
+        """
+        if self.batch is None or self.ranking is None:
+            raise ValueError("no fruit was graded by grade_all")
+        ranking, before = self.ranking, self.batch.row_of
+        named = [name for name in ranking.named_by_others(newcomers) if name in batch.row_of]
+        taken = (*newcomers, *named)
+        self._forget({*taken, *(self.records.keys() - batch.row_of.keys())})
+        self._begins(taken)
+
+        def ended(run: BatchRun, record: FruitRecord) -> None:
+            ranking.add(run, record)
+            self.unreported = self.uncompared = True
+            self.working = tuple(name for name in self.working if name != record.fruit_id)
+            self.tell(record.fruit_id)
+
+        self.batch, self.refused = batch, False
+        try:
+            grade_newcomers(
+                batch,
+                self.out,
+                taken,
+                self.records,
+                jobs=self.jobs,
+                time_limit_s=self.time_limit_s,
+                console=self.console,
+                screen=self.screen,
+                ended=ended,
+                waiting=waiting,
+            )
+        except (BatchRefused, NotWritten):
+            rows = tuple(row for row in batch.rows if row.fruit_id in before or row.fruit_id in self.records)
+            self.batch = replace(batch, rows=rows)
+            self.working, self.refused = (), True
+            raise
+        except KeyboardInterrupt:
+            self.working = tuple(name for name in taken if name not in self.records)
+            self.unreported = True
+            raise
+
+    def report(self) -> None:
+        """Ranking and report of the fruit so far: those of an interrupted run, where some have no record."""
+        if self.batch is None:
+            return
+        with self.pace.reporting():
+            self.status, entry = report_graded(
+                self.batch,
+                self.out,
+                self.records,
+                screen=self.screen,
+                options=ReportOptions(language=self.language),
+            )
+        self.unreported = False
+        if entry is not None:
+            if self.ranking is None:
+                self.ranking = IncrementalRanking(self.records, entry)
+            self.ranking.entry = entry
+        self.tell(None)
+
+    def _begins(self, fruit: Collection[str]) -> None:
+        self.working = tuple(fruit)
+        self.tell(None)
+
+    def _forget(self, fruit: Collection[str]) -> None:
+        for name in fruit:
+            self.records.pop(name, None)

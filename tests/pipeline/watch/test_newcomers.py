@@ -1,0 +1,238 @@
+"""Fruit that `drupe watch` grades one by one: their cost, their ranks, and when reports are made."""
+
+import json
+from collections import Counter
+
+import pytest
+from rich.console import Console
+from watched_batch import QUIET, modulus_of, one_by_one, put, reports_take, rows, shown_first
+
+from pipeline.batch import cache, provenance
+from pipeline.batch.records import read_record
+from pipeline.files import manifest
+from pipeline.ranking import report_entries
+from pipeline.run import fruit_queue, grading
+from pipeline.run.packed_records import PackedRecords
+
+
+def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, monkeypatch):
+    """Records read and unpacked, files hashed, tasks made: of the newcomer alone."""
+    reports_take(monkeypatch, watched, 10.0)
+    counts, spent = Counter(), {}
+
+    def counted(module, name):
+        function = getattr(module, name)
+
+        def counting(*arguments, **options):
+            counts[name] += 1
+            return function(*arguments, **options)
+
+        monkeypatch.setattr(module, name, counting)
+
+    for module, name in (
+        (fruit_queue, "read_record"), (fruit_queue, "fruit_task"), (cache, "file_hash"),
+        (provenance, "file_hash"), (manifest, "_hash"), (PackedRecords, "__getitem__"),
+        (report_entries, "_fruit_entry"),
+    ):  # fmt: skip
+        counted(module, name)
+
+    def keep(name):
+        spent[name] = dict(counts)
+        counts.clear()
+
+    names = [f"N{k:02d}" for k in range(24)]
+    watched(
+        *[
+            step
+            for name in names
+            for step in (lambda name=name: put(batch, name), *QUIET, lambda name=name: keep(name))
+        ]
+    )
+    assert watched.worked == names
+    assert spent["N03"] == spent["N12"] == spent["N23"]
+    assert spent["N23"]["read_record"] == 1
+
+
+def test_of_several_at_once_each_is_shown_when_it_ends(batch, watched):
+    def both():
+        put(batch, "A")
+        put(batch, "B")
+
+    watched(*one_by_one(batch, "C", "D"), both, jobs=2)
+    shown = [(entry.recent[:2], entry.working) for entry in watched.shown]
+    at = shown.index((("A", "D"), ("B",)))
+    assert shown[at + 1] == (("B", "A"), ())
+
+
+def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1.0)
+    watched(*one_by_one(batch, *[f"N{k:02d}" for k in range(40)]))
+    assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first two, the last, and 1 % of the time between
+    assert len(made) >= 4
+    assert (made[0], made[-1]) == (1, 40)
+    assert len(rows(batch)) == 40
+
+
+def test_a_report_that_is_late_is_made_when_nothing_comes(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1.0)
+    watched(*one_by_one(batch, "A", "B", "C"), *[lambda: None] * 240, idle_s=200.0)
+    assert made == [1, 2, 3, 3]
+
+
+def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watched(*one_by_one(batch, "C", "E", "A", "D", "B"))
+    ranks = {}
+    for entry in watched.shown:
+        if entry.recent:
+            fruit = next(one for one in entry.batch.fruits if one.fruit_id == entry.recent[0])
+            ranks.setdefault(fruit.fruit_id, (fruit.rank, len(entry.batch.fruits)))
+    assert ranks == {"C": (1, 1), "E": (2, 2), "A": (1, 3), "D": (3, 4), "B": (2, 5)}
+    assert {name: row["rank"] for name, row in rows(batch).items()} == dict(
+        zip("ABCDE", "12345", strict=True)
+    )
+
+
+def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def twin():
+        put(batch, "B")
+        (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_text("of A")
+
+    assert watched(*one_by_one(batch, "C", "A"), twin) == 4
+    assert "fruits/A/grasps/grasp-1.h5" in " ".join(shown_first(watched, "B").doubts)
+    assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
+
+
+def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    (batch / "fruits.csv").write_text(
+        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "body,true,0.5,0.005,0.48\nA,,,,\nB,,,,\nC,,,,\n"
+    )
+    with (batch / "batch.toml").open("a") as settings:
+        settings.write("[reference]\ncorrect = true\n")
+    watched(*one_by_one(batch, "body", "C", "A", "B"))
+    for name in "ABC":
+        assert shown_first(watched, name).E_MPa == pytest.approx(modulus_of(name) / 1.2)
+        assert float(rows(batch)[name]["E_MPa"]) == pytest.approx(modulus_of(name) / 1.2, rel=1e-3)
+        assert read_record(batch / "results" / "fruits" / name / "record.json").reference.corrected
+
+
+def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, monkeypatch):
+    """C of 0.3 / 1.2 = 0.25 MPa ranks among A of 0.1 / 1.2 and E of 0.5 / 1.2 before any other report."""
+    reports_take(monkeypatch, watched, 1000.0)
+    (batch / "fruits.csv").write_text(
+        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "body,true,0.5,0.005,0.48\nA,,,,\nC,,,,\nE,,,,\n"
+    )
+    with (batch / "batch.toml").open("a") as settings:
+        settings.write("[reference]\ncorrect = true\n")
+    watched(*one_by_one(batch, "A", "E", "body", "C"))
+    first = next(entry for entry in watched.shown if entry.recent[:1] == ("C",))
+    E_MPa = {fruit.fruit_id: fruit.E_MPa for fruit in first.batch.fruits if not fruit.reference}
+    assert E_MPa == {name: pytest.approx(modulus_of(name) / 1.2) for name in "ACE"}
+
+
+def test_a_fruit_that_a_recording_of_another_names_has_that_one_graded_again(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def of_another():
+        put(batch, "A")
+        (batch / "fruits" / "A" / "grasps" / "grasp-1.h5").write_text("of B")
+
+    watched(
+        *one_by_one(batch, "D"), of_another, *QUIET, lambda: put(batch, "C"), *QUIET, *one_by_one(batch, "B")
+    )
+    assert watched.worked == ["D", "A", "C", "B", "A"]
+    assert "names B" in read_record(batch / "results" / "fruits" / "A" / "record.json").doubts
+
+
+def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    table = batch / "fruits.csv"
+    watched(
+        *one_by_one(batch, "A", "B", "C"),
+        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\n"),
+        *QUIET,
+        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\nB,,sunny side\n"),
+        *QUIET,
+    )
+    assert watched.worked == ["A", "B", "C", "A"]
+    working = [entry.working for entry in watched.shown if entry.working]
+    assert working == [("A",), ("B",), ("C",), ("A",), ("B",)]
+    given = {name: read_record(batch / "results" / "fruits" / name / "record.json").given for name in "AB"}
+    assert (given["A"].height_mm, given["B"].notes) == (56, "sunny side")
+
+
+def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched, monkeypatch):
+    """For its row, or for a newcomer that its recording names; with files of its own that changed it is."""
+    reports_take(monkeypatch, watched, 1000.0)
+    recent = []
+
+    def keep():
+        recent.append("".join(watched.shown[-1].recent))
+
+    def of_another():
+        put(batch, "C")
+        (batch / "fruits" / "C" / "grasps" / "grasp-1.h5").write_text("of D")
+
+    watched(
+        *one_by_one(batch, "A", "B"),
+        of_another,
+        *QUIET,
+        keep,
+        lambda: (batch / "fruits.csv").write_text("fruit_id,height_mm,notes\nA,,sunny side\n"),
+        *QUIET,
+        keep,
+        *one_by_one(batch, "D"),
+        keep,
+        lambda: (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again"),
+        *QUIET,
+        keep,
+    )
+    assert watched.worked == ["A", "B", "C", "D", "C", "B"]
+    assert recent == ["CBA", "CBA", "DCBA", "BDCA"]
+
+
+def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tmp_path):
+    """Files, ranking and outcomes: with a copy, a crash, a stranger, a reference body and a late row."""
+    body = "body,,true,0.5,0.005,0.48\n"
+    head = "fruit_id,height_mm,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+    names = ["B", "crash-1", "K", "body", "A", "D", "H"]
+    (batch / "fruits.csv").write_text(head + body + "K,560,,,,\n")
+
+    def recorded(name, said):
+        put(batch, name)
+        (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(said)
+
+    all_rows = head + body + "K,560,,,,\n" + "".join(f"{n},56,,,,\n" for n in names if n not in ("body", "K"))
+    watched(
+        lambda: recorded("A", "of D"),
+        *QUIET,
+        *one_by_one(batch, *(name for name in names if name not in "AH")),
+        lambda: recorded("H", "of B"),
+        *QUIET,
+        lambda: (batch / "fruits.csv").write_text(all_rows),
+        *QUIET,
+    )
+    grading.grade(
+        batch, tmp_path / "plain", jobs=1, time_limit_s=60, console=Console(quiet=True), screen=False
+    )
+
+    def left(out):
+        files = {path.relative_to(out): path for path in out.rglob("*") if path.is_file()}
+        said = json.loads((out / "batch.json").read_text())
+        return (
+            set(files),
+            {
+                name: path.read_text()
+                for name, path in files.items()
+                if name.name in ("record.json", "ranking.csv")
+            },
+            {name: said[name] for name in ("outcomes", "inputs", "exit_status", "reference", "settings")},
+        )
+
+    assert left(batch / "results") == left(tmp_path / "plain")
+    assert json.loads((batch / "results" / "batch.json").read_text())["outcomes"]["K"] == "implausible-input"

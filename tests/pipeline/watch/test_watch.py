@@ -1,0 +1,151 @@
+"""`drupe watch`: fruit are graded as they arrive, and when they change."""
+
+import shutil
+
+import pytest
+from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+
+from pipeline.watch import arrivals
+from reports.kiosk_page import kiosk_html
+
+
+def test_fruit_are_graded_as_they_come_and_shown_at_once(batch, watched):
+    status = watched(lambda: put(batch, "B"), *[lambda: None] * 6, lambda: put(batch, "A"))
+    assert status == 0
+    assert watched.worked == ["B", "A"]
+    assert {name: row["maturity"] for name, row in rows(batch).items()} == {"A": "soft", "B": "soft"}
+    assert [entry.recent for entry in watched.shown if entry.batch][-1] == ("A", "B")
+    working = [entry.working for entry in watched.shown if entry.working]
+    assert working == [("B",), ("A",)]
+    assert (batch / "fruits.csv").read_text() == "fruit_id,height_mm\n"
+
+
+def test_files_that_still_arrive_are_waited_for(batch, watched):
+    put(batch, "A", recording=False)
+    photo = batch / "fruits" / "A" / "grasps" / "grasp-1.h5"
+
+    def grow():
+        with photo.open("a") as file:
+            file.write("more")
+
+    watched(*[lambda: None] * 8, *[grow] * 8)
+    assert watched.worked == ["A"]
+    waiting = [entry.waiting for entry in watched.shown]
+    assert waiting[0] == (("A", "a recording in grasps/"),)
+    assert waiting[-1] == ()
+
+
+def test_a_fruit_without_shape_yet_holds_up_no_other(batch, watched):
+    """Photos without a mat or a height would stop the whole batch, if it were one of it already."""
+    (batch / "fruits" / "B" / "grasps").mkdir(parents=True)
+    (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_text("of B")
+    (batch / "fruits.csv").write_text("fruit_id,height_mm\nA,\nC,\n")
+    put(batch, "A")
+    watched()
+    assert watched.worked == ["A"]
+    assert watched.shown[-1].waiting == (("B", "photos or fruit.ply"),)
+    assert watched.shown[-1].expected == 1
+
+
+def test_watching_ends_where_the_batch_cannot_be_graded(batch, watched):
+    put(batch, "A")
+    (batch / "batch.toml").write_text("category = 3\n")
+    assert watched() == 0
+    assert not watched.worked
+
+
+def test_a_fruit_that_changes_is_graded_again_and_one_that_does_not_is_not(batch, watched):
+    put(batch, "A")
+    put(batch, "B")
+    watched()
+    assert sorted(watched.worked) == ["A", "B"]
+    watched(lambda: (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again"))
+    assert sorted(watched.worked) == ["A", "B", "B"]
+    assert len(rows(batch)) == 2
+
+
+def test_a_fruit_that_crashed_is_not_tried_at_each_newcomer(batch, watched):
+    put(batch, "crash-1")
+    status = watched(
+        *[lambda: None] * 6, lambda: put(batch, "A"), *[lambda: None] * 6, lambda: put(batch, "B")
+    )
+    assert watched.worked == ["crash-1", "A", "B"]
+    assert status == 3
+    last = kiosk_html(watched.shown[-1])
+    assert '<p class="id">B</p>' in last
+
+
+def test_a_fault_in_the_settings_is_shown_and_mended_while_it_watches(batch, watched):
+    put(batch, "A")
+    good = (batch / "batch.toml").read_text()
+    (batch / "batch.toml").write_text('category = "nectarin"\n')
+    watched(*[lambda: None] * 6, lambda: (batch / "batch.toml").write_text(good))
+    assert any("nectarin" in problem for entry in watched.shown for problem in entry.problems)
+    assert watched.shown[-1].problems == ()
+    assert watched.worked == ["A"]
+
+
+def test_after_a_change_of_settings_all_fruit_are_taken_up_in_one_go(batch, watched):
+    for name in "ABC":
+        put(batch, name)
+    (batch / "notes.txt").write_text("of no account")
+    change = (batch / "batch.toml").read_text().replace("0.5", "0.15")
+    watched(
+        *[lambda: None] * 16,
+        lambda: (batch / "notes.txt").write_text("changed"),
+        *[lambda: None] * 4,
+        lambda: (batch / "batch.toml").write_text(change),
+    )
+    assert watched.worked == ["A", "B", "C"]
+    assert [entry.working for entry in watched.shown if entry.working] == [
+        ("A",),
+        ("B",),
+        ("C",),
+        ("A", "B", "C"),
+    ]
+    assert {row["maturity"] for row in rows(batch).values()} == {"soft", "firm"}
+
+
+def test_a_deleted_fruit_costs_nothing(batch, watched):
+    put(batch, "A")
+    put(batch, "B")
+    watched(*[lambda: None] * 12, lambda: shutil.rmtree(batch / "fruits" / "A"), lambda: put(batch, "C"))
+    assert sorted(rows(batch)) == ["B", "C"]
+
+
+def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    own, away = batch / "fruits" / "A", batch / "A"
+    watch, _ = watched.begun(
+        *one_by_one(batch, "A", "B", "C"),
+        lambda: own.rename(away),
+        *QUIET,
+        *one_by_one(batch, "D"),
+        lambda: away.rename(own),
+        *QUIET,
+        interrupted,
+    )
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 0
+    assert sorted(rows(batch)) == ["A", "B", "C", "D"]
+
+
+def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
+    monkeypatch.setattr(arrivals, "TURN", 2)
+    looked, into = [], arrivals.arrival
+    monkeypatch.setattr(
+        arrivals, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
+    )
+    watched(
+        *one_by_one(batch, *"ABCDE"),
+        looked.clear,
+        *[lambda: None] * 3,
+        lambda: looked.append("here"),
+        lambda: (batch / "fruits" / "C" / "grasps" / "grasp-2.h5").write_text("again"),
+        *QUIET,
+    )
+    three_looks = looked[: looked.index("here")]
+    assert sorted(three_looks[:5]) == list("ABCDE")
+    assert len(three_looks) <= 8
+    assert watched.worked == [*"ABCDE", "C"]

@@ -1,0 +1,104 @@
+"""What `drupe watch` says on the terminal."""
+
+import pytest
+from watched_batch import QUIET, interrupted, one_by_one, put
+
+from pipeline.run import grading
+from pipeline.watch.watching import BatchWatch
+
+SUMMARY_FROM = 2
+"""Lines before the summary: the page's address, and how watching ends."""
+
+
+@pytest.mark.parametrize("before", [(), ("A",)])
+def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, worked, before):
+    for name in (*before, "stop"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q")
+    assert worked == [*before, "stop"]
+    assert ran.status == 130
+    assert "drupe: stopped; a fruit was not finished" in ran.err
+
+
+def test_the_command_counts_the_fruit_that_ctrl_c_left_unfinished(batch, drupe, worked, monkeypatch):
+    monkeypatch.setattr("pipeline.commands.watch.cores", lambda: 2)
+    for name in ("stop", "then"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q", "--jobs", "2")
+    assert ran.status == 130
+    assert "drupe: stopped; 2 fruit were not finished, the same command goes on from here" in ran.err
+
+
+@pytest.mark.parametrize("ends", ["when nothing new comes", "by Ctrl-C"])
+def test_a_watch_ends_with_the_summary_of_a_plain_grade(batch, drupe, worked, monkeypatch, ends):
+    (batch / "fruits.csv").write_text("fruit_id\nA\nB\n")
+    for name in "AB":
+        put(batch, name)
+    if ends == "by Ctrl-C":
+        run = BatchWatch.run
+        monkeypatch.setattr(BatchWatch, "run", lambda self: (run(self), interrupted()))
+    watched = drupe("watch", batch, "--settle", "0", "--idle", "0.01", "--no-screen")
+    plain = drupe("grade", batch, "--no-screen")
+    assert worked == ["A", "B"]
+    assert (watched.status, plain.status) == (0, 0)
+    summary = watched.out.splitlines()[SUMMARY_FROM:]
+    assert summary == plain.out.splitlines()
+    assert "2 of 2 fruit graded" in summary
+    assert summary[-2:] == [f"  {batch / 'results' / name}" for name in ("ranking.csv", "report.html")]
+
+
+def test_an_interrupted_watch_ends_with_the_summary_of_what_is_done(batch, drupe, worked):
+    for name in ("A", "stop"):
+        put(batch, name)
+    ran = drupe("watch", batch, "--settle", "0", "--no-screen")
+    said = ran.out.splitlines()[SUMMARY_FROM:]
+    assert said[0].split()[:2] == ["rank", "fruit"]
+    assert "interrupted: 1 of 2 fruit done" in said
+    assert said[-1] == f"  {batch / 'results' / 'report.html'}"
+
+
+def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_earlier_run_are(batch, watched):
+    watched(*one_by_one(batch, "A", "B"))
+    assert "unchanged" not in watched.said.getvalue()
+    watched()
+    assert watched.said.getvalue().count("2 of 2 fruit unchanged since the last run") == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (["nowhere"], "nowhere: there is no such batch folder."),
+        (["batch.toml"], "is a file; give the batch's folder."),
+        ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
+    ],
+)
+def test_no_address_is_given_where_watching_cannot_begin(batch, drupe, monkeypatch, wrong, said):
+    monkeypatch.chdir(batch)
+    ran = drupe("watch", *wrong)
+    assert ran.status == 2
+    assert ran.out == ""
+    assert said in ran.one_line()
+
+
+def test_progress_counts_the_fruit_that_have_come(batch, watched, monkeypatch):
+    work, counts = grading._work, []
+
+    def counted(todo, records, ended, *, waiting, **how):
+        counts.append((len(records), len(todo.todo), waiting))
+        work(todo, records, ended, **how)
+
+    monkeypatch.setattr(grading, "_work", counted)
+
+    def three():
+        for name in "ABC":
+            put(batch, name)
+
+    watched(three, *QUIET, *one_by_one(batch, "D"))
+    assert counts == [(0, 1, 2), (1, 1, 1), (2, 1, 0), (3, 1, 0)]
+
+
+def test_fruit_that_lack_files_are_named_once_they_are_at_rest(batch, watched):
+    put(batch, "A", recording=False)
+    watched(*QUIET, lambda: (batch / "fruits" / "B").mkdir(), lambda: put(batch, "B"), *QUIET)
+    assert watched.said.getvalue().count("A: not graded yet, lacks a recording in grasps/") == 1
+    assert "B: not graded yet" not in watched.said.getvalue()

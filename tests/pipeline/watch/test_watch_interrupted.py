@@ -1,0 +1,273 @@
+"""Ctrl-C in `drupe watch`: what is left, what is said, and the exit status."""
+
+import json
+
+import pytest
+from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+
+from pipeline.run import fruit_queue, grading, incremental_run
+from pipeline.run.incremental_ranking import IncrementalRanking
+
+
+def said_of(batch):
+    """Exit status and graded fruit, as batch.json has them."""
+    said = json.loads((batch / "results" / "batch.json").read_text())
+    return said["exit_status"], sorted(said["outcomes"])
+
+
+def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+    assert watch.stop() == 0
+    assert made == [1, 2, 3]
+
+
+def test_ctrl_c_tells_by_its_status_that_the_report_could_not_be_written(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def edited():
+        with (batch / "results" / "ranking.csv").open("a") as ranking:
+            ranking.write("by hand\n")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), edited, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 2
+    assert (batch / "results" / "ranking.csv").read_text().endswith("by hand\n")
+    assert "ranking.csv" in " ".join(watched.shown[-1].problems)
+
+
+def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batch, watched, monkeypatch):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C", "stop"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("stop",)
+    assert watch.stop() == 130
+    assert made == [1, 2]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert "Interrupted:</b> 3 of 4 fruit" in (batch / "results" / "report.html").read_text()
+    said = json.loads((batch / "results" / "batch.json").read_text())
+    assert (said["exit_status"], sorted(said["outcomes"])) == (130, ["A", "B", "C"])
+    assert watched() == 0
+    assert watched.worked == ["A", "B", "C", "stop", "stop"]
+    assert sorted(rows(batch)) == ["A", "B", "C", "stop"]
+
+
+def test_ctrl_c_while_a_fruit_is_graded_again_for_a_newcomer_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def names_b():
+        put(batch, "stop")
+        (batch / "fruits" / "stop" / "grasps" / "grasp-1.h5").write_text("of B")
+
+    def stops_again():
+        watched.worked[:] = [name for name in watched.worked if name != "stop"]
+
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "D"), names_b, *QUIET, stops_again, *one_by_one(batch, "B"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watched.worked == ["D", "B", "stop"]
+    assert watch.graded.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "D"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_a_fruit_that_could_not_be_graded_again_makes_the_run_an_interrupted_one(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        (batch / "fruits" / "A" / "grasps" / "grasp-2.h5").write_text("again")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["B", "C"]
+    assert "Interrupted:</b> 2 of 3 fruit" in (batch / "results" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("place", ["FruitQueue", "report"])
+def test_ctrl_c_in_the_last_comparison_leaves_ranking_and_report_of_all(batch, watched, monkeypatch, place):
+    made = reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(*one_by_one(batch, *"ABCDE"))
+    grades = incremental_run.grade
+
+    def interrupted_there(*arguments, **how):
+        if how["retried"] != []:
+            return grades(*arguments, **how)
+        with monkeypatch.context() as patch:
+            patch.setattr(grading, place, lambda *_, **__: interrupted())
+            return grades(*arguments, **how)
+
+    monkeypatch.setattr(incremental_run, "grade", interrupted_there)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert watch.graded.working == ()
+    assert watch.stop() == 0
+    assert made == [1, 2, 5]
+    assert sorted(rows(batch)) == list("ABCDE")
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 0
+
+
+def test_ctrl_c_while_the_last_comparison_grades_a_fruit_again_says_so(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watched.worked.append("stop")  # it is graded once before Ctrl-C comes
+    watch, _ = watched.begun(*one_by_one(batch, "A", "stop", "B"))
+    grades = incremental_run.grade
+
+    def once_more(*arguments, **how):
+        if how["retried"] == []:
+            (batch / "results" / "fruits" / "stop" / "record.json").unlink()
+            watched.worked.clear()
+        return grades(*arguments, **how)
+
+    monkeypatch.setattr(incremental_run, "grade", once_more)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("stop",)
+    assert watch.stop() == 130
+    assert sorted(rows(batch)) == ["A", "B"]
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_ctrl_c_in_the_very_first_report_leaves_no_fruit_unfinished(batch, watched, monkeypatch):
+    watch, _ = watched.begun(*one_by_one(batch, "A"))
+    with monkeypatch.context() as patch:
+        patch.setattr(grading, "report", lambda *_: interrupted())
+        with pytest.raises(KeyboardInterrupt):
+            watch.run()
+    assert watched.worked == ["A"]
+    assert watch.graded.working == ()
+    assert watch.stop() == 0
+    assert sorted(rows(batch)) == ["A"]
+    assert said_of(batch) == (0, ["A"])
+
+
+@pytest.mark.parametrize("read_again", ["", "A", "AB"])
+def test_ctrl_c_while_a_changed_batch_is_read_again_is_an_interrupted_run(
+    batch, watched, monkeypatch, read_again
+):
+    """E of those that were not read again may be another by the new settings."""
+    reports_take(monkeypatch, watched, 1000.0)
+    settings, reads, read = (batch / "batch.toml").read_text(), fruit_queue.read_record, []
+
+    def stops(path):
+        read.append(path.parent.name)
+        return interrupted() if "".join(read) not in "AB"[: len(read_again)] else reads(path)
+
+    def changed():
+        (batch / "batch.toml").write_text(settings.replace("0.5", "0.15"))
+        monkeypatch.setattr(fruit_queue, "read_record", stops)
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    unfinished = tuple(name for name in "ABC" if name not in read_again)
+    assert watch.graded.working == unfinished
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, [*read_again])
+    assert sorted(rows(batch)) == [*(read_again or "AB")]  # where none was, those of the report before
+
+
+def test_ctrl_c_while_changed_rows_are_read_again_is_an_interrupted_run(batch, watched, monkeypatch):
+    def changed():
+        (batch / "fruits.csv").write_text("fruit_id,height_mm\nA,55\nB,56\n")
+        monkeypatch.setattr(fruit_queue, "read_record", lambda _: interrupted())
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("A", "B")
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, ["C"])
+
+
+def test_ctrl_c_when_a_fruit_has_just_ended_leaves_none_unfinished(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    add = IncrementalRanking.add
+
+    def stops(self, run, record):
+        return interrupted() if record.fruit_id == "C" else add(self, run, record)
+
+    monkeypatch.setattr(IncrementalRanking, "add", stops)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"))
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ()
+    assert watch.stop() == 0
+    assert said_of(batch) == (0, ["A", "B", "C"])
+
+
+def test_ctrl_c_before_a_changed_fruit_is_graded_again_says_so(batch, watched, monkeypatch):
+    def changed():
+        (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again")
+        monkeypatch.setattr(grading, "require_free", lambda *_: interrupted())
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), changed)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.graded.working == ("B",)
+    assert watch.stop() == 130
+    assert said_of(batch) == (130, ["A"])
+
+
+def test_ctrl_c_before_earlier_results_are_read_leaves_them(batch, watched, monkeypatch):
+    for name in "AB":
+        put(batch, name)
+    assert watched() == 0
+    monkeypatch.setattr(fruit_queue, "read_record", lambda _: interrupted())
+    watch, _ = watched.begun()
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 130
+    assert said_of(batch) == (0, ["A", "B"])
+    assert sorted(rows(batch)) == ["A", "B"]
+
+
+def test_ctrl_c_after_a_comparison_that_was_refused_tells_so_by_its_status(batch, watched, monkeypatch):
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        with (batch / "batch.toml").open("a") as settings:
+            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert watch.stop() == 2
+
+
+def test_a_comparison_that_was_refused_is_forgotten_when_one_is_made(batch, watched, monkeypatch):
+    memory_MiB = grading.free_memory_MiB
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        with (batch / "batch.toml").open("a") as settings:
+            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+
+    watch, _ = watched.begun(
+        *one_by_one(batch, "A", "B"),
+        without_memory,
+        *QUIET,
+        lambda: monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB),
+        *[lambda: None] * 40,
+        interrupted,
+    )
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 0
+    assert said_of(batch) == (0, ["A", "B"])

@@ -1,0 +1,51 @@
+"""The page of `drupe watch` says what E of the last fruit leaves out."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.kiosk_page import KioskEntry, kiosk_html
+
+NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
+SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
+SLIP = Suspect(name="slip", short="the fruit slips", advice="")
+UNKNOWN = Suspect(name="unknown", short="something that no known effect explains", advice="")
+WITHOUT = "Neither E nor what to do takes that into account."
+
+
+def page(**how):
+    """The page after one fruit."""
+    fruit = FruitEntry(fruit_id="N01", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.05, **how)
+    batch = BatchEntry(
+        name="m", category="plum", fruits=(fruit,), started_utc=NOON, finished_utc=NOON, exit_status=0
+    )
+    return kiosk_html(KioskEntry(name="m", batch=batch, recent=("N01",)))
+
+
+@pytest.mark.parametrize("decision", [SHIP, HOLD, ""])
+def test_what_the_screen_suspects_stands_beside_the_decision(decision):
+    html = page(decision=decision, screen=ScreenEntry(p_value=0.01, suspects=(SKIN, SLIP)))
+    assert "Missing physics suspected: a stiff skin carries part of the load, or slip." in html
+    assert WITHOUT in html
+
+
+def test_what_explain_found_stands_there_in_place_of_suspicions():
+    html = page(decision=SHIP, mismatch="soft_spot", screen=ScreenEntry(suspects=(SKIN,)))
+    assert "Missing physics: soft spot." in html
+    assert "suspected" not in html
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {},
+        {"screen": ScreenEntry(p_value=0.4)},
+        {"screen": ScreenEntry(suspects=(SKIN,)), "mismatch": "none"},
+        {"mismatch": "skin", "mismatch_taken": True},
+        {"screen": ScreenEntry(suspects=(SKIN,)), "reference": True},
+        {"screen": ScreenEntry(suspects=(UNKNOWN,)), "decision": LOOK},
+    ],
+)
+def test_nothing_is_said_of_what_e_or_the_decision_take_into_account(how):
+    assert WITHOUT not in page(**how)
