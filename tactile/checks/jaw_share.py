@@ -33,7 +33,7 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
     travel = closing * float(recording.aperture_mm[peak] - recording.aperture_mm[touch])
     gels = sum(float(np.quantile(-pad.displacement_mm[peak, :, 2], DEEPEST)) for pad in pads)
     fruit = travel - gels
-    jaws, sd = (float(of(force[peak])) for of in (rig.give, rig.sd))
+    jaws, sd = (float(of(force[peak : peak + 1])[0]) for of in (rig.give, rig.sd))
     said = f"at {force[peak]:.3g} N the jaws give {jaws:.2g} ± {sd:.1g} mm and the fruit {fruit:.2g} mm"
     found = []
     if sd > UNSURE * max(fruit, 0.0):
