@@ -5,14 +5,17 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import h5py
 import pytest
 from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
+from explain_runs import NO_MESH
 from raw_folder import write_raw
 
+import pipeline.fruit.grasped
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, ScreenRecord, write_record
@@ -69,11 +72,12 @@ def checked(batch):
 
 
 def prepared(batch, fruit="N02"):
-    """The fruit up to its elements, and the log."""
+    """The fruit without its elements, and the log."""
     log = StageLog(lambda stage: None)
     task = fruit_task(open_batch(batch), fruit, Results(batch / "results"))
     task.results.claim()
-    return grasped_fruit(task, log), log
+    with mock.patch.object(pipeline.fruit.grasped, "flesh_mesh", return_value=NO_MESH):
+        return grasped_fruit(task, log), log
 
 
 REFUSED = (

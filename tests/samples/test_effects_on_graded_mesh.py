@@ -18,6 +18,8 @@ from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_cat
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
 FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
+IN_SHORT = frozenset({"skin", "stiffening", "loose_pit", "third_contact", "gel_creep", "sensor_gain"})
+"""One of each kind of body and of recording."""
 WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
 
 
@@ -30,7 +32,10 @@ def ball() -> tuple[DrawnFruit, CaseGrasp, MeshedFruit]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [*EFFECTS, "palm"])
+@pytest.mark.parametrize(
+    "effect",
+    [pytest.param(one, marks=() if one in IN_SHORT else pytest.mark.proof) for one in [*EFFECTS, "palm"]],
+)
 def test_an_effect_runs_on_a_graded_mesh(
     effect: str, ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit]
 ) -> None:
