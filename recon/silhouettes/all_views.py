@@ -72,9 +72,10 @@ COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may be wrong, how much a pixel's log odds may count
-    against a step of colour, and what is done with the outline found: kept near the hull's, sharpened on the
-    photo's own pixels, and before that moved to the steepest step nearby.
+    """How far an outline may move, which share of views may cut away too much in the hull of the outlines
+    found, how much a pixel's log odds may count against a step of colour, and what is done with the outline
+    found: kept near the hull's, sharpened on the photo's own pixels, and before that moved to the steepest
+    step nearby.
     """
 
     reach_px: float
@@ -89,9 +90,11 @@ ROUNDS = (
     Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, keep=False, sharpen=False, search=False),
     Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, keep=True, sharpen=True, search=True),
     Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
-    Round(reach_px=2.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
+    Round(
+        reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, keep=True, sharpen=True, search=False
+    ),
 )
-"""Of making the outlines sharp, coarse to fine. Set by hand."""
+"""Of making the outlines sharp, coarse to fine; the surface comes from the last one's. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,19 +163,14 @@ def find_fruit(
         mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], outlier_share)
     kept = _agreeing(views, masks, mesh)
     views, log_odds = [views[i] for i in kept], [log_odds[i] for i in kept]
-    silhouettes: list[Silhouette] = []
-    clear = 0.0
+    coarse = max(HULL_LEVEL, min(level, FIT_LEVEL))
     for step in ROUNDS:
         silhouettes, clear = _refined(views, log_odds, mesh, step)
-        rough = hull(silhouettes, step.outlier_share)
+        rough = hull(silhouettes, step.outlier_share, level=coarse if step is ROUNDS[-1] else HULL_LEVEL)
         surface = fitted_to_outlines(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
         mesh = _Hull(surface.vertices, rough.faces)
-    coarse = max(HULL_LEVEL, min(level, FIT_LEVEL))
-    rough = hull(silhouettes, OUTLIER_SHARE, level=coarse)
-    surface = fitted_to_outlines(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
     overlap = [
-        _overlap(drawn(surface.vertices, rough.faces, s.window, s.camera), s.distance_px > 0)
-        for s in silhouettes
+        _overlap(drawn(mesh.vertices, mesh.faces, s.window, s.camera), s.distance_px > 0) for s in silhouettes
     ]
     return FoundFruit(
         silhouettes=tuple(silhouettes),
