@@ -134,13 +134,14 @@ def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
         back = np.ascontiguousarray(photo.image[:, ::-1])
         mirrored = len(detect_tags(back, mat)[0]) >= FEWEST_TAGS
     small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
+    edges = np.abs(cv2.Laplacian(grey, cv2.CV_16S))
+    bright = float(np.percentile(small, 95))
     brightest = reduce(cv2.max, cv2.split(photo.image))
     return _Look(
         photo=replace(photo, tags=(tags, corners)) if on_mat else photo,
-        sharpness=float(np.percentile(edges, 99)) / max(float(np.percentile(small, 95)), 1.0),
+        sharpness=float(np.percentile(edges, 99)) / max(bright, 1.0),
         clipped=float((brightest >= 254).mean()),
-        bright=float(np.percentile(small, 95)),
+        bright=bright,
         tags=tuple(tags.tolist()),
         optics=tag_optics(grey, corners) if on_mat and len(tags) >= FEWEST_TAGS else None,
         mirrored=mirrored,

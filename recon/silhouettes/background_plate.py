@@ -168,7 +168,7 @@ def _quantiles(
     """
     side = seen.shape[1]
     out = [np.zeros((side, side, 3), np.uint8) for _ in shares]
-    last = np.maximum(seen.sum(0) - 1, 0)
+    last = np.maximum(seen.sum(0, dtype=np.uint8), 1) - 1
     ranks = [np.floor(share * last).astype(int) for share in shares]
     tables = np.clip(np.arange(256)[:, None] * gains[:, None] + 0.5, 0, 255).astype(np.uint8)
     plain = bool((gains == 1).all())
@@ -176,12 +176,13 @@ def _quantiles(
         part = slice(first, first + ROWS_AT_ONCE)
         rows = []
         for layer, visible, table in zip(layers[:, part], seen[:, part], tables, strict=True):
-            unseen = cv2.cvtColor(np.where(visible, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+            unseen = cv2.cvtColor(visible.view(np.uint8) - np.uint8(1), cv2.COLOR_GRAY2BGR)  # 255, seen: 0
             rows.append(cv2.bitwise_or(layer if plain else cv2.LUT(layer, table[None]), unseen))
-        ordered = np.stack(_sorted_layers(rows)).reshape(len(layers), -1, 3)
-        cells = np.arange(ordered.shape[1])
+        ordered = np.stack(_sorted_layers(rows)).reshape(-1, 3)
+        cells = np.arange(len(ordered) // len(layers))
         for picture, rank in zip(out, ranks, strict=True):
-            picture[part] = ordered[rank[part].ravel(), cells].reshape(picture[part].shape)
+            at = rank[part].ravel() * len(cells) + cells
+            picture[part] = ordered.take(at, axis=0).reshape(picture[part].shape)
     return out
 
 

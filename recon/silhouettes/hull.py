@@ -33,13 +33,20 @@ class Silhouette:
 
     def depth_mm(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """How far inside the cone through the outline points lie (mm, to first order); far inside off the
-        window.
+        window. The camera has no distortion.
         """
-        local = self.camera.into(points)
-        pixels = self.window.into_small(self.camera.pixels_of(local)).astype(np.float32)
-        return np.asarray(
-            sampled(self.distance_px, pixels, outside=self.furthest_px) * local[:, 2] / self.camera.focal_px
-        )
+        cone = self._cone
+        column, row, depth = cone[:, :3] @ points.T + cone[:, 3:]
+        pixels = np.stack([column / depth, row / depth], axis=1, dtype=np.float32, casting="same_kind")
+        return sampled(self.distance_px, pixels, outside=self.furthest_px) * depth / self.camera.focal_px
+
+    @cached_property
+    def _cone(self) -> Float[np.ndarray, "3 4"]:
+        """World points to homogeneous pixels of the shrunk window, scaled by the points' depth (mm)."""
+        origin, step = self.window.into_small(np.array([[0.0, 0.0], [1.0, 1.0]]))
+        small = np.diag([*(step - origin), 1.0])
+        small[:2, 2] = origin
+        return np.asarray(small @ self.camera.intrinsics @ self.camera.cam_from_world[:3])
 
     @cached_property
     def furthest_px(self) -> float:
