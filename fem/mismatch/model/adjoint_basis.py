@@ -109,10 +109,13 @@ def _grasp_basis(
     )
     shapes, share = _polynomials(recording), recording.shares[:, 0]
     basis_functions = share[:, None, None] * shapes[:, None]
-    weighed = np.stack([equations.weighed(function) for function in basis_functions])
-    covariance = np.tensordot(basis_functions, weighed, axes=([1, 2, 3], [1, 2, 3]))
-    touching = (recording.tracks.episode >= 0)[:, :, None]
-    whole = np.einsum("n,vtnx->v", equations.weight, (basis_functions**2) * touching, optimize=True)
+    touching = recording.tracks.episode >= 0
+    in_contact = basis_functions[:, touching].reshape(len(basis_functions), -1)
+    heavy = equations.weighed_in_contact(in_contact)
+    weighed = np.zeros_like(basis_functions)
+    weighed[:, touching] = heavy.reshape(len(heavy), -1, 3)
+    covariance = in_contact @ heavy.T
+    whole = in_contact**2 @ equations.weight_in_contact
     scale = 1 / np.sqrt(whole)
     size, way = np.linalg.eigh(covariance * scale * scale[:, None])
     keep = size > LEAST_INFORMATION
