@@ -47,12 +47,19 @@ class PathState:
 
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 of nodal forces, each recording with its own support."""
-        found = np.empty_like(force)
+        return self.responses([force])[0]
+
+    def responses(self, forces: Sequence[Float[np.ndarray, "f n 3"]]) -> list[Float[np.ndarray, "f n 3"]]:
+        """`response` to each of several laws' forces, solved for together."""
+        found = [np.empty_like(force) for force in forces]
         held = np.repeat([recording.case.support for recording in self.base.grasps], np.diff(self.first))
         for support, solid in self.base.solids.items():
             own = np.flatnonzero(held == support)
-            turn, parts = _few(force[own])
-            found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
+            turns, parts = zip(*(_few(force[own]) for force in forces), strict=True)
+            moved = solid.displacement(np.concatenate(parts))
+            cuts = np.cumsum([len(part) for part in parts])[:-1]
+            for one, turn, part in zip(found, turns, np.split(moved, cuts), strict=True):
+                one[own] = np.tensordot(turn, part, axes=1)
         return found
 
     def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
