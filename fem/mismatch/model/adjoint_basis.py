@@ -72,12 +72,13 @@ class AdjointBasis:
         cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1
     ) -> "AdjointBasis":
         """`compliance`: s = 1/E of the plain model."""
+        whitened = parallel_map(
+            lambda recording: _whitened(base, recording, compliance), base.grasps, workers=workers
+        )
+        moved = base.displacements([own.loads for own in whitened])
         grasps = tuple(
-            parallel_map(
-                lambda recording: _grasp_basis(base, recording, points, compliance),
-                base.grasps,
-                workers=workers,
-            )
+            _grasp_basis(base, points, compliance, *one)
+            for one in zip(base.grasps, whitened, moved, strict=True)
         )
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
@@ -96,10 +97,18 @@ class AdjointBasis:
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-def _grasp_basis(
-    base: Baseline, recording: GraspResponse, points: FleshStrain, compliance: float
-) -> GraspBasis:
-    """One recording's basis functions, their whitening, and their adjoint solutions: one solve for each."""
+@dataclass(frozen=True, kw_only=True)
+class _Whitened:
+    """One recording's basis functions, their W-images and whitening, and the loads of the adjoint fields."""
+
+    equations: MarkerEquations
+    basis_functions: Float[np.ndarray, "v f n 3"]
+    weighed: Float[np.ndarray, "v f n 3"]
+    whitening: Float[np.ndarray, "v k"]
+    loads: Float[np.ndarray, "k m 3"]
+
+
+def _whitened(base: Baseline, recording: GraspResponse, compliance: float) -> _Whitened:
     budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
@@ -123,16 +132,33 @@ def _grasp_basis(
     forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
     loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = recording.nodal_of(forces)
-    moved = solid.displacement(loads)
-    pushed = _push(points, recording.moved[0], solid.poisson_ratio)
-    plain = recording.tracks.unit_displacement * compliance
-    return GraspBasis(
+    return _Whitened(
         equations=equations,
         basis_functions=basis_functions,
+        weighed=weighed,
         whitening=whitening,
+        loads=loads,
+    )
+
+
+def _grasp_basis(
+    base: Baseline,
+    points: FleshStrain,
+    compliance: float,
+    recording: GraspResponse,
+    own: _Whitened,
+    moved: Float[np.ndarray, "k m 3"],
+) -> GraspBasis:
+    """`moved`: the adjoint fields."""
+    pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
+    plain = recording.tracks.unit_displacement * compliance
+    return GraspBasis(
+        equations=own.equations,
+        basis_functions=own.basis_functions,
+        whitening=own.whitening,
         moved=moved,
         cells=compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T),
-        plain=whitening.T @ np.tensordot(weighed, plain, axes=3),
+        plain=own.whitening.T @ np.tensordot(own.weighed, plain, axes=3),
     )
 
 
