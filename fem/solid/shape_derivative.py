@@ -143,7 +143,8 @@ def skin_velocities(
     outward = normal[skin[cKDTree(nodes[skin]).query(nodes)[1]]]
     for points, axis in pads:
         steep = outward @ axis
-        near = np.maximum(1 - cKDTree(points).query(nodes)[0] / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
+        away = cKDTree(points).query(nodes, distance_upper_bound=PAD_FADES_MM)[0]  # infinite beyond
+        near = np.maximum(1 - away / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
         slide = axis / np.maximum(steep, LEAST_STEEP)[:, None] - outward
         outward = outward + near[:, None] * slide
     fading = 1 - mesh.pit_share if len(mesh.pit_nodes) else np.ones(len(nodes))

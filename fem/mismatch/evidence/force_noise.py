@@ -109,14 +109,17 @@ def _solved(
     forward: ForwardModel, recorded: Sequence[GraspEquations], force_N: Sequence[Float[np.ndarray, "p r n 3"]]
 ) -> list[tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]]:
     """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
-    base, loads = forward.base, []
+    base, nodes = forward.base, len(forward.base.mesh.nodes_mm)
+    loads = {recording.case.name: np.zeros((0, nodes, 3)) for recording in base.grasps}
     for one, forces in zip(recorded, force_N, strict=True):
         flat = forces.reshape(-1, *forces.shape[2:])
-        load = np.zeros((len(flat), len(base.mesh.nodes_mm), 3))
+        load = np.zeros((len(flat), nodes, 3))
         load[:, base.solid_of(one.recording).contact_nodes] = one.recording.nodal_of(flat)
-        loads.append(load)
+        loads[one.recording.case.name] = load
+    solved = dict(zip(loads, base.displacements(list(loads.values())), strict=True))
     found = []
-    for one, forces, moved in zip(recorded, force_N, base.displacements(loads), strict=True):
+    for one, forces in zip(recorded, force_N, strict=True):
+        moved = solved[one.recording.case.name]
         on_skin = moved[:, base.solid_of(one.recording).contact_nodes]
         by_draw = moved.reshape(*forces.shape[:2], *moved.shape[1:])
         found.append((by_draw, one.recording.at_markers(on_skin).reshape(forces.shape)))
