@@ -92,9 +92,12 @@ class UnitModulusSolid:
         load = self._columns(nodal_force_N)
         displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
         if self.support == "free":
-            body = self.free_body
-            displacement -= self.under_body_forces @ body.acceleration(load)
-            displacement = body.without_rigid_motion(displacement)
+            body, acceleration = self.free_body, self.free_body.acceleration(load)
+            work = body.body_forces.T @ displacement
+            work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
+            motion = np.linalg.solve(body.inertia, work)
+            taken = np.hstack([self.under_body_forces, body.modes])
+            displacement -= taken @ np.vstack([acceleration, motion])
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:

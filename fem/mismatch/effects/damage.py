@@ -86,10 +86,10 @@ class Damage:
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
         levels = [relative * level for relative in RELATIVE]
         laws = [mullins_damage(1.0, own, poisson_ratio=nu) for own in levels]
-        moved = state.responses([pieces.forces(s * state.linear, law) for law in laws])
+        moved = state.marker_responses([pieces.forces(s * state.linear, law) for law in laws])
         found = []
         for own_level, more in zip(levels, moved, strict=True):
-            fields = [ObservationDelta(markers=-own) for own in state.at_markers(more)]
+            fields = [ObservationDelta(markers=-own) for own in more]
             found.append(
                 Signature(
                     variant=AtValue(symbol="W0", value=significant(own_level, 3)),

@@ -81,8 +81,8 @@ class PlasticSet:
             law = von_mises_set(Y, poisson_ratio=forward.poisson_ratio)
             forces.append(pieces.forces(forward.compliance * state.linear, law))
         found = []
-        for Y, more in zip(yields, state.responses(forces), strict=True):
-            fields = [ObservationDelta(markers=-own) for own in state.at_markers(more)]
+        for Y, more in zip(yields, state.marker_responses(forces), strict=True):
+            fields = [ObservationDelta(markers=-own) for own in more]
             found.append(
                 Signature(
                     variant=AtValue(symbol="Y", value=significant(Y, 4)),

@@ -38,15 +38,14 @@ LEAST_INFORMATION = 1e-5
 class GraspBasis:
     """One recording's basis: k whitened projections of v basis functions.
 
-    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `cells`: d for four
-    points in every element. `plain`: the projections of s c(t).
+    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `plain`: the
+    projections of s c(t).
     """
 
     equations: MarkerEquations
     basis_functions: Float[np.ndarray, "v f n 3"]
     whitening: Float[np.ndarray, "v k"]
     moved: Float[np.ndarray, "k m 3"]
-    cells: Float[np.ndarray, "q k"]
     plain: Float[np.ndarray, " k"]
 
     def observed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
@@ -59,7 +58,7 @@ class GraspBasis:
 class AdjointBasis:
     """The bases of all recordings together; the modulus of the whole flesh is free.
 
-    `cells`: of four points in every element, per unit drop of modulus there. `plain`: the direction of a
+    `cells`: d of four points in every element, per unit drop of modulus there. `plain`: the direction of a
     change of E, of unit length.
     """
 
@@ -77,13 +76,17 @@ class AdjointBasis:
         )
         moved = base.displacements([own.loads for own in whitened])
         grasps = tuple(
-            _grasp_basis(base, points, compliance, *one)
-            for one in zip(base.grasps, whitened, moved, strict=True)
+            _grasp_basis(recording, own, adjoint, compliance)
+            for recording, own, adjoint in zip(base.grasps, whitened, moved, strict=True)
         )
+        cells = [
+            _cells(base, recording, points, adjoint, compliance)
+            for recording, adjoint in zip(base.grasps, moved, strict=True)
+        ]
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
             grasps=grasps,
-            cells=np.hstack([grasp.cells for grasp in grasps]),
+            cells=np.hstack(cells),
             plain=plain / np.linalg.norm(plain),
         )
 
@@ -141,23 +144,28 @@ def _whitened(base: Baseline, recording: GraspResponse, compliance: float) -> _W
     )
 
 
-def _grasp_basis(
+def _cells(
     base: Baseline,
-    points: FleshStrain,
-    compliance: float,
     recording: GraspResponse,
-    own: _Whitened,
+    points: FleshStrain,
     moved: Float[np.ndarray, "k m 3"],
+    compliance: float,
+) -> Float[np.ndarray, "q k"]:
+    """d of one recording; `moved`: the adjoint fields."""
+    pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
+    return compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T)
+
+
+def _grasp_basis(
+    recording: GraspResponse, own: _Whitened, moved: Float[np.ndarray, "k m 3"], compliance: float
 ) -> GraspBasis:
     """`moved`: the adjoint fields."""
-    pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
     plain = recording.tracks.unit_displacement * compliance
     return GraspBasis(
         equations=own.equations,
         basis_functions=own.basis_functions,
         whitening=own.whitening,
         moved=moved,
-        cells=compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T),
         plain=own.whitening.T @ np.tensordot(own.weighed, plain, axes=3),
     )
 
