@@ -39,6 +39,8 @@ there then gain a few units of ln evidence on sound recordings of two solvers; w
 soft jaws gain ten times as much, and one that is there only twice."""
 
 
+_AT_ONCE = 24
+"""Fields at once: memory, nothing else."""
 LEAST_NOISE_SHARE = 0.016
 """Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
 The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
@@ -146,7 +148,11 @@ class MarkerEquations:
 
     def weighed_in_contact(self, flat: Float[np.ndarray, "q d"]) -> Float[np.ndarray, "q d"]:
         """`weighed` of several fields laid out flat."""
-        return np.asarray(self.weight_in_contact * self._residual(flat.T).T)
+        found = np.empty_like(flat)
+        for first in range(0, len(flat), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            found[some] = self.weight_in_contact * self._residual(flat[some].T).T
+        return found
 
     def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
         """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
