@@ -16,7 +16,7 @@ from fem.solid.discretisation_error import discretisation_error
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import PadLink, slid
 from fem.solid.rigid_core import pit_centre_mm, rigid_modes
-from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change
+from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change, work_of_change
 
 PIT_OFFSET = ("pit x", "pit y", "pit z")
 PIT_SIZE = "pit size"
@@ -112,10 +112,7 @@ def inner_forces(
     if has_pit:
         causes += PIT
         velocities += list(pit_velocities(mesh))
-        centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
-        moved = moved - np.einsum(
-            "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
-        )
+        moved = _from_the_pit(solid, moved)
     if with_surface:
         causes += SURFACE
         pads = [(link.place.point_mm, mean_normal(link.place.normal)) for link in links]
@@ -128,6 +125,30 @@ def inner_forces(
     by_nu = -solid.parts.change_with_poisson_ratio(flat, poisson_ratio=solid.poisson_ratio)
     causes.append(POISSON_RATIO)
     return causes, np.concatenate([forces, by_nu.T.reshape(1, *moved.shape)])
+
+
+def inner_work(
+    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], other: Float[np.ndarray, "r n 3"]
+) -> dict[str, Float[np.ndarray, " r"]]:
+    """-v' (dK/dp) U of pit and Poisson's ratio: the work of `inner_forces` on other displacements v."""
+    mesh, nu = solid.mesh, solid.poisson_ratio
+    by_nu = solid.parts.change_with_poisson_ratio(moved.reshape(len(moved), -1).T, poisson_ratio=nu)
+    found = {POISSON_RATIO: -np.einsum("rd,dr->r", other.reshape(len(other), -1), by_nu)}
+    if not len(mesh.pit_nodes):
+        return found
+    moved, velocities = _from_the_pit(solid, moved), pit_velocities(mesh)
+    by_pit = dict(zip(PIT, -work_of_change(mesh, nu, moved, other, velocities), strict=True))
+    if solid.support == "base":
+        couple = _couple(solid, moved, velocities[PIT.index(PIT_SIZE)])
+        by_pit[PIT_SIZE] -= np.einsum("rnx,rnx->r", other, couple)
+    return by_pit | found
+
+
+def _from_the_pit(solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
+    """Displacements less the rigid motion of the pit."""
+    nodes = solid.mesh.nodes_mm
+    modes = rigid_modes(nodes, centre_mm=pit_centre_mm(nodes, solid.mesh.pit_nodes))
+    return np.asarray(moved - np.einsum("nik,rk->rni", modes, solid.pit_motion(moved)))
 
 
 def _couple(

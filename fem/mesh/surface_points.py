@@ -43,8 +43,7 @@ class SurfacePoints:
         """The points moved a little along the skin, on their own faces continued; distances are not kept."""
         x = mesh.nodes_mm[self.face_nodes]
         tangent = np.einsum("pin,pnx->pix", t6_gradient(self.reference), x)
-        metric = np.einsum("pix,pjx->pij", tangent, tangent)
-        step = np.linalg.solve(metric, (tangent @ way_mm)[..., None])[..., 0]
+        step = _least_squares_step(tangent, tangent @ way_mm)
         place, normal, _ = _place_and_normal(self.reference + step, x)
         return SurfacePoints(
             self.n_nodes, self.face_nodes, self.reference + step, place, normal, np.zeros(len(place))

@@ -8,7 +8,7 @@ so a name is a suggestion. Against the finder's own linear round
   for the response to pit, surface and Poisson's ratio;
 - markers are moved to where they touched (fem.mismatch.model.touched_skin) by grading's own response and
   modulus, so that a recording is projected once and not twice;
-- linear laws of flesh are followed to first order only, all of them by one solve;
+- linear laws of flesh, drainage among them, are followed to first order only, all of them by one solve;
 - a soft spot is sought at one radius, and is tried at its best place alone;
 - laws with a history are followed on PATH_SHARE of the finder's frames;
 - long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
@@ -34,6 +34,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
+from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.linear_law import LinearLaw
@@ -41,7 +42,7 @@ from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import LEADING, inner_changes, store_inner_changes
+from fem.mismatch.model.inner_changes import LEADING, OfInnerChange, inner_changes, store_inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
@@ -289,22 +290,29 @@ def _screened_effects(forward: ForwardModel) -> list[Effect]:
 
 
 def _first_orders(forward: ForwardModel, laws: Sequence[LinearLaw]) -> dict[str, tuple[Signature, ...]]:
-    """-K0^-1 (dK/dtheta) U of each law, all of them solved for together; Poisson's ratio is known already."""
+    """-K0^-1 (dK/dtheta) U of each law, all of them and drainage solved for together; that of Poisson's ratio
+    is known already.
+    """
     grasps = forward.base.grasps
     leading = [recording.moved[:LEADING] for recording in grasps]
     together, cuts = np.concatenate(leading), np.cumsum([len(own) for own in leading])[:-1]
     solved = [law for law in laws if law.spec.correction is not Correction.POISSON_RATIO]
     loads = [-law.operators(forward)[0](together) for law in solved]
     split = [np.split(load, cuts) for load in loads]
+    fading = [fading_forces(forward, recording.moved[recording.leading]) for recording in grasps]
     moved = forward.base.displacements(
-        [np.concatenate([own[k] for own in split]) for k in range(len(grasps))]
+        [np.concatenate([*(own[k] for own in split), fading[k]]) for k in range(len(grasps))]
     )
     changes = [dict[str, Float[np.ndarray, "f n 3"]]() for _ in grasps]
+    drained = []
     for recording, own, change in zip(grasps, moved, changes, strict=True):
         shares = recording.shares[:, :LEADING]
         at_markers = recording.at_markers(own[:, forward.base.solid_of(recording).contact_nodes])
-        for law, part in zip(solved, np.split(at_markers, len(solved)), strict=True):
+        cut = shares.shape[1] * len(solved)
+        for law, part in zip(solved, np.split(at_markers[:cut], len(solved)), strict=True):
             change[law.spec.name] = np.tensordot(shares, part, axes=1)
+        drained.append(np.tensordot(recording.shares[:, recording.leading], at_markers[cut:], axes=1))
+    store_first_orders(forward, drained)
     for law in laws:
         if law not in solved:
             for recording, change in zip(grasps, changes, strict=True):
@@ -320,7 +328,7 @@ def _first_orders(forward: ForwardModel, laws: Sequence[LinearLaw]) -> dict[str,
                         sd=law.sd,
                         positive=law.positive,
                         fields=[ObservationDelta(markers=s * change[law.spec.name]) for change in changes],
-                        of_forces=law.of_forces(forward),
+                        of_forces=law.of_forces(forward) if law in solved else OfInnerChange(POISSON_RATIO),
                     ),
                 ),
             ),

@@ -90,26 +90,28 @@ class UnitModulusSolid:
         Forces on pit nodes act on the pit as a whole. Raises BAD_LOAD: wrong shape or non-finite numbers.
         """
         load = self._columns(nodal_force_N)
-        free = self.support == "free"
-        if free:
-            load = self.free_body.balance(load)
         displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
-        if free:
-            displacement = self.free_body.without_rigid_motion(displacement)
+        if self.support == "free":
+            body, acceleration = self.free_body, self.free_body.acceleration(load)
+            work = body.body_forces.T @ displacement
+            work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
+            motion = np.linalg.solve(body.inertia, work)
+            taken = np.hstack([self.under_body_forces, body.modes])
+            displacement -= taken @ np.vstack([acceleration, motion])
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
         """`displacement` of the contact nodes alone, without that of the rest. Raises BAD_LOAD."""
         load = self._columns(nodal_force_N)
-        free, body = self.support == "free", self.free_body
-        if free:
-            load = body.balance(load)
         dofs, moves, columns = self._contact_dofs
         displacement = np.zeros((len(dofs), load.shape[1]))
         displacement[moves] = self.factor.solve_at(self.kinematics.T @ load, columns)
-        if free:
-            motion = np.linalg.solve(body.inertia, self.under_body_forces.T @ load)
-            displacement -= body.modes[dofs] @ motion
+        if self.support == "free":
+            body, acceleration = self.free_body, self.free_body.acceleration(load)
+            work = self.under_body_forces.T @ load
+            work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
+            displacement -= self.under_body_forces[dofs] @ acceleration
+            displacement -= body.modes[dofs] @ np.linalg.solve(body.inertia, work)
         return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
 
     @cached_property

@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fem.elements.assembly import unit_lame_constants
+from fem.elements.gradients import inverse_3x3
 from fem.elements.shape_functions import TET_EDGES, t10_gradient
 from fem.mesh.flesh_mesh import FleshMesh
 
@@ -52,13 +53,8 @@ def stiffness_change(
     n_loads, n_ways = len(displacement), len(velocities)
     change = np.zeros((len(nodal), n_ways * n_loads * 3))
     for start in range(0, len(mesh.tets), _BATCH):
-        tets = mesh.tets[start : start + _BATCH]
-        slope, measure = _slopes(mesh.nodes_mm[tets])
-        slope = slope.reshape(len(tets), -1, 10)
-        values = nodal[tets]
-        values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
-        gradient = (slope @ values).reshape(measure.size, 3, len(fields), 3)
-        strained, moving = np.split(np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), [n_loads])
+        gradient, slope, measure = _gradients(mesh, nodal, slice(start, start + _BATCH))
+        strained, moving = np.split(gradient, [n_loads])
         stress = _stress(strained, mu, lame)
         flux = np.empty((measure.size, 3, n_ways, n_loads, 3))
         for k, g in enumerate(moving):
@@ -69,9 +65,44 @@ def stiffness_change(
             own *= measure.ravel()
             flux[:, :, k] = own.transpose(3, 2, 0, 1)
         force = slope.transpose(0, 2, 1) @ flux.reshape(*slope.shape[:2], -1)
-        _add_rows(change, tets.ravel(), force.reshape(tets.size, -1))
+        tets = mesh.tets[start : start + _BATCH].ravel()
+        _add_rows(change, tets, force.reshape(len(tets), -1))
     found = change.reshape(-1, n_ways, n_loads, 3).transpose(1, 2, 0, 3)
     return np.ascontiguousarray(found)
+
+
+def work_of_change(
+    mesh: FleshMesh,
+    poisson_ratio: float,
+    displacement: Float[np.ndarray, "f n 3"],
+    other: Float[np.ndarray, "f n 3"],
+    velocities: Float[np.ndarray, "p n 3"],
+) -> Float[np.ndarray, "p f"]:
+    """v' (dK0/de) u for each velocity field and pair of a displacement u and another one v, E = 1 MPa.
+
+    That is the integral of T : grad V with one tensor for all velocity fields,
+
+        T = (sigma(u) : grad v) 1 - (grad u)' sigma(v) - (grad v)' sigma(u)
+
+    (the energy-momentum tensor of two fields; Eshelby, "The elastic energy-momentum tensor", J. Elasticity 5,
+    1975).
+    """
+    mu, lame = unit_lame_constants(poisson_ratio)
+    fields = np.concatenate([displacement, other, velocities])
+    nodal = np.ascontiguousarray(fields.transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
+    count = len(displacement)
+    work = np.zeros((len(velocities), count))
+    for start in range(0, len(mesh.tets), _BATCH):
+        gradient, _, measure = _gradients(mesh, nodal, slice(start, start + _BATCH))
+        u, v, moving = np.split(gradient, [count, 2 * count])
+        of_u, of_v = _stress(u, mu, lame), _stress(v, mu, lame)
+        tensor = -np.einsum("fixe,fiye->fxye", u, of_v) - np.einsum("fixe,fiye->fxye", v, of_u)
+        both = np.einsum("fixe,fixe->fe", of_u, v)
+        for x in range(3):
+            tensor[:, x, x] += both
+        tensor *= measure.ravel()
+        work += moving.reshape(len(moving), -1) @ tensor.reshape(count, -1).T
+    return work
 
 
 def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
@@ -112,7 +143,8 @@ def skin_velocities(
     outward = normal[skin[cKDTree(nodes[skin]).query(nodes)[1]]]
     for points, axis in pads:
         steep = outward @ axis
-        near = np.maximum(1 - cKDTree(points).query(nodes)[0] / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
+        away = cKDTree(points).query(nodes, distance_upper_bound=PAD_FADES_MM)[0]  # infinite beyond
+        near = np.maximum(1 - away / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
         slide = axis / np.maximum(steep, LEAST_STEEP)[:, None] - outward
         outward = outward + near[:, None] * slide
     fading = 1 - mesh.pit_share if len(mesh.pit_nodes) else np.ones(len(nodes))
@@ -121,14 +153,27 @@ def skin_velocities(
     return np.asarray(waves[:, :, None] * (fading[:, None] * outward))
 
 
+def _gradients(
+    mesh: FleshMesh, nodal: Float[np.ndarray, "n d"], elements: slice
+) -> tuple[Float[np.ndarray, "f 3 3 e"], Float[np.ndarray, "m q3 10"], Float[np.ndarray, "m q"]]:
+    """[i, x] of d(field)_i/dx at all points of some elements, of fields side by side; and `_slopes`."""
+    tets = mesh.tets[elements]
+    slope, measure = _slopes(mesh.nodes_mm[tets])
+    slope = slope.reshape(len(tets), -1, 10)
+    values = nodal[tets]
+    values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
+    gradient = (slope @ values).reshape(measure.size, 3, -1, 3)
+    return np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), slope, measure
+
+
 def _slopes(
     x: Float[np.ndarray, "m 10 3"],
 ) -> tuple[Float[np.ndarray, "m q 3 10"], Float[np.ndarray, "m q"]]:
     """dN/dx and the volume at each point of each element."""
     reference = t10_gradient(POINTS)
-    jacobian = np.einsum("qin,mnx->mqix", reference, x, optimize=True)
-    slope = np.linalg.solve(jacobian, np.broadcast_to(reference, (len(x), *reference.shape)))
-    return slope, np.linalg.det(jacobian) * SHARES / 6
+    jacobian = (reference.reshape(-1, 10) @ x).reshape(len(x), -1, 3, 3)
+    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
+    return inverse.transpose(2, 3, 0, 1) @ reference, det * SHARES / 6
 
 
 def _stress(gradient: Float[np.ndarray, "f 3 3 e"], mu: float, lame: float) -> Float[np.ndarray, "f 3 3 e"]:

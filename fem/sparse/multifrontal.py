@@ -56,6 +56,8 @@ class CholeskyFactor:
         start, rows = self.fronts.start, self.fronts.rows
         for s, (triangle, below) in enumerate(zip(self.triangle, self.below, strict=True)):
             own = x[start[s] : start[s + 1]]
+            if not own.any():
+                continue  # no load here nor below: a load on few nodes reaches the fronts above them alone
             solve_triangle(triangle, own)
             if len(rows[s]):
                 x[rows[s]] -= below @ own

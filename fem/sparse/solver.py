@@ -78,9 +78,9 @@ class _Plan:
     indices: Int[np.ndarray, " e"]
 
     def factorise(self, stiffness: csr_array) -> Factor:
-        stiffness = _canonical(stiffness)
-        same = np.array_equal(stiffness.indptr, self.indptr)
-        if not (same and np.array_equal(stiffness.indices, self.indices)):
+        if not self._has(stiffness):
+            stiffness = _canonical(stiffness)
+        if not self._has(stiffness):
             raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
         return self.of(stiffness)
 
@@ -96,6 +96,11 @@ class _Plan:
         if not (missed < 1e-6 and float((probe * answer).sum()) > 0):
             raise _singular(f"a trial load is missed by {missed:.1e} of itself")
         return factor
+
+    def _has(self, stiffness: csr_array) -> bool:
+        """Whether the matrix stores the nonzeros that were analysed, in their order."""
+        same = np.array_equal(stiffness.indptr, self.indptr)
+        return same and np.array_equal(stiffness.indices, self.indices)
 
 
 @dataclass(frozen=True)

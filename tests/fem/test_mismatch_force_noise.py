@@ -25,7 +25,7 @@ SEEDS = range(6)
 def noisy() -> tuple[ForwardModel, GraspEquations, ForceNoise]:
     forward, _ = plain_forward_model(injected_case())
     equations = GraspEquations.of(forward, forward.base.grasps[0])
-    return forward, equations, drawn_force_noise(forward, equations)
+    return forward, equations, drawn_force_noise(forward, [equations])[0]
 
 
 def directly(fields: np.ndarray, noise: ForceNoise) -> float:
@@ -114,7 +114,7 @@ def test_drawn_noise_of_the_response_is_as_large_as_the_real_one() -> None:
         recording, still = forward.base.grasps[0], quiet.base.grasps[0]
         assert np.array_equal(recording.used, still.used)
         unit = recording.tracks.unit_displacement
-        noise = drawn_force_noise(forward, equations)
+        (noise,) = drawn_force_noise(forward, [equations])
         shares = recording.shares[:, : noise.response.shape[1]]
         course = np.linalg.qr(shares)[0]
         off = np.tensordot(course @ course.T, unit - still.tracks.unit_displacement, axes=1)

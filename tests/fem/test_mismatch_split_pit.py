@@ -90,7 +90,7 @@ def test_the_noise_of_forces_passes_through_the_halves_as_forces_do():
     forward, _ = plain_forward_model(injected_case(about_the_pit(), mesh=halved_pit.finders_mesh))
     recording = forward.base.grasps[0]
     recorded = GraspEquations.of(forward, recording)
-    noise = drawn_force_noise(forward, recorded)
+    (noise,) = drawn_force_noise(forward, [recorded])
     halves = OfHalves(forward, 40.0)
     directly = np.einsum("pfnx,pfnx->p", halves.fields(noise), noise.weighed)
     assert halves.product(noise) == pytest.approx(noise.of_draws(directly), rel=1e-6)

@@ -10,7 +10,7 @@ from fem.elements.assembly import assemble
 from fem.mesh.surface_points import skin_quadrature
 from fem.solid.closed_forms import cored_sphere_shrinkage_mm
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change
+from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change, work_of_change
 
 
 def unit_stiffness(mesh):
@@ -50,6 +50,15 @@ def test_energy_changes_as_on_moved_nodes(which):
     found = change_of_energy(mesh, velocity)
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
     assert np.abs(found - found.T).max() < 1e-9 * np.abs(found).max()
+
+
+def test_work_of_pairs_of_fields_is_that_of_the_changed_forces():
+    mesh = fruit_mesh()
+    velocities = np.concatenate([pit_velocities(mesh), skin_velocities(mesh)])
+    u, v = smooth_fields(mesh), smooth_fields(mesh)[::-1]
+    wanted = np.einsum("pfnx,fnx->pf", stiffness_change(mesh, NU, u, velocities), v)
+    found = work_of_change(mesh, NU, u, v, velocities)
+    np.testing.assert_allclose(found, wanted, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_a_shift_of_everything_changes_nothing():

@@ -84,14 +84,15 @@ class Damage:
         nu, s = forward.poisson_ratio, forward.compliance
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
+        levels = [relative * level for relative in RELATIVE]
+        laws = [mullins_damage(1.0, own, poisson_ratio=nu) for own in levels]
+        moved = state.marker_responses([pieces.forces(s * state.linear, law) for law in laws])
         found = []
-        for relative in RELATIVE:
-            law = mullins_damage(1.0, relative * level, poisson_ratio=nu)
-            more = -state.response(pieces.forces(s * state.linear, law))
-            fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
+        for own_level, more in zip(levels, moved, strict=True):
+            fields = [ObservationDelta(markers=-own) for own in more]
             found.append(
                 Signature(
-                    variant=AtValue(symbol="W0", value=significant(relative * level, 3)),
+                    variant=AtValue(symbol="W0", value=significant(own_level, 3)),
                     columns=(Regressor(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
                 )
             )

@@ -131,10 +131,29 @@ class Drainage:
 def _drained(forward: ForwardModel, tau_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """dc/ds: at once nothing, in time that of the elastic law."""
     found = []
-    for recording, own in zip(forward.base.grasps, _fading_volumes(forward), strict=True):
-        whole = over_all_frames(recording, own.law.first)
+    for recording, first in zip(forward.base.grasps, _first_orders(forward), strict=True):
+        whole = over_all_frames(recording, first)
         found.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
     return found
+
+
+def fading_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
+    """lambda K_lambda U: nodal forces by which the flesh resists losing volume, all of which may fade."""
+    _, lame = unit_lame_constants(forward.poisson_ratio)
+    volume = matrix_operator(next(iter(forward.base.solids.values())).parts.k_lambda)
+    return np.asarray(lame * volume(moved))
+
+
+def store_first_orders(forward: ForwardModel, changes: Sequence[Float[np.ndarray, "_f _n 3"]]) -> None:
+    """Takes K0^-1 `fading_forces` at each recording's markers as known from elsewhere."""
+    forward.memoised((SPEC.name, "first order"), lambda: list(changes))
+
+
+def _first_orders(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
+    """dc/ds of every recording where s is gone at once."""
+    return forward.memoised(
+        (SPEC.name, "first order"), lambda: [own.law.first for own in _fading_volumes(forward)]
+    )
 
 
 def _fading_volumes(forward: ForwardModel) -> list[FadingVolume]:
@@ -146,7 +165,7 @@ def _fading_volumes(forward: ForwardModel) -> list[FadingVolume]:
         volume = matrix_operator(parts.k_lambda)
         laws = reduced_laws(
             forward,
-            derivative=lambda moved: -lame * volume(moved),
+            derivative=lambda moved: -fading_forces(forward, moved),
             parts=(matrix_operator(parts.k_mu), volume),
         )
         return [FadingVolume.of(law, mu=mu, lame=lame) for law in laws]

@@ -19,7 +19,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, added_stress, path_response, path_state
+from fem.mismatch.model.stress_history import PathState, path_response, path_state
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 
@@ -74,13 +74,15 @@ class PlasticSet:
         """One for each Y, its amount 1 to 3 where the law holds."""
         state = path_state(forward, frames=FRAMES, remembers=True)
         stress, level = _stress_seen(forward, state)
-        found = []
-        for relative in RELATIVE:
-            Y = relative * level
+        yields = [relative * level for relative in RELATIVE]
+        forces = []
+        for Y in yields:
             pieces = FleshPieces.of(forward.points, stress > MARGIN * Y, workers=forward.workers)
             law = von_mises_set(Y, poisson_ratio=forward.poisson_ratio)
-            more = added_stress(forward, state, pieces, law).first_order()
-            fields = [ObservationDelta(markers=forward.compliance * own) for own in state.at_markers(more)]
+            forces.append(pieces.forces(forward.compliance * state.linear, law))
+        found = []
+        for Y, more in zip(yields, state.marker_responses(forces), strict=True):
+            fields = [ObservationDelta(markers=-own) for own in more]
             found.append(
                 Signature(
                     variant=AtValue(symbol="Y", value=significant(Y, 4)),

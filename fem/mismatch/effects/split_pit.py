@@ -15,7 +15,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.parted_pit import OfHalves, parted_response
+from fem.mismatch.model.parted_pit import OfHalves, part_together, parted_response
 from fem.mismatch.signature_variant import AtValue, Variant, value_of
 
 ANGLE, SHARE = "angle_deg", "share"
@@ -79,6 +79,7 @@ class SplitPit:
         """Free halves, one for each angle of the suture; none for a fruit without a pit."""
         if not len(forward.base.mesh.pit_nodes):
             return []
+        part_together(forward, ANGLES_DEG)
         found = []
         for angle in ANGLES_DEG:
             column = Regressor(

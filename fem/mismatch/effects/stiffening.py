@@ -97,8 +97,8 @@ class Stiffening:
         state = path_state(forward, frames=FRAMES, remembers=False)
         nu, s = forward.poisson_ratio, forward.compliance
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-        more = -state.response(pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu)))
-        fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
+        forces = pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
+        fields = [ObservationDelta(markers=-own) for own in state.marker_responses([forces])[0]]
         found = [
             Signature(
                 variant=ONE_WAY, columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),)

@@ -8,6 +8,8 @@ fem.mismatch.model.force_products: b_i - n_i for b_i = phi_i . W y, computed for
 noise (corrected score: Nakamura 1990, Biometrika 77; Fuller 1987, Measurement Error Models, section 2.2).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -19,14 +21,57 @@ from fem.grasp_history import PadHistory
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.force_products import ForceNoise
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.parallel_map import parallel_map
 
 DRAWS = 2
 """Draws of a recording's noise. Each holds some thousand independent numbers: from one to the next n changes
 by a tenth, and what is corrected is of the size of the amounts' standard deviations."""
 
 
-def drawn_force_noise(forward: ForwardModel, equations: GraspEquations, *, draws: int = DRAWS) -> ForceNoise:
-    """Draws of one recording's noise, as its own frames without contact show it, and their adjoint fields."""
+def drawn_force_noise(
+    forward: ForwardModel, recorded: Sequence[GraspEquations], *, draws: int = DRAWS
+) -> list[ForceNoise]:
+    """Draws of each recording's noise, as its own frames without contact show it, and their adjoint fields.
+
+    The fields of all recordings are solved for together.
+    """
+    drawn = parallel_map(lambda one: _drawn(forward, one, draws), recorded, workers=forward.workers)
+    forces = [own for _, own in drawn]
+    solved = _solved(forward, recorded, forces)
+    shares = [_shares(one) for one in recorded]
+    weighed = []
+    for one, own, (places, _), (_, response) in zip(recorded, shares, drawn, solved, strict=True):
+        excess = places - forward.compliance * np.einsum("fr,prnx->pfnx", own, response)
+        weighed.append(np.stack([one.weighed_markers(draw) for draw in excess]))
+    pulled = [np.einsum("fr,pfnx->prnx", own, heavy) for own, heavy in zip(shares, weighed, strict=True)]
+    adjoint = _solved(forward, recorded, pulled)
+    return [
+        ForceNoise(
+            compliance=forward.compliance,
+            recording=one.recording,
+            solid=forward.base.solid_of(one.recording),
+            force_N=forces[k],
+            moved=solved[k][0],
+            response=solved[k][1],
+            weighed=weighed[k],
+            pulled=pulled[k],
+            adjoint=adjoint[k][0],
+            adjoint_response=adjoint[k][1],
+        )
+        for k, one in enumerate(recorded)
+    ]
+
+
+def _shares(equations: GraspEquations) -> Float[np.ndarray, "f r"]:
+    """Of the patterns that hold the forces' own noise."""
+    recording = equations.recording
+    return recording.shares[:, : recording.finer.first + recording.finer.count]
+
+
+def _drawn(
+    forward: ForwardModel, equations: GraspEquations, draws: int
+) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p r n 3"]]:
+    """Noise of the markers' places, and of the forces by pattern."""
     recording = equations.recording
     rng = np.random.default_rng(0)
     drawn = [
@@ -34,26 +79,9 @@ def drawn_force_noise(forward: ForwardModel, equations: GraspEquations, *, draws
         for pad, denoised in zip(recording.case.history.pads, recording.denoised, strict=True)
     ]
     places, forces = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
-    shares = recording.shares[:, : recording.finer.first + recording.finer.count]
-    by_pattern = recording.finer.of_noise(
+    shares = _shares(equations)
+    return places, recording.finer.of_noise(
         np.einsum("fr,pfnx->prnx", shares / (shares**2).sum(axis=0), forces)
-    )
-    moved, response = _solved(forward, equations, by_pattern)
-    excess = places - forward.compliance * np.einsum("fr,prnx->pfnx", shares, response)
-    weighed = np.stack([equations.weighed_markers(one) for one in excess])
-    pulled = np.einsum("fr,pfnx->prnx", shares, weighed)
-    adjoint, adjoint_response = _solved(forward, equations, pulled)
-    return ForceNoise(
-        compliance=forward.compliance,
-        recording=recording,
-        solid=forward.base.solid_of(recording),
-        force_N=by_pattern,
-        moved=moved,
-        response=response,
-        weighed=weighed,
-        pulled=pulled,
-        adjoint=adjoint,
-        adjoint_response=adjoint_response,
     )
 
 
@@ -78,15 +106,21 @@ def _of_pad(
 
 
 def _solved(
-    forward: ForwardModel, equations: GraspEquations, force_N: Float[np.ndarray, "p r n 3"]
-) -> tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]:
-    """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa)."""
-    recording = equations.recording
-    solid = forward.base.solid_of(recording)
-    flat = force_N.reshape(-1, *force_N.shape[2:])
-    loads = np.zeros((len(flat), len(solid.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = recording.nodal_of(flat)
-    moved = solid.displacement(loads)
-    response = recording.at_markers(moved[:, solid.contact_nodes])
-    draws = force_N.shape[:2]
-    return moved.reshape(*draws, *moved.shape[1:]), response.reshape(*draws, *response.shape[1:])
+    forward: ForwardModel, recorded: Sequence[GraspEquations], force_N: Sequence[Float[np.ndarray, "p r n 3"]]
+) -> list[tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]]:
+    """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
+    base, nodes = forward.base, len(forward.base.mesh.nodes_mm)
+    loads = {recording.case.name: np.zeros((0, nodes, 3)) for recording in base.grasps}
+    for one, forces in zip(recorded, force_N, strict=True):
+        flat = forces.reshape(-1, *forces.shape[2:])
+        load = np.zeros((len(flat), nodes, 3))
+        load[:, base.solid_of(one.recording).contact_nodes] = one.recording.nodal_of(flat)
+        loads[one.recording.case.name] = load
+    solved = dict(zip(loads, base.displacements(list(loads.values())), strict=True))
+    found = []
+    for one, forces in zip(recorded, force_N, strict=True):
+        moved = solved[one.recording.case.name]
+        on_skin = moved[:, base.solid_of(one.recording).contact_nodes]
+        by_draw = moved.reshape(*forces.shape[:2], *moved.shape[1:])
+        found.append((by_draw, one.recording.at_markers(on_skin).reshape(forces.shape)))
+    return found

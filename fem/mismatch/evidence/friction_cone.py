@@ -116,6 +116,10 @@ def normal_stiffness(forward: ForwardModel, pad_name: str) -> float:
 
 def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
+    return forward.memoised(("springs", pad_name), lambda: _fitted_springs(forward, pad_name))
+
+
+def _fitted_springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     found, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
         work = moved = residual = noise = 0.0

@@ -90,17 +90,16 @@ class GraspEquations:
 
     def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
         """The fields and their W-images, each laid out flat."""
-        touching, cut, end = self._ends()
+        _, cut, end = self._ends()
         width = end + len(self.rest.measured)
         plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
         for row, field in enumerate(fields):
             plain[row] = self.flat(field)
-            if field is not None and field.markers is not None:
-                weighed[row, :cut] = self.markers.weighed(field.markers)[touching].ravel()
             if field is not None and field.balance is not None and self.balance is not None:
                 weighed[row, cut:end] = self.balance.weighed(field.balance).ravel()
             if field is not None and field.rest is not None:
                 weighed[row, end:] = self.rest.weight * field.rest
+        weighed[:, :cut] = self.markers.weighed_in_contact(plain[:, :cut])
         if len(self.inverse):
             weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
         return plain, weighed

@@ -20,6 +20,7 @@ from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import LEADING
+from fem.mismatch.model.pads import response_to
 
 HARDLY_RAD = 0.002
 """Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
@@ -70,11 +71,7 @@ def _under_turned_forces(
 
     def compute() -> Float[np.ndarray, "3 r n 3"]:
         turned = np.cross(np.eye(3)[:, None, None], patterns[None]).reshape(-1, *patterns.shape[1:])
-        solid = forward.base.solid_of(recording)
-        loads = np.zeros((len(turned), len(solid.mesh.nodes_mm), 3))
-        loads[:, solid.contact_nodes] = recording.nodal_of(turned)
-        response = forward.base.marker_response(recording, loads)
-        return np.asarray(response.reshape(3, len(patterns), *patterns.shape[1:]))
+        return response_to(forward, recording, turned).reshape(3, *patterns.shape)
 
     response = forward.memoised(("turned forces", recording.case.name), compute)
     shares = recording.shares[:, : len(patterns)]

@@ -38,15 +38,14 @@ LEAST_INFORMATION = 1e-5
 class GraspBasis:
     """One recording's basis: k whitened projections of v basis functions.
 
-    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `cells`: d for four
-    points in every element. `plain`: the projections of s c(t).
+    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `plain`: the
+    projections of s c(t).
     """
 
     equations: MarkerEquations
     basis_functions: Float[np.ndarray, "v f n 3"]
     whitening: Float[np.ndarray, "v k"]
     moved: Float[np.ndarray, "k m 3"]
-    cells: Float[np.ndarray, "q k"]
     plain: Float[np.ndarray, " k"]
 
     def observed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
@@ -59,7 +58,7 @@ class GraspBasis:
 class AdjointBasis:
     """The bases of all recordings together; the modulus of the whole flesh is free.
 
-    `cells`: of four points in every element, per unit drop of modulus there. `plain`: the direction of a
+    `cells`: d of four points in every element, per unit drop of modulus there. `plain`: the direction of a
     change of E, of unit length.
     """
 
@@ -72,17 +71,22 @@ class AdjointBasis:
         cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1
     ) -> "AdjointBasis":
         """`compliance`: s = 1/E of the plain model."""
-        grasps = tuple(
-            parallel_map(
-                lambda recording: _grasp_basis(base, recording, points, compliance),
-                base.grasps,
-                workers=workers,
-            )
+        whitened = parallel_map(
+            lambda recording: _whitened(base, recording, compliance), base.grasps, workers=workers
         )
+        moved = base.displacements([own.loads for own in whitened])
+        grasps = tuple(
+            _grasp_basis(recording, own, adjoint, compliance)
+            for recording, own, adjoint in zip(base.grasps, whitened, moved, strict=True)
+        )
+        cells = [
+            _cells(base, recording, points, adjoint, compliance)
+            for recording, adjoint in zip(base.grasps, moved, strict=True)
+        ]
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
             grasps=grasps,
-            cells=np.hstack([grasp.cells for grasp in grasps]),
+            cells=np.hstack(cells),
             plain=plain / np.linalg.norm(plain),
         )
 
@@ -96,10 +100,18 @@ class AdjointBasis:
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-def _grasp_basis(
-    base: Baseline, recording: GraspResponse, points: FleshStrain, compliance: float
-) -> GraspBasis:
-    """One recording's basis functions, their whitening, and their adjoint solutions: one solve for each."""
+@dataclass(frozen=True, kw_only=True)
+class _Whitened:
+    """One recording's basis functions, their W-images and whitening, and the loads of the adjoint fields."""
+
+    equations: MarkerEquations
+    basis_functions: Float[np.ndarray, "v f n 3"]
+    weighed: Float[np.ndarray, "v f n 3"]
+    whitening: Float[np.ndarray, "v k"]
+    loads: Float[np.ndarray, "k m 3"]
+
+
+def _whitened(base: Baseline, recording: GraspResponse, compliance: float) -> _Whitened:
     budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
@@ -109,10 +121,13 @@ def _grasp_basis(
     )
     shapes, share = _polynomials(recording), recording.shares[:, 0]
     basis_functions = share[:, None, None] * shapes[:, None]
-    weighed = np.stack([equations.weighed(function) for function in basis_functions])
-    covariance = np.tensordot(basis_functions, weighed, axes=([1, 2, 3], [1, 2, 3]))
-    touching = (recording.tracks.episode >= 0)[:, :, None]
-    whole = np.einsum("n,vtnx->v", equations.weight, (basis_functions**2) * touching, optimize=True)
+    touching = recording.tracks.episode >= 0
+    in_contact = basis_functions[:, touching].reshape(len(basis_functions), -1)
+    heavy = equations.weighed_in_contact(in_contact)
+    weighed = np.zeros_like(basis_functions)
+    weighed[:, touching] = heavy.reshape(len(heavy), -1, 3)
+    covariance = in_contact @ heavy.T
+    whole = in_contact**2 @ equations.weight_in_contact
     scale = 1 / np.sqrt(whole)
     size, way = np.linalg.eigh(covariance * scale * scale[:, None])
     keep = size > LEAST_INFORMATION
@@ -120,16 +135,38 @@ def _grasp_basis(
     forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
     loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = recording.nodal_of(forces)
-    moved = solid.displacement(loads)
-    pushed = _push(points, recording.moved[0], solid.poisson_ratio)
-    plain = recording.tracks.unit_displacement * compliance
-    return GraspBasis(
+    return _Whitened(
         equations=equations,
         basis_functions=basis_functions,
+        weighed=weighed,
         whitening=whitening,
+        loads=loads,
+    )
+
+
+def _cells(
+    base: Baseline,
+    recording: GraspResponse,
+    points: FleshStrain,
+    moved: Float[np.ndarray, "k m 3"],
+    compliance: float,
+) -> Float[np.ndarray, "q k"]:
+    """d of one recording; `moved`: the adjoint fields."""
+    pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
+    return compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T)
+
+
+def _grasp_basis(
+    recording: GraspResponse, own: _Whitened, moved: Float[np.ndarray, "k m 3"], compliance: float
+) -> GraspBasis:
+    """`moved`: the adjoint fields."""
+    plain = recording.tracks.unit_displacement * compliance
+    return GraspBasis(
+        equations=own.equations,
+        basis_functions=own.basis_functions,
+        whitening=own.whitening,
         moved=moved,
-        cells=compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T),
-        plain=whitening.T @ np.tensordot(weighed, plain, axes=3),
+        plain=own.whitening.T @ np.tensordot(own.weighed, plain, axes=3),
     )
 
 

@@ -24,7 +24,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from fem.estimation.sensitivity import inner_forces
+from fem.estimation.sensitivity import inner_work
 from fem.mismatch.model.baseline import GraspResponse
 from fem.solid.linear_solid import UnitModulusSolid
 
@@ -72,11 +72,8 @@ class ForceNoise:
         """
         draws, patterns, nodes = len(self.moved), self.recording.finer.first, self.moved.shape[2]
         moved = self.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
-        causes, loads = inner_forces(self.solid, moved, list(self.recording.links), with_surface=False)
-        adjoint = self.adjoint[:, :patterns].reshape(moved.shape)
-        work = np.einsum("qmx,cqmx->cq", adjoint, loads, optimize=True)
-        by_draw = work.reshape(len(causes), draws, patterns).sum(axis=2)
-        return {cause: self.of_draws(own) for cause, own in zip(causes, by_draw, strict=True)}
+        work = inner_work(self.solid, moved, self.adjoint[:, :patterns].reshape(moved.shape))
+        return {cause: self.of_draws(own.reshape(draws, patterns).sum(axis=1)) for cause, own in work.items()}
 
 
 class LinearInForces(Protocol):

@@ -10,10 +10,12 @@ much does not depend on the fields; one more field costs two passes over the mar
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import (
@@ -37,6 +39,8 @@ there then gain a few units of ln evidence on sound recordings of two solvers; w
 soft jaws gain ten times as much, and one that is there only twice."""
 
 
+_AT_ONCE = 24
+"""Fields at once: memory, nothing else."""
 LEAST_NOISE_SHARE = 0.016
 """Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
 The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
@@ -48,19 +52,22 @@ were false alarms, two of nine up to 0.024, none of 25 above (`benchmarks/sealed
 class MarkerEquations:
     """W of one recording's markers, in the form in which it is applied.
 
-    `free`: the fruit moves. `every_frame`: fields that each frame has any amount of: its rigid motion, and
-    the response to what noise adds to each force pattern. `own`: four fields that each marker may have any
-    amount of, with their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along
-    x, y, z that grows with the load (what scale errors of the forces around it bring). `inverse`: (own' V own
-    + L)^-1; `along`: own' V times `every_frame`.
+    Fields are laid out flat, d numbers: x, y, z of every marker in contact, frame by frame. `member`: which
+    number belongs to which contact of a marker's component. `every_frame`: k fields that each frame has any
+    amount of (f k columns): its rigid motion where the fruit moves (`free`), and the response to what noise
+    adds to each force pattern. `own`: four fields that each marker may have any amount of, with their priors'
+    weight in `inverse`: its gel displacement (a scale error), and a shift along x, y, z that grows with the
+    load (what scale errors of the forces around it bring). `inverse`: (own' V own + L)^-1; `along`: own' V
+    times `every_frame`.
     """
 
     tracks: MarkerTracks
     weight: Float[np.ndarray, " n"]
-    every_frame: Float[np.ndarray, "n 3 k"]
-    own: Float[np.ndarray, "f n 3 4"]
+    member: csr_array
+    every_frame: csr_array
+    own: csr_array
     inverse: Float[np.ndarray, "n 4 4"]
-    along: Float[np.ndarray, "n 4 m"]
+    along: Float[np.ndarray, "n4 m"]
     motions: tuple[np.ndarray, bool]
     free: bool
 
@@ -86,29 +93,47 @@ class MarkerEquations:
         felt = compliance * noise_N * np.moveaxis(recording.response, 0, 2)
         free = recording.case.support == "free"
         every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
+        frame, marker = np.nonzero(tracks.episode >= 0)
         load = np.broadcast_to(recording.load[:, None, None], tracks.position_mm.shape)
-        grows = about_episode_mean(load, tracks.episode)
         own = np.concatenate(
             [
-                about_episode_mean(tracks.gel_displacement_mm, tracks.episode)[..., None],
-                grows[..., None] * np.eye(3),
+                about_episode_mean(tracks.gel_displacement_mm, tracks.episode)[frame, marker, :, None],
+                about_episode_mean(load, tracks.episode)[frame, marker, :, None] * np.eye(3),
             ],
-            axis=3,
+            axis=2,
         )
+        of_marker = (weight[marker], (marker, np.arange(len(marker))))
+        by_marker = csr_array(of_marker, shape=(len(weight), len(marker)))
+        squares = np.einsum("exa,exb->eab", own, own, optimize=True).reshape(len(own), -1)
+        normal = (by_marker @ squares).reshape(-1, 4, 4)
         scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * recording.uneven])
-        normal = np.einsum("n,tnxa,tnxb->nab", weight, own, own, optimize=True)
         normal[:, np.arange(4), np.arange(4)] += scale**-2
         inverse = np.linalg.inv(normal)
-        along = np.einsum("n,tnxa,nxl->natl", weight, own, every_frame, optimize=True).reshape(
-            len(weight), 4, -1
-        )
+        motion_columns = _sparse_rows(every_frame[marker], frame, len(tracks.position_mm))
+        own_columns = _sparse_rows(own, marker, len(weight))
+        each = np.repeat(weight[marker], 3)
+        along = (own_columns.T @ (motion_columns * each[:, None])).toarray()
         equations = motion_equations(every_frame, weight, tracks.episode)
-        equations -= np.einsum("nak,nal->kl", along, inverse @ along, optimize=True)
+        equations -= along.T @ _by_marker(inverse, along)
         prior = np.ones(every_frame.shape[2])
         if free:
             prior[:6] = GAUGE_SD_MM**-2
         equations[np.diag_indices_from(equations)] += np.tile(prior, len(tracks.position_mm))
-        return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations), free)
+        contacts = marker * (tracks.episode.max() + 1) + tracks.episode[frame, marker]
+        _, contact = np.unique(contacts, return_inverse=True)
+        return cls(
+            tracks=tracks,
+            weight=weight,
+            member=_sparse_rows(
+                np.tile(np.eye(3), (len(marker), 1, 1)), contact, int(contact.max(initial=-1)) + 1
+            ),
+            every_frame=motion_columns,
+            own=own_columns,
+            inverse=inverse,
+            along=along,
+            motions=cho_factor(equations),
+            free=free,
+        )
 
     def weighed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """W phi, 1/mm for a field in mm; its dot product with another field is an entry of N."""
@@ -116,11 +141,18 @@ class MarkerEquations:
 
     def residual(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """A field's residual after motions, scales and places are fitted, mm; zero out of contact."""
-        mine = about_episode_mean(field, self.tracks.episode)
-        motion, amounts = self._fitted(mine)
-        moved = np.einsum("nxl,tl->tnx", self.every_frame, motion, optimize=True)
-        mine = mine - about_episode_mean(moved, self.tracks.episode)
-        return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
+        touching = self.tracks.episode >= 0
+        found = np.zeros_like(field)
+        found[touching] = self._residual(field[touching].reshape(-1, 1)).reshape(-1, 3)
+        return found
+
+    def weighed_in_contact(self, flat: Float[np.ndarray, "q d"]) -> Float[np.ndarray, "q d"]:
+        """`weighed` of several fields laid out flat."""
+        found = np.empty_like(flat)
+        for first in range(0, len(flat), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            found[some] = self.weight_in_contact * self._residual(flat[some].T).T
+        return found
 
     def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
         """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
@@ -129,20 +161,50 @@ class MarkerEquations:
         """
         if not self.free:
             return np.zeros((len(field), 3))
-        motion, _ = self._fitted(about_episode_mean(field, self.tracks.episode))
-        return np.asarray(motion[:, 3:6] / mean_radius_mm(self.tracks.place_mm))
+        motion, _ = self._fitted(self._about_mean(field[self.tracks.episode >= 0].reshape(-1, 1)))
+        return np.asarray(motion.reshape(len(field), -1)[:, 3:6] / mean_radius_mm(self.tracks.place_mm))
+
+    @cached_property
+    def weight_in_contact(self) -> Float[np.ndarray, " d"]:
+        """`weight` of each number of a field laid out flat."""
+        return np.repeat(self.weight[np.nonzero(self.tracks.episode >= 0)[1]], 3)
+
+    @cached_property
+    def _contact_frames(self) -> Float[np.ndarray, "c 1"]:
+        return np.asarray(self.member.sum(axis=0))[:, None]
+
+    def _about_mean(self, flat: Float[np.ndarray, "d q"]) -> Float[np.ndarray, "d q"]:
+        """Less the mean over each contact."""
+        return np.asarray(flat - self.member @ ((self.member.T @ flat) / self._contact_frames))
+
+    def _residual(self, flat: Float[np.ndarray, "d q"]) -> Float[np.ndarray, "d q"]:
+        mine = self._about_mean(flat)
+        motion, amounts = self._fitted(mine)
+        return np.asarray(mine - self._about_mean(self.every_frame @ motion) - self.own @ amounts)
 
     def _fitted(
-        self, mine: Float[np.ndarray, "f n 3"]
-    ) -> tuple[Float[np.ndarray, "f k"], Float[np.ndarray, "n 4"]]:
+        self, mine: Float[np.ndarray, "d q"]
+    ) -> tuple[Float[np.ndarray, "m q"], Float[np.ndarray, "n4 q"]]:
         """Amounts of what each frame may have any amount of, and of what each marker may."""
-        weighted = self.weight[:, None] * mine
-        recording = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
-        amounts = (self.inverse @ recording[..., None])[..., 0]
-        right = np.einsum("nxl,tnx->tl", self.every_frame, weighted, optimize=True)
-        motion = cho_solve(self.motions, right.ravel() - np.einsum("nam,na->m", self.along, amounts))
-        amounts -= (self.inverse @ (self.along @ motion)[..., None])[..., 0]
-        return np.asarray(motion.reshape(right.shape)), np.asarray(amounts)
+        weighted = self.weight_in_contact[:, None] * mine
+        amounts = _by_marker(self.inverse, self.own.T @ weighted)
+        motion = cho_solve(self.motions, self.every_frame.T @ weighted - self.along.T @ amounts)
+        return np.asarray(motion), amounts - _by_marker(self.inverse, self.along @ motion)
+
+
+def _sparse_rows(
+    blocks: Float[np.ndarray, "e 3 k"], column: Int[np.ndarray, " e"], columns: int
+) -> csr_array:
+    """Blocks of three rows one below the other, each in the k columns of its own number."""
+    count, _, wide = blocks.shape
+    places = np.repeat(wide * column[:, None] + np.arange(wide), 3, axis=0)
+    shape = (3 * count, wide * columns)
+    return csr_array((blocks.ravel(), places.ravel(), np.arange(0, blocks.size + 1, wide)), shape=shape)
+
+
+def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, "n4 q"]) -> np.ndarray:
+    """Each marker's matrix times its four rows."""
+    return np.asarray((matrices @ columns.reshape(len(matrices), 4, -1)).reshape(columns.shape))
 
 
 def _root_mean_square(tracks: MarkerTracks) -> float:

@@ -15,7 +15,10 @@ At the edge of the parting plane the displacement passes from one half's to the 
 pit's surface: a jump of a bonded surface would take endless energy, by the logarithm of its width.
 """
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -41,24 +44,36 @@ class PartedPit:
         """Parted by the plane through the pit's middle that holds the stem's axis, z, at this angle to x
         (towards y).
         """
+        return cls.each(solid, [angle_deg])[0]
+
+    @classmethod
+    def each(cls, solid: UnitModulusSolid, angles_deg: Sequence[float]) -> "list[PartedPit]":
+        """`of` at each angle, all of them solved for together.
+
+        S = W' K0 W is V' K0 W, V the motion imposed on the pit: what W has beside it does no work on K0 W.
+        """
         mesh = solid.mesh
         pit = mesh.nodes_mm[mesh.pit_nodes]
         centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
-        angle = np.radians(angle_deg)
-        off_plane = (pit - centre) @ [-np.sin(angle), np.cos(angle), 0.0]
+        angle = np.radians(angles_deg)
+        off_plane = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1) @ (pit - centre).T
         second = np.clip(0.5 + off_plane / EDGE_MM, 0.0, 1.0)
         motions = rigid_modes(pit, centre_mm=centre)
         motions[:, :, 3:] /= np.linalg.norm(pit - centre, axis=1).mean()
-        imposed = np.zeros((6, *mesh.nodes_mm.shape))
-        imposed[:, mesh.pit_nodes] = np.moveaxis(motions * second[:, None, None], 2, 0)
-        moved = imposed - solid.displacement(_forces(solid, imposed))
+        imposed = np.zeros((6 * len(angle), *mesh.nodes_mm.shape))
+        imposed[:, mesh.pit_nodes] = np.einsum("ap,pxq->aqpx", second, motions).reshape(-1, *pit.shape)
+        loads = _forces(solid, imposed)
+        moved = imposed - solid.displacement(loads)
         if solid.support == "free":
-            still = solid.free_body.without_rigid_motion(moved.reshape(6, -1).T)
+            still = solid.free_body.without_rigid_motion(moved.reshape(len(moved), -1).T)
             moved = np.ascontiguousarray(still.T).reshape(moved.shape)
-        stiffness = moved.reshape(6, -1) @ _forces(solid, moved).reshape(6, -1).T
-        factor = np.linalg.cholesky((stiffness + stiffness.T) / 2)
-        on_skin = moved[:, solid.contact_nodes]
-        return cls(np.linalg.solve(factor, on_skin.reshape(6, -1)).reshape(on_skin.shape))
+        found = []
+        for own, load in zip(np.split(moved, len(angle)), np.split(loads, len(angle)), strict=True):
+            stiffness = own.reshape(6, -1) @ load.reshape(6, -1).T
+            factor = np.linalg.cholesky((stiffness + stiffness.T) / 2)
+            on_skin = own[:, solid.contact_nodes]
+            found.append(cls(np.linalg.solve(factor, on_skin.reshape(6, -1)).reshape(on_skin.shape)))
+        return found
 
     def at_markers(self, recording: GraspResponse) -> Float[np.ndarray, "6 n 3"]:
         """Its modes at a recording's markers."""
@@ -67,8 +82,20 @@ class PartedPit:
 
 def parted_pit(forward: ForwardModel, recording: GraspResponse, angle_deg: float) -> PartedPit:
     """Of this recording's support; each angle to a hundredth of a degree is solved for once."""
-    solid, angle = forward.base.solid_of(recording), round(angle_deg % 180.0, 2) % 180.0
+    solid, angle = forward.base.solid_of(recording), _rounded(angle_deg)
     return forward.memoised(("parted pit", solid.support, angle), lambda: PartedPit.of(solid, angle))
+
+
+def part_together(forward: ForwardModel, angles_deg: Sequence[float]) -> None:
+    """Has `parted_pit` know all these angles by one solve for each support."""
+    angles = [_rounded(angle) for angle in angles_deg]
+    for support, solid in forward.base.solids.items():
+        for angle, parted in zip(angles, PartedPit.each(solid, angles), strict=True):
+            forward.memoised(("parted pit", support, angle), partial(copy, parted))
+
+
+def _rounded(angle_deg: float) -> float:
+    return round(angle_deg % 180.0, 2) % 180.0
 
 
 def parted_response(

@@ -49,18 +49,17 @@ def slip_path(
     change after all rounds.
     """
     tracks = recording.tracks
-    axes = np.moveaxis(recording.pose[:, :, :3, :3], 0, 1)[:, recording.pad_of_marker]
-    pressed = -np.einsum("fnj,fnj->fn", axes[..., 2], tracks.gel_displacement_mm)
+    pressed = -_in_pad_axes(recording, tracks.gel_displacement_mm)[..., 2]
     firm = (tracks.episode >= 0) & (pressed > FIRM * tracks.sd_mm)
     at_least = pressed - FAR_OFF * tracks.sd_mm
     path = np.zeros_like(tracks.position_mm)
     excess = tracks.position_mm - tracks.place_mm - compliance * tracks.unit_displacement
     for taken in (*[1.0] * WHOLE_STEPS, *[0.5] * HALF_STEPS):
         stuck = tracks.gel_displacement_mm - equations.residual(excess + path) + path
-        local = np.einsum("fnji,fnj->fni", axes, stuck)
+        local = _in_pad_axes(recording, stuck)
         depth = np.maximum(-local[..., 2], at_least)
         slid = _returned(local[..., :2], depth, firm, tracks.episode, mu / spring_ratio)
-        change = np.einsum("fnij,fnj->fni", axes[..., :2], slid) - path
+        change = _in_fruit_axes(recording, slid) - path
         path = path + taken * change
         changed_mm = float(np.abs(change).max())
         if changed_mm < STILL_MM:
@@ -70,6 +69,26 @@ def slip_path(
         f"the slid path at a friction of {mu:.3g} still changes by {1e3 * changed_mm:.2g} µm after "
         f"{WHOLE_STEPS + HALF_STEPS} rounds, expected {1e3 * STILL_MM:.2g} µm at most",
     )
+
+
+def _in_pad_axes(recording: GraspResponse, vectors: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+    """Markers' vectors of the fruit frame, each in its own pad's axes."""
+    found = np.empty_like(vectors)
+    for pad, pose in enumerate(recording.pose):
+        own = recording.pad_of_marker == pad
+        found[:, own] = vectors[:, own] @ pose[:, :3, :3]
+    return found
+
+
+def _in_fruit_axes(
+    recording: GraspResponse, along_pad: Float[np.ndarray, "f n 2"]
+) -> Float[np.ndarray, "f n 3"]:
+    """Markers' vectors along their own pad's x and y, in the fruit frame."""
+    found = np.empty((*along_pad.shape[:2], 3))
+    for pad, pose in enumerate(recording.pose):
+        own = recording.pad_of_marker == pad
+        found[:, own] = along_pad[:, own] @ np.swapaxes(pose[:, :3, :2], 1, 2)
+    return found
 
 
 def _returned(
@@ -86,7 +105,7 @@ def _returned(
     for frame in range(len(shear)):
         fresh = firm[frame] & (episode[frame] != contact)
         if fresh.any():
-            level[fresh] = _excess_of_level(_at_touch(shear, depth, frame))[fresh]
+            level[fresh] = _excess_of_level(_at_touch(shear[:, fresh], depth[:, fresh], frame))
             slid[fresh], contact[fresh] = 0.0, episode[frame][fresh]
         asked = shear[frame] - level - slid
         size = np.linalg.norm(asked, axis=1)

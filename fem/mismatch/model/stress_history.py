@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.materials.strain_path import PathLaw
 from fem.mismatch.model.baseline import Baseline, GraspResponse
@@ -16,6 +16,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import PathFrames, path_frames
 from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.initial_stress import AddedStress
+from fem.solid.linear_solid import Support
 
 MOST_ROUNDS = 40
 """Searches of cases with these effects end after 1 to 10 rounds."""
@@ -48,12 +49,31 @@ class PathState:
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 of nodal forces, each recording with its own support."""
         found = np.empty_like(force)
-        held = np.repeat([recording.case.support for recording in self.base.grasps], np.diff(self.first))
         for support, solid in self.base.solids.items():
-            own = np.flatnonzero(held == support)
+            own = self._held(support)
             turn, parts = _few(force[own])
             found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
         return found
+
+    def marker_responses(
+        self, forces: Sequence[Float[np.ndarray, "f n 3"]]
+    ) -> list[list[Float[np.ndarray, "_f _n 3"]]]:
+        """`at_markers` of the `response` to each of several laws' forces, solved for together."""
+        found: list[dict[str, Float[np.ndarray, "_f _n 3"]]] = [{} for _ in forces]
+        for support, solid in self.base.solids.items():
+            own = self._held(support)
+            turns, parts = zip(*(_few(force[own]) for force in forces), strict=True)
+            on_skin = solid.contact_displacement(np.concatenate(parts))
+            cuts = np.cumsum([len(part) for part in parts])[:-1]
+            for one, turn, part in zip(found, turns, np.split(on_skin, cuts), strict=True):
+                moved, first = np.tensordot(turn, part, axes=1), 0
+                for recording, frames in zip(self.base.grasps, self.frames, strict=True):
+                    if recording.case.support == support:
+                        after = first + len(frames.chosen)
+                        seen_at = recording.at_markers(moved[first:after])
+                        one[recording.case.name] = np.tensordot(frames.mix, seen_at, axes=1)
+                        first = after
+        return [[one[recording.case.name] for recording in self.base.grasps] for one in found]
 
     def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
         """Of every recording, in all frames used."""
@@ -64,6 +84,11 @@ class PathState:
             seen_at = recording.at_markers(field[a:b][:, self.base.solid_of(recording).contact_nodes])
             found.append(np.tensordot(own.mix, seen_at, axes=1))
         return found
+
+    def _held(self, support: Support) -> Int[np.ndarray, " g"]:
+        """Which frames are of recordings with this support."""
+        of_recording = [recording.case.support == support for recording in self.base.grasps]
+        return np.flatnonzero(np.repeat(of_recording, np.diff(self.first)))
 
 
 def _few(

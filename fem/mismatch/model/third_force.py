@@ -139,7 +139,8 @@ class ForceBalance:
         axes = _axes(inward)
         arms = np.vstack([axes, np.cross(place_mm - _centre_mm(self.recording), axes.T).T / ARM_MM])
         count = 3 * len(self.courses)
-        normal = np.einsum("jalb,ax,by->jxly", self.normal, arms, arms, optimize=True).reshape(count, count)
+        half = (self.normal @ arms).reshape(-1, 6, count)
+        normal = (arms.T @ half).reshape(count, count)
         pushed = (self.pushed @ arms).ravel()
         found = [_posterior(normal, pushed, scale * self.peak_N) for scale in SCALES]
         amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])

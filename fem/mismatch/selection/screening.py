@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 from typing import TypeAlias
 
@@ -96,8 +95,7 @@ def screened(
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    drawn = partial(drawn_force_noise, forward, draws=noise_draws)
-    noise = parallel_map(drawn, recorded, workers=forward.workers)
+    noise = drawn_force_noise(forward, recorded, draws=noise_draws)
     products = GramMatrix(forward, recorded, columns, noise=noise)
     return linear_round(
         products,
