@@ -5,8 +5,13 @@ import pytest
 from injected_mismatch import injected_case, only_grasp, true_mesh
 
 from fem.estimation.compliance_fit import rigid_motion
-from fem.mismatch.evidence.nuisances import WITHHELD_SD, common_nuisances
-from fem.mismatch.evidence.withheld_response import leave_withheld, withheld_response
+from fem.mismatch.evidence.nuisances import common_nuisances
+from fem.mismatch.evidence.withheld_response import (
+    WITHHELD,
+    WITHHELD_SD,
+    leave_withheld,
+    withheld_response,
+)
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 
@@ -43,7 +48,7 @@ def test_two_meshes_agree_better_with_what_each_withholds(coarse):
 
 
 def test_it_is_a_known_part_of_the_plain_model_of_which_little_is_in_doubt(coarse):
-    (column,) = (own for own in common_nuisances(coarse) if own.name == "withheld by the mesh")
+    (column,) = (own for own in common_nuisances(coarse) if own.name == WITHHELD)
     assert (column.mean, column.sd) == (1.0, WITHHELD_SD)
     (recording,) = coarse.base.grasps
     expected = COMPLIANCE * withheld_response(coarse, recording)
@@ -54,4 +59,4 @@ def test_where_it_is_left_out_there_is_no_column():
     forward = forward_on(None)
     leave_withheld(forward, forward.base.grasps[0])
     assert withheld_response(forward, forward.base.grasps[0]) is None
-    assert "withheld by the mesh" not in [own.name for own in common_nuisances(forward)]
+    assert WITHHELD not in [own.name for own in common_nuisances(forward)]
