@@ -11,6 +11,7 @@ so a name is a suggestion. Against the finder's own linear round
 - linear laws of flesh, drainage among them, are followed to first order only, all of them by one solve;
 - a soft spot is sought at one radius, and is tried at its best place alone;
 - laws with a history are followed on PATH_SHARE of the finder's frames;
+- elements under the pads are as they are (fem.mismatch.evidence.withheld_response);
 - long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
 - NOT_SCREENED effects are left out.
 
@@ -37,6 +38,7 @@ from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
@@ -187,6 +189,7 @@ def _forward_model(
         )
     forward = ForwardModel(base=base, compliance=compliance, path_share=PATH_SHARE)
     for recording, model in zip(grasps, models, strict=True):
+        leave_withheld(forward, recording)
         known, frames = model.sensitivity, recording.used[loaded_frames(recording.prepared)]
         inner = {
             cause: own[frames]

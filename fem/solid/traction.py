@@ -72,6 +72,15 @@ class TractionField:
         spread = plain @ flat + rigid @ (balance @ flat)
         return np.ascontiguousarray(spread.T).reshape(len(marker_force_N), -1, 3)
 
+    def at_markers(self, displacement: Float[np.ndarray, "t q 3"]) -> Float[np.ndarray, "t n 3"]:
+        """Displacement of the markers, read off at `points_mm` by the transpose of `forces`
+        (fem.solid.pad_link).
+        """
+        plain, rigid, balance = self.matrices()
+        flat = displacement.reshape(len(displacement), -1).T
+        read = plain.T @ flat + balance.T @ (rigid.T @ flat)
+        return np.ascontiguousarray(read.T).reshape(len(displacement), -1, 3)
+
     @property
     def _balance(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 6"]]:
         """The rigid motions weighted like the loads, and what turns a missing resultant into amounts of

@@ -23,6 +23,7 @@ from fem.mismatch.effect import Effect, Response
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances
+from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel, MemoTable
 from fem.mismatch.model.inner_changes import store_inner_changes
@@ -149,6 +150,7 @@ def _store_path_nuisances(candidates: CandidateSet) -> None:
     paths = candidates.paths
     causes, moved = _inner_changes(paths)
     for k, recording in enumerate(paths.base.grasps):
+        leave_withheld(paths, recording)
         own = {cause: recording.over_time(field[k]) for cause, field in zip(causes, moved, strict=True)}
         store_inner_changes(paths, recording, own)
     slid = []
