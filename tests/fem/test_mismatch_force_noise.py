@@ -11,7 +11,6 @@ from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
-from fem.mismatch.evidence.withheld_response import OfWithheld
 from fem.mismatch.model.force_products import ForceNoise, OfAll, OfFlesh, OfResponse, OfSomeForces
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import OfInnerChange
@@ -146,6 +145,6 @@ def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> N
         scale = float(np.abs(fields * noise.weighed).sum())
         found = column.of_forces.product(noise)
         assert found == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
-    assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse, OfWithheld}
+    assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse}
     whole = OfAll()
     assert whole.product(noise) == pytest.approx(directly(whole.fields(noise), noise), rel=1e-6)

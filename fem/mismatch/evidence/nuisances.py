@@ -15,7 +15,7 @@ from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.evidence.turned_fruit import turned_fruit
-from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, OfWithheld, withheld_response
+from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import OfResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -70,9 +70,7 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
         added = [
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
-        columns.append(
-            Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added, of_forces=OfWithheld(forward))
-        )
+        columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
     turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
     if any(own is not None for own in turned):
         added = [None if own is None else ObservationDelta(markers=own) for own in turned]

@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 
 from fem.mesh.contact_size import RADIUS_SHARE, SHORTEST_MM, contact_size
 from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.force_products import ForceNoise
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.marker_equations import LEAST_NOISE_SHARE, noise_share
 from fem.solid.finer_elements import FinerElements, finer_elements
 from fem.solid.traction import TractionField
 
@@ -32,9 +32,14 @@ WITHHELD_SD = 0.25
 
 
 def withheld_response(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
-    """What it adds to c at the markers, mm MPa; None where it is not asked for (`leave_withheld`)."""
+    """What it adds to c at the markers, mm MPa; None where the markers' own noise hides it, which is also in
+    the forces that it would be computed from (LEAST_NOISE_SHARE of fem.mismatch.model.marker_equations), or
+    where it is not asked for (`leave_withheld`).
+    """
 
     def compute() -> Float[np.ndarray, "f n 3"] | None:
+        if noise_share(recording.tracks, forward.compliance) >= LEAST_NOISE_SHARE:
+            return None
         return recording.over_time(added_by_pattern(forward, recording, recording.patterns, recording.moved))
 
     return forward.memoised(_key(recording), compute)
@@ -99,23 +104,3 @@ def _under_pads(forward: ForwardModel, recording: GraspResponse) -> list[_UnderP
         )
         found.append(_UnderPad(own, finer, field, finer.reading(link.skin.point_mm)))
     return found
-
-
-@dataclass(frozen=True)
-class OfWithheld:
-    """How it follows from forces (fem.mismatch.model.force_products)."""
-
-    forward: ForwardModel
-
-    def product(self, noise: ForceNoise) -> float:
-        """Of noise, which differs from marker to marker, a mesh withholds most."""
-        return float((self.fields(noise) * noise.weighed).sum(axis=(1, 2, 3)).mean())
-
-    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
-        """Draw by draw."""
-        shares = noise.recording.shares[:, : noise.moved.shape[1]]
-        by_pattern = [
-            added_by_pattern(self.forward, noise.recording, force, moved)
-            for force, moved in zip(noise.force_N, noise.moved, strict=True)
-        ]
-        return np.stack([noise.compliance * np.tensordot(shares, own, axes=1) for own in by_pattern])

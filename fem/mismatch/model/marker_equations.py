@@ -207,6 +207,11 @@ def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, 
     return np.asarray((matrices @ columns.reshape(len(matrices), 4, -1)).reshape(columns.shape))
 
 
+def noise_share(tracks: MarkerTracks, compliance: float) -> float:
+    """Noise of a marker (the median) over the root mean square of the response, as LEAST_NOISE_SHARE has it."""
+    return float(np.median(tracks.sd_mm) / (compliance * _root_mean_square(tracks)))
+
+
 def _root_mean_square(tracks: MarkerTracks) -> float:
     """Of a component of the unit response about its mean over a contact, where markers touch, mm MPa."""
     about = about_episode_mean(tracks.unit_displacement, tracks.episode)
