@@ -38,7 +38,8 @@ class Silhouette:
         cone = self._cone
         column, row, depth = cone[:, :3] @ points.T + cone[:, 3:]
         pixels = np.stack([column / depth, row / depth], axis=1, dtype=np.float32, casting="same_kind")
-        return sampled(self.distance_px, pixels, outside=self.furthest_px) * depth / self.camera.focal_px
+        inside_px = sampled(self.distance_px, pixels, outside=self.furthest_px)
+        return np.asarray(inside_px * depth / self.camera.focal_px)
 
     @cached_property
     def _cone(self) -> Float[np.ndarray, "3 4"]:
