@@ -208,7 +208,7 @@ def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, 
 
 
 def noise_share(tracks: MarkerTracks, compliance: float) -> float:
-    """Noise of a marker (the median) over the root mean square of the response, as LEAST_NOISE_SHARE has it."""
+    """A marker's noise (the median) over the root mean square of the response, as in LEAST_NOISE_SHARE."""
     return float(np.median(tracks.sd_mm) / (compliance * _root_mean_square(tracks)))
 
 
