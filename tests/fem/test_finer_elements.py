@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from fem_shapes import ball, cube_mesh
+from injected_mismatch import finders_mesh
+from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import TET_FACES
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
@@ -100,6 +102,31 @@ def test_the_body_keeps_its_shape_and_quadratic_fields_their_values(curved):
     assert finer.mesh.volume_mm3 < 0.8 * mesh.volume_mm3
 
 
+def at_the_same_place(finer: FinerElements, places_mm: np.ndarray) -> np.ndarray:
+    """Nodes of the finer mesh that lie where any of these do."""
+    distance, nearest = cKDTree(finer.mesh.nodes_mm).query(places_mm)
+    found = nearest[distance < 1e-9]
+    assert len(found)
+    return np.asarray(found)
+
+
+def test_single_nodes_that_a_base_holds_stay(curved):
+    """As a base holds a skin's nodes within a distance of it, not whole faces."""
+    mesh, points = curved
+    near = mesh.outer_nodes[np.linalg.norm(mesh.nodes_mm[mesh.outer_nodes] - points[0], axis=1) < 3.0]
+    held = near[::3]
+    finer = finer_elements(mesh, points, edge_mm=1.5, reach_mm=4.0, poisson_ratio=NU, held=held)
+    assert not np.isin(at_the_same_place(finer, mesh.nodes_mm[held]), finer.free).any()
+
+
+def test_the_pit_stays():
+    mesh = finders_mesh()
+    top = mesh.nodes_mm[mesh.outer_nodes]
+    points = top[top[:, 2] > np.quantile(top[:, 2], 0.95)]
+    finer = around(mesh, points, 4.0, 20.0)
+    assert not np.isin(at_the_same_place(finer, mesh.nodes_mm[mesh.pit_nodes]), finer.free).any()
+
+
 def test_what_is_cut_off_and_what_a_base_holds_stays(curved):
     mesh, points = curved
     held = mesh.outer_nodes[np.linalg.norm(mesh.nodes_mm[mesh.outer_nodes] - points[0], axis=1) < 3.0]
@@ -109,6 +136,12 @@ def test_what_is_cut_off_and_what_a_base_holds_stays(curved):
     added = finer.added(rng.normal(size=(2, n, 3)), np.zeros((2, len(mesh.nodes_mm), 3)))
     still = np.setdiff1d(np.arange(n), finer.free)
     assert np.all(added[:, still] == 0)
+    assert not np.isin(at_the_same_place(finer, mesh.nodes_mm[held]), finer.free).any()
+    owner, face = boundary_faces(finer.mesh.tets[:, :4])[1].T
+    boundary = finer.mesh.tets[owner[:, None], TET_FACES[face]]
+    cut = np.setdiff1d(boundary, finer.mesh.outer_faces)
+    assert len(cut)
+    assert not np.isin(cut, finer.free).any()
     assert np.abs(added[:, finer.free]).min(axis=2).max() > 0
     whole = around(mesh, points, 1.5, 4.0)
     assert len(whole.free) > len(finer.free)

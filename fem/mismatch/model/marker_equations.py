@@ -37,15 +37,15 @@ DESIGN_EFFECT = 15.0
 numbers count as one independent. Effects that are not
 there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
 soft jaws gain ten times as much, and one that is there only twice."""
-
-
-_AT_ONCE = 24
-"""Fields at once: memory, nothing else."""
 LEAST_NOISE_SHARE = 0.016
 """Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
 The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
-variance at most. Chosen on sound fruit of linear flesh of the sealed proof: all three with noise below 0.012
-were false alarms, two of nine up to 0.024, none of 25 above (`benchmarks/sealed/sealed_proof.py check`)."""
+variance at most. Most of that error is the mesh's, which is put back since
+(fem.mismatch.evidence.withheld_response); less was not tried with it. Chosen on sound fruit of linear flesh of
+the sealed proof: all three with noise below 0.012 were false alarms, two of nine up to 0.024, none of 25 above
+(`benchmarks/sealed/sealed_proof.py check`)."""
+_AT_ONCE = 24
+"""Fields at once: memory, nothing else."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class MarkerEquations:
     adds to each force pattern. `own`: four fields that each marker may have any amount of, with their priors'
     weight in `inverse`: its gel displacement (a scale error), and a shift along x, y, z that grows with the
     load (what scale errors of the forces around it bring). `inverse`: (own' V own + L)^-1; `along`: own' V
-    times `every_frame`.
+    times `every_frame`; `motions`: the Cholesky factor of the normal equations of `every_frame`, own out.
     """
 
     tracks: MarkerTracks
@@ -208,8 +208,9 @@ def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, 
 
 
 def noise_share(tracks: MarkerTracks, compliance: float) -> float:
-    """A marker's noise (the median) over the root mean square of the response, as in LEAST_NOISE_SHARE."""
-    return float(np.median(tracks.sd_mm) / (compliance * _root_mean_square(tracks)))
+    """A marker's noise (the median) over the root mean square of the response; infinite where none is."""
+    motion_mm = compliance * _root_mean_square(tracks)
+    return float(np.median(tracks.sd_mm) / motion_mm) if motion_mm > 0 else np.inf
 
 
 def _root_mean_square(tracks: MarkerTracks) -> float:

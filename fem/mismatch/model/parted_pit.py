@@ -16,9 +16,7 @@ pit's surface: a jump of a bonded surface would take endless energy, by the loga
 """
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -26,7 +24,7 @@ from jaxtyping import Float
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import ForceNoise
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.rigid_core import pit_centre_mm, rigid_modes
 
 EDGE_MM = 2.0
@@ -83,15 +81,24 @@ class PartedPit:
 def parted_pit(forward: ForwardModel, recording: GraspResponse, angle_deg: float) -> PartedPit:
     """Of this recording's support; each angle to a hundredth of a degree is solved for once."""
     solid, angle = forward.base.solid_of(recording), _rounded(angle_deg)
-    return forward.memoised(("parted pit", solid.support, angle), lambda: PartedPit.of(solid, angle))
+    known = _known(forward, solid.support)
+    if angle not in known:
+        known[angle] = PartedPit.of(solid, angle)
+    return known[angle]
 
 
 def part_together(forward: ForwardModel, angles_deg: Sequence[float]) -> None:
     """Has `parted_pit` know all these angles by one solve for each support."""
-    angles = [_rounded(angle) for angle in angles_deg]
     for support, solid in forward.base.solids.items():
-        for angle, parted in zip(angles, PartedPit.each(solid, angles), strict=True):
-            forward.memoised(("parted pit", support, angle), partial(copy, parted))
+        known = _known(forward, support)
+        wanted = [angle for angle in map(_rounded, angles_deg) if angle not in known]
+        if wanted:
+            known.update(zip(wanted, PartedPit.each(solid, wanted), strict=True))
+
+
+def _known(forward: ForwardModel, support: Support) -> dict[float, PartedPit]:
+    """The angles that have been solved for."""
+    return forward.memoised(("parted pits", support), dict[float, PartedPit])
 
 
 def _rounded(angle_deg: float) -> float:
