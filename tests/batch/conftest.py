@@ -1,5 +1,6 @@
 """Batches that a test may break, and fruit that are graded in the test's own process."""
 
+import gc
 import pickle
 import shutil
 from collections.abc import Iterator
@@ -48,6 +49,8 @@ class InThisProcess:
             result = work(task, stages.append)
         except Exception as error:  # noqa: BLE001 - as pipeline.run.runner hands it over
             result = error
+        finally:
+            gc.unfreeze()  # a fruit's own process ends; this one goes on
         yield from (Progressed(fruit_id, stage) for stage in stages)
         yield Finished(fruit_id, result)
 
