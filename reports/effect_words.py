@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from reports.explain_entries import EffectEntry, ExplainEntry, ModulusEntry
-from reports.words import NO_BREAK, effect_name, percent, with_sd
+from reports.words import NO_BREAK, NOTHING, UNEXPLAINED, effect_name, percent, with_sd
 
 VERDICTS: dict[str, EffectEntry] = {
-    "none": EffectEntry(
+    NOTHING: EffectEntry(
         short="nothing is missing",
         meaning="The recordings agree with the model within their noise and what is not known exactly.",
         advice="Nothing needs doing: use the modulus as it is.",
     ),
-    "unknown": EffectEntry(
+    UNEXPLAINED: EffectEntry(
         short="something that none of the known effects explains",
         meaning="The recordings differ from the model in a way that repeats from grasp to grasp, and no "
         "known effect, alone or in pairs, accounts for it.",
@@ -41,7 +41,7 @@ def in_short(effect: str, found: ExplainEntry) -> str:
 def explain_verdict(found: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
     named = found.verdict
-    if named == ("none",):
+    if named == (NOTHING,):
         return (
             f"Nothing is found to be missing: the recordings agree with the model within their noise "
             f"(E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found)."
@@ -51,11 +51,11 @@ def explain_verdict(found: ExplainEntry) -> str:
         what = (
             "The recording differs from the model by something that none of the known effects explains "
             f"({_chance(found.p_value)})"
-            if named == ("unknown",)
+            if named == (UNEXPLAINED,)
             else f"This recording cannot tell apart: {either}"
         )
         return f"{what}; E is withheld: {found.E_withheld}."
-    if named == ("unknown",):
+    if named == (UNEXPLAINED,):
         return (
             f"The recordings differ from the model by something that none of the known effects explains "
             f"({_chance(found.p_value)}); E = {_E(found.E_MPa.before)} is not to be "

@@ -27,7 +27,7 @@ from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, Para
 from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
-from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
+from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 _HATCHED = "cannot be seen from these grasps"
 _MAPS = (
@@ -92,7 +92,7 @@ def explain_html(found: ExplainEntry) -> str:
 def _kind(found: ExplainEntry) -> str:
     if len(found.verdict) > 1:
         return "several"
-    return found.verdict[0] if found.verdict[0] in ("none", "unknown") else "one"
+    return found.verdict[0] if found.verdict[0] in (NOTHING, UNEXPLAINED) else "one"
 
 
 def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:

@@ -14,7 +14,7 @@ from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark
-from reports.words import advice, effect_name, percent, suspect_words, with_sd
+from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, percent, suspect_words, with_sd
 
 MOST_BEFORE = 8
 """Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
@@ -26,8 +26,6 @@ WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
 """What to do with a fruit, by the list that it is on; each is in the words files."""
 COUNTED = {SHIP: "to ship", HOLD: "to hold back", LOOK: "to look at"}
 """The lists beside the number of their fruit."""
-UNEXPLAINED = "unknown"
-"""Name of what no known effect explains; such a fruit is to be looked at."""
 MISSING = ("photos or fruit.ply", "a recording in grasps/")
 """What a fruit may lack (pipeline.watch.arrivals), with "and" between both."""
 
@@ -110,7 +108,7 @@ def left_out(fruit: FruitEntry) -> str:
     """What the model leaves out of a fruit's E, as the screen or `drupe explain` say, as a sentence; empty
     where nothing is known to be left out. Of what nobody can name `next_action` says enough.
     """
-    if not fruit.ok or fruit.reference or fruit.mismatch in ("none", UNEXPLAINED):
+    if not fruit.ok or fruit.reference or fruit.mismatch in (NOTHING, UNEXPLAINED):
         return ""
     suspects = () if fruit.screen is None else fruit.screen.suspects
     if fruit.mismatch and not fruit.mismatch_taken:

@@ -11,6 +11,8 @@ from reports.language import say
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
+NOTHING, UNEXPLAINED = "none", "unknown"
+"""The two verdicts that name no effect: nothing is missing; something is that no known effect explains."""
 SMALLEST_P = 0.001
 """p-values are not told apart below this: so far out the null reference has no recordings."""
 
@@ -59,9 +61,9 @@ def remarks(fruit: FruitEntry) -> str:
     if not fruit.ok:
         return f"{say('not graded')}: {fruit.outcome}"
     found = [say("reference body")] if fruit.reference else []
-    if fruit.mismatch and fruit.mismatch != "none":
+    if fruit.mismatch and fruit.mismatch != NOTHING:
         taken = f" ({say('taken into account')})" if fruit.mismatch_taken else ""
-        doubt = f", {say('E is not to be trusted')}" if fruit.mismatch == "unknown" else ""
+        doubt = f", {say('E is not to be trusted')}" if fruit.mismatch == UNEXPLAINED else ""
         found.append(f"{say('mismatch')}: {effect_name(fruit.mismatch)}{taken}{doubt}")
     if fruit.E_uncorrected_MPa is not None:
         found.append(say("E corrected by the reference body"))

@@ -47,7 +47,7 @@ class FruitTask:
     def named_in_batch(self, sentence: str) -> str:
         """The sentence with the batch's files named from its folder on, as people look for them there."""
         root = re.escape(printable(str(self.batch_root)))
-        return re.sub(rf"(?<![^\s(\"']){root}/", "", sentence)
+        return re.sub(rf"(?<![^\s(\"'\[`:=]){root}/", "", sentence)
 
 
 def batch_fruits(batch: Batch, results: Results) -> BatchFruits:

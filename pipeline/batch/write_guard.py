@@ -7,7 +7,6 @@ or another folder that holds no inputs and is not in `fruits/`.
 
 import os
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 
 from pipeline.batch.layout import PARTS, BatchFolder, CaseFolder, FruitResults, Results
@@ -105,12 +104,28 @@ def batch_trees(batch: BatchFolder) -> list[Path]:
 
 
 def _trees(batch: BatchFolder) -> list[str]:
-    """Names, since paths take four times as long: every newcomer of a watched batch asks about all fruit."""
+    """Names, since paths take four times as long: every newcomer of a watched batch asks about all fruit.
+
+    Raises OSError where fruits/ is there and cannot be read.
+    """
     fruits = batch.root / "fruits"
     own: list[str] = []
-    with suppress(OSError), os.scandir(fruits) as found:
-        own = sorted(one.path for one in found if one.is_dir())
+    try:
+        with os.scandir(fruits) as found:
+            own = sorted(one.path for one in found if _is_folder(one))
+    except (FileNotFoundError, NotADirectoryError):
+        pass
     return [str(fruits), *own, *(f"{path}/{part}" for path in own for part in PARTS)]
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    """Whether a folder stands there, links followed. None does where that cannot be told, as of a link that
+    leads to itself: nothing can be reached through it.
+    """
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
 
 
 def _fruit_of_others(target: Path) -> list[Path]:

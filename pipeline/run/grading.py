@@ -35,7 +35,7 @@ from pipeline.run.fruit_work import work_on
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar, report, report_of_done
+from pipeline.run.reporting import ReportSoFar, report, report_of_records
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
 
@@ -56,6 +56,7 @@ def grade(
     options: ReportOptions | None = None,
     opened: Batch | None = None,
     retried: Collection[str] | None = None,
+    say_unchanged: bool = True,
     place: WorkPlace | None = None,
     records: PackedRecords | None = None,
     waiting: int | None = None,
@@ -65,10 +66,10 @@ def grade(
 
     `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
     that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
-    earlier run ended them for a cause that may pass; None: all, and it is said how many are as that run left
-    them. `place`: where fruit are worked on; None: on this machine, `jobs` at a time. `records`: empty; where
-    the fruit's records are put. `waiting`: fruit of a watched batch that wait until these are done; None: the
-    batch is not watched.
+    earlier run ended them for a cause that may pass; None: all. `say_unchanged`: whether it is said how many
+    are as that run left them. `place`: where fruit are worked on; None: on this machine, `jobs` at a time.
+    `records`: empty; where the fruit's records are put, those too that there are when it raises. `waiting`:
+    fruit of a watched batch that wait until these are done; None: the batch is not watched.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
@@ -97,7 +98,7 @@ def grade(
         write_run(run.results, run.batch.row_of, mark=place.mark)
         queue = FruitQueue(run, console, retried, records=records)
         records = queue.records
-        if retried is None and queue.kept:
+        if say_unchanged and queue.kept:
             kept = f"{queue.kept} of {len(run.batch.rows)} fruit unchanged since the last run"
             console.print(kept, highlight=False)
         with suppress(NotWritten):
@@ -199,19 +200,20 @@ def report_graded(
     run = _placed(batch, out, started=started, since_s=since_s, force=False, screen=screen, options=options)
     with results_lock(run.results.root):
         run.require_ours()
-        status, entry = report_of_done(run, records)
+        status, entry = report_of_records(run, records)
         if status == INTERRUPTED:
-            _say_broken_off(run, records, status)
+            _write_broken_off(run, records, status)
         return status, entry
 
 
 def _broken_off(run: BatchRun, records: PackedRecords, so_far: ReportSoFar, status: int) -> None:
     """What a run leaves that ends before its fruit are done; what cannot be written is left out."""
-    _say_broken_off(run, records, status)
+    _write_broken_off(run, records, status)
     so_far.write(interrupted=True)
 
 
-def _say_broken_off(run: BatchRun, records: PackedRecords, status: int) -> None:
+def _write_broken_off(run: BatchRun, records: PackedRecords, status: int) -> None:
+    """batch.json of a run that did not come to its end, if it can be written."""
     with suppress(NotWritten):
         run.write_provenance(records.outcomes, status)
 

@@ -53,8 +53,8 @@ class IncrementalRun:
     """Whether the last report lacks something."""
     uncompared: bool = False
     """Whether fruit were graded since all were last held against each other."""
-    refused: bool = False
-    """Whether what was last to be graded was refused."""
+    refused: frozenset[str] = frozenset()
+    """Fruit that were refused when they were last to be graded, and are still in the batch."""
     status: int = DONE
     """Exit status of the last report."""
     pace: ReportPace = field(init=False)
@@ -74,25 +74,39 @@ class IncrementalRun:
         return None if self.ranking is None or self.unreported else self.ranking.entry
 
     @property
+    def ungraded(self) -> tuple[str, ...]:
+        """Fruit of the batch without a record: those at work, and such as could not be graded again."""
+        return () if self.batch is None else tuple(n for n in self.batch.row_of if n not in self.records)
+
+    @property
     def exit_status(self) -> int:
         """Of a run that ends now: that of its last report, but INTERRUPTED where fruit are unfinished, and
-        USAGE where the report, or what was last to be graded, was refused.
+        USAGE where the report, or fruit that are still there, were refused.
         """
         if self.working:
             return INTERRUPTED
-        refused = self.unreported or (self.refused and self.status != INTERRUPTED)
+        refused = self.unreported or (bool(self.refused) and self.status != INTERRUPTED)
         return USAGE if refused else self.status
+
+    def looked(self, batch: Batch) -> None:
+        """`batch` is what is there now: fruit that could not be graded are forgotten where they are gone."""
+        self.refused = self.refused.intersection(batch.row_of)
+        gone = set(self.ungraded) - batch.row_of.keys()
+        if self.batch is not None and gone:
+            rows = tuple(row for row in self.batch.rows if row.fruit_id not in gone)
+            self.batch = replace(self.batch, rows=rows)
 
     def grade_all(self, batch: Batch, retried: Collection[str], *, waiting: int, changed: bool) -> None:
         """All fruit of `batch`, held against each other, with ranking and report, as `drupe grade` does.
 
         `retried` are at work; of the others, those are too whose record does not hold. `changed`: whether the
         batch's own files are others than those of `records`, which hold for no fruit then until it is read.
-        `waiting`: fruit that are graded after these.
+        `waiting`: fruit that are graded after these. Where it raises after fruit were graded or read, those
+        alone have records, as they alone are in the ranking that was written.
         """
         records = PackedRecords()
-        self._begins(retried)
         try:
+            self._begins(retried)
             self.status, entry = grade(
                 batch.folder.root,
                 self.out,
@@ -102,19 +116,22 @@ class IncrementalRun:
                 screen=self.screen,
                 options=ReportOptions(language=self.language),
                 opened=batch,
-                retried=None if self.batch is None else retried,
+                retried=retried,
+                say_unchanged=self.batch is None,
                 records=records,
                 waiting=waiting,
             )
             ranking = IncrementalRanking(records, entry)
         except (BatchRefused, NotWritten):
-            self.working, self.refused = (), True
+            self.working, self.refused = (), frozenset(batch.row_of.keys() - records.keys())
+            if records:
+                self.batch, self.records, self.unreported = batch, records, True
             raise
         except KeyboardInterrupt as stopped:
             self._interrupted(batch, records, retried, changed=changed, stopped=stopped)
             raise
         self.batch, self.records, self.ranking = batch, records, ranking
-        self.working, self.unreported, self.uncompared, self.refused = (), False, False, False
+        self.working, self.unreported, self.uncompared, self.refused = (), False, False, frozenset()
 
     def _interrupted(
         self,
@@ -145,14 +162,15 @@ class IncrementalRun:
         """Those alone, and fruit that have a recording which names one of them; each is ranked as it ends.
 
         `batch`: with the fruit so far, which `grade_all` has graded with the same files of the batch's own.
+        Where newcomers are refused, fruit that name them keep their records; those of newcomers that were
+        graded before are forgotten, as their files are others now.
         """
-        if self.batch is None or self.ranking is None:
-            raise ValueError("no fruit was graded by grade_all")
+        if self.batch is None or self.ranking is None or self.ranking.records is not self.records:
+            raise ValueError("the fruit so far were not graded by grade_all")
         ranking, before = self.ranking, self.batch.row_of
         named = [name for name in ranking.named_by_others(newcomers) if name in batch.row_of]
         taken = (*newcomers, *named)
-        self._forget({*taken, *(self.records.keys() - batch.row_of.keys())})
-        self._begins(taken)
+        held = {name: self.records[name] for name in named if name in self.records}
 
         def ended(run: BatchRun, record: FruitRecord) -> None:
             ranking.add(run, record)
@@ -160,8 +178,11 @@ class IncrementalRun:
             self.working = tuple(name for name in self.working if name != record.fruit_id)
             self.tell(record.fruit_id)
 
-        self.batch, self.refused = batch, False
+        self.batch, self.refused, forgotten = batch, frozenset(), False
         try:
+            self._begins(taken)
+            self._forget({*taken, *(self.records.keys() - batch.row_of.keys())})
+            forgotten = True
             grade_newcomers(
                 batch,
                 self.out,
@@ -175,11 +196,17 @@ class IncrementalRun:
                 waiting=waiting,
             )
         except (BatchRefused, NotWritten):
+            refused = frozenset(newcomers) - self.records.keys()
+            if len(refused) == len(newcomers):
+                self.records.update((name, held[name]) for name in held.keys() - self.records.keys())
             rows = tuple(row for row in batch.rows if row.fruit_id in before or row.fruit_id in self.records)
             self.batch = replace(batch, rows=rows)
-            self.working, self.refused = (), True
+            self.working, self.refused = (), refused
+            self.unreported = self.unreported or bool(self.ungraded)
             raise
         except KeyboardInterrupt:
+            if not forgotten:
+                self._forget(taken)
             self.working = tuple(name for name in taken if name not in self.records)
             self.unreported = True
             raise
@@ -198,7 +225,7 @@ class IncrementalRun:
             )
         self.unreported = False
         if entry is not None:
-            if self.ranking is None:
+            if self.ranking is None or self.ranking.records is not self.records:
                 self.ranking = IncrementalRanking(self.records, entry)
             self.ranking.entry = entry
         self.tell(None)

@@ -16,7 +16,7 @@ from pipeline.files.manifest import json_in
 from pipeline.files.results_lock import results_lock
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.batch_run import BatchRun, ReportOptions
-from pipeline.run.reporting import report_of_done
+from pipeline.run.reporting import report_of_records
 from recon.plain_file import printable
 from reports.entries import BatchEntry
 
@@ -60,7 +60,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
                 records[row.fruit_id] = record
         if not records:
             raise BatchRefused([Problem(str(out), "holds no fruit's record; run `drupe grade` first.")])
-        status, entry = report_of_done(run, records)
+        status, entry = report_of_records(run, records)
         return None if status == INTERRUPTED else entry
 
 

@@ -130,7 +130,9 @@ class ReportSoFar:
         return entry
 
 
-def report_of_done(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[int, BatchEntry | None]:
+def report_of_records(
+    run: BatchRun, records: MutableMapping[str, FruitRecord]
+) -> tuple[int, BatchEntry | None]:
     """`report` of a run that works on no fruit. Where some have no record: INTERRUPTED, and what ranking and
     report of the others say, which tell that they are not all (None: there are no others). batch.json is left
     as it is.

@@ -63,7 +63,9 @@ class BatchWatch:
     recent: list[str] = field(default_factory=list)
     """Fruit in the order in which their files were graded, the last first."""
     own: State | None = None
-    """The batch's own files when all fruit were last held against each other; None: none were yet."""
+    """The batch's own files when all fruit were last held against each other; None: none were yet, or that
+    was refused the last time.
+    """
     arrivals: Arrivals = field(init=False)
     """What lies in the fruit's folders."""
     graded: IncrementalRun = field(init=False)
@@ -95,6 +97,8 @@ class BatchWatch:
             own = own_state(BatchFolder(self.root))
             batch, problems = self._opened()
             looked_s = self.clock() - began
+            if batch is not None:
+                self.graded.looked(batch)
             now = own, problems, tuple((name, one.state) for name, one in self.arrivals.of.items())
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
@@ -179,11 +183,12 @@ class BatchWatch:
         many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
         changed = own != self.own
         states = {name: self.arrivals.of[name].state for name in chosen}
-        known = {*self.tried, *chosen}
+        known = {*self.tried, *chosen, *self.graded.ungraded}
         waiting = sum(name not in known and self.arrivals.at_rest(name) for name in batch.row_of)
         so_far = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
+        anew = compare_all or many or changed
         try:
-            if compare_all or many or changed:
+            if anew:
                 self.graded.grade_all(so_far, chosen, waiting=waiting, changed=changed)
                 self.own = own
                 for name in chosen:
@@ -191,6 +196,9 @@ class BatchWatch:
             else:
                 self.graded.grade_newcomers(so_far, chosen, waiting=waiting)
         except (BatchRefused, NotWritten) as fault:
+            self.own = None if anew else self.own
+            for name in self.graded.ungraded:
+                self.tried.pop(name, None)  # as it was before it changed it is graded again, too
             self._refused(fault)
             return False
         for name in chosen:

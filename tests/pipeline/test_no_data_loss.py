@@ -1,5 +1,6 @@
 """No command writes onto, into or above what it reads, nor over a file that it did not write."""
 
+import errno
 import hashlib
 import json
 import os
@@ -11,7 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.layout import BatchFolder, FruitResults, Results, write_whole
+from pipeline.batch.write_guard import require_results_apart
 from pipeline.cli import main
 from pipeline.files.manifest import NotOurs
 
@@ -76,6 +78,34 @@ def test_results_are_not_put_among_the_fruit_of_another_batch(drupe, batch, tmp_
     other = make_batch(tmp_path / "other")
     said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", other / place)
     assert "fruits, which is read and never written into" in said
+
+
+def test_a_link_among_the_fruit_that_leads_to_itself_keeps_no_results_out_of_sight(drupe, batch, tmp_path):
+    photos = batch / "fruits" / "N02" / "photos"
+    photos.rmdir()
+    photos.symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere").mkdir()
+    (batch / "fruits" / "loop").symlink_to("loop")
+    (batch / "fruits" / "nowhere").symlink_to("nothing")
+    (batch / "fruits" / "notes.txt").write_text("a file")
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "elsewhere" / "out")
+    assert "fruits/N02/photos, which is read and never written into" in said
+
+
+def test_a_folder_of_fruit_that_cannot_be_read_is_not_taken_for_an_empty_one(batch, tmp_path, monkeypatch):
+    """Whether results lie in one of the fruit cannot be told then."""
+    folder, inputs = BatchFolder(batch), [batch / "batch.toml"]
+    require_results_apart(Results(tmp_path / "out"), folder, inputs, "--out")
+    scandir = os.scandir
+
+    def unreadable(path):
+        if Path(path) == batch / "fruits":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", unreadable)
+    with pytest.raises(PermissionError):
+        require_results_apart(Results(tmp_path / "out"), folder, inputs, "--out")
 
 
 @pytest.mark.parametrize("place", ["fruits", "fruits/N01/grasps", "fruits/N02/photos"])

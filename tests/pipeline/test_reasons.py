@@ -32,3 +32,9 @@ def test_a_file_outside_the_batch_keeps_its_whole_path(task, tmp_path):
     inside, outside = task.batch_root / "results" / "one.png", f"/mnt{task.batch_root}/one.png"
     said = ended_record(task, Outcome.NOT_WRITTEN, f"{outside} and {inside}: No space left on device.").reason
     assert f"{outside} and results/one.png: No space" in said
+
+
+@pytest.mark.parametrize("before", ["", "of ", "(", '"', "'", "[", "`", "file:", "path=", "['"])
+def test_a_file_is_named_from_the_folder_on_whatever_mark_stands_before_it(task, before):
+    said = task.named_in_batch(f"{before}{task.batch_root}/fruits/A/one.png")
+    assert said == f"{before}fruits/A/one.png"

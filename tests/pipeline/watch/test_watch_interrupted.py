@@ -1,6 +1,7 @@
 """Ctrl-C in `drupe watch`: what is left, what is said, and the exit status."""
 
 import json
+import os
 
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
@@ -249,6 +250,71 @@ def test_ctrl_c_after_a_comparison_that_was_refused_tells_so_by_its_status(batch
         watch.run()
     assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
     assert watch.stop() == 2
+    assert (sorted(rows(batch)), said_of(batch)) == (["A", "B"], (2, []))
+    assert sorted(one.fruit_id for one in watch.graded.reported.fruits) == ["A", "B"]
+
+
+def test_ctrl_c_after_a_comparison_that_was_refused_half_way_says_what_ranking_csv_holds(
+    batch, watched, monkeypatch
+):
+    """A holds by the new settings, B was to be graded again."""
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again")
+        settings = (batch / "batch.toml").read_text()
+        (batch / "batch.toml").write_text(settings.replace("0.5", "0.15"))
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), without_memory, *QUIET, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert sorted(rows(batch)) == ["A"]
+    assert watch.graded.reported is None
+    assert watch.stop() == 130
+    assert (sorted(rows(batch)), said_of(batch)) == (["A"], (130, ["A"]))
+    assert [one.fruit_id for one in watch.graded.reported.fruits] == ["A"]
+
+
+def test_settings_that_were_refused_and_are_undone_leave_a_whole_batch(batch, watched, monkeypatch):
+    memory_MiB, settings = grading.free_memory_MiB, (batch / "batch.toml").read_text()
+    at = (batch / "batch.toml").stat()
+
+    def without_memory():
+        monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        with (batch / "batch.toml").open("a") as file:
+            file.write("[flesh]\nmodel = 'neo-hookean'\n")
+
+    def undone():
+        monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB)
+        (batch / "batch.toml").write_text(settings)
+        os.utime(batch / "batch.toml", ns=(at.st_atime_ns, at.st_mtime_ns))
+
+    assert watched(*one_by_one(batch, "A", "B")) == 0
+    assert watched(without_memory, *QUIET, undone) == 0
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
+    assert said_of(batch) == (0, ["A", "B"])
+
+
+def test_ctrl_c_when_a_newcomer_is_about_to_be_told_of_leaves_a_report_of_the_others(
+    batch, watched, monkeypatch
+):
+    """Of A, whose recording names B, too, that it is not finished."""
+    put(batch, "A")
+    (batch / "fruits" / "A" / "grasps" / "grasp-1.h5").write_text("of B")
+    watch, _ = watched.begun(*one_by_one(batch, "D"), *one_by_one(batch, "B"))
+    show = watch.show
+
+    def stops(entry):
+        return interrupted() if entry.working[:1] == ("B",) else show(entry)
+
+    watch.show = stops
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    watch.show = show
+    assert watch.graded.working == ("B", "A")
+    assert watch.stop() == 130
+    assert (sorted(rows(batch)), said_of(batch)) == (["D"], (130, ["D"]))
 
 
 def test_a_comparison_that_was_refused_is_forgotten_when_one_is_made(batch, watched, monkeypatch):

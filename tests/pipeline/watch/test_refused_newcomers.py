@@ -1,0 +1,121 @@
+"""Newcomers that `drupe watch` cannot grade: what others keep, and what is left when they are gone."""
+
+import shutil
+
+import pytest
+from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+
+from pipeline.run import grading
+
+LATER = [lambda: None] * 40
+"""Enough looks for what was refused to be tried again."""
+
+
+def in_the_way(batch, name):
+    """A file of somebody else's where the fruit's results go."""
+    place = batch / "results" / "fruits" / name
+    place.mkdir(parents=True)
+    (place / "record.json").write_text("somebody else's")
+
+
+def of_another(batch, name, other):
+    """A fruit with a recording that names another."""
+    put(batch, name)
+    (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(f"of {other}")
+
+
+def taken_away(batch, name):
+    shutil.rmtree(batch / "fruits" / name)
+
+
+def problems(watched):
+    return {problem for entry in watched.shown for problem in entry.problems}
+
+
+def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch, watched):
+    put(batch, "D")
+    of_another(batch, "A", "B")
+    assert watched() == 0
+    status = watched(
+        lambda: in_the_way(batch, "B"),
+        *one_by_one(batch, "B"),
+        lambda: taken_away(batch, "B"),
+        *LATER,
+    )
+    assert any("fruits/B/record.json" in one for one in problems(watched))
+    assert (status, sorted(rows(batch))) == (0, ["A", "D"])
+
+
+def test_so_it_does_in_the_report_that_ctrl_c_leaves(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    watch, _ = watched.begun(
+        *one_by_one(batch, "C", "D"),
+        lambda: of_another(batch, "A", "B"),
+        *QUIET,
+        lambda: in_the_way(batch, "B"),
+        *one_by_one(batch, "B"),
+        lambda: taken_away(batch, "B"),
+        *QUIET,
+        interrupted,
+    )
+    with pytest.raises(KeyboardInterrupt):
+        watch.run()
+    assert watch.stop() == 0
+    assert sorted(rows(batch)) == ["A", "C", "D"]
+
+
+@pytest.mark.parametrize("names", ["", "A", "AC"])
+def test_a_newcomer_that_was_refused_is_forgotten_when_it_is_gone(batch, watched, names):
+    """The first fruit of all, too."""
+    status = watched(
+        *one_by_one(batch, *names),
+        lambda: in_the_way(batch, "N9"),
+        *one_by_one(batch, "N9"),
+        lambda: taken_away(batch, "N9"),
+        *LATER,
+    )
+    assert any("fruits/N9/record.json" in one for one in problems(watched))
+    assert status == 0
+    assert watched.worked == [*names]
+
+
+def test_a_newcomer_that_is_still_refused_is_said_by_the_status(batch, watched):
+    assert watched(*one_by_one(batch, "A"), lambda: in_the_way(batch, "N9"), *one_by_one(batch, "N9")) == 2
+    assert sorted(rows(batch)) == ["A"]
+
+
+def changed(batch, name):
+    (batch / "fruits" / name / "grasps" / "grasp-2.h5").write_text("again")
+
+
+def as_before(batch, name):
+    (batch / "fruits" / name / "grasps" / "grasp-2.h5").unlink()
+
+
+@pytest.mark.parametrize("why", ["place", "memory"])
+@pytest.mark.parametrize("then", [as_before, taken_away])
+def test_a_changed_fruit_that_was_refused_and_is_as_before_or_gone_leaves_a_whole_batch(
+    batch, watched, monkeypatch, why, then
+):
+    memory_MiB = grading.free_memory_MiB
+
+    def refused():
+        changed(batch, "B")
+        if why == "memory":
+            monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
+        else:
+            (batch / "results" / "fruits" / "B").rename(batch / "B before")
+            (batch / "results" / "fruits" / "B").symlink_to(batch / "B before")
+
+    def restored():
+        then(batch, "B")
+        if why == "memory":
+            monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB)
+        else:
+            (batch / "results" / "fruits" / "B").unlink()
+            (batch / "B before").rename(batch / "results" / "fruits" / "B")
+
+    assert watched(*one_by_one(batch, "A", "B")) == 0
+    status = watched(refused, *QUIET, restored, *LATER)
+    assert problems(watched)
+    assert (status, sorted(rows(batch))) == (0, ["A", "B"] if then is as_before else ["A"])
