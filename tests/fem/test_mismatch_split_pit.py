@@ -85,7 +85,7 @@ def test_each_signature_is_the_model_and_a_whole_pit_changes_nothing():
         np.testing.assert_allclose(COMPLIANCE * (free - plain), markers, atol=1e-12)
 
 
-@pytest.mark.proof
+@pytest.mark.slow
 def test_the_noise_of_forces_passes_through_the_halves_as_forces_do():
     forward, _ = plain_forward_model(injected_case(about_the_pit(), mesh=halved_pit.finders_mesh))
     recording = forward.base.grasps[0]
