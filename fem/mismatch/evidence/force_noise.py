@@ -106,8 +106,8 @@ def _of_pad(
 
 
 def _solved(
-    forward: ForwardModel, recorded: Sequence[GraspEquations], force_N: Sequence[Float[np.ndarray, "p r n 3"]]
-) -> list[tuple[Float[np.ndarray, "p r m 3"], Float[np.ndarray, "p r n 3"]]]:
+    forward: ForwardModel, recorded: Sequence[GraspEquations], force_N: Sequence[Float[np.ndarray, "_p _r _n 3"]]
+) -> list[tuple[Float[np.ndarray, "_p _r _m 3"], Float[np.ndarray, "_p _r _n 3"]]]:
     """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
     base, nodes = forward.base, len(forward.base.mesh.nodes_mm)
     loads = {recording.case.name: np.zeros((0, nodes, 3)) for recording in base.grasps}
