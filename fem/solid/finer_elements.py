@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array
 from scipy.spatial import cKDTree
 
 from fem.elements.assembly import assemble
@@ -73,9 +73,15 @@ class FinerElements:
         """Sparse (p, n): nodal values to values at points of the body's skin; zero at those beyond the
         subdomain's.
         """
-        found = locate(self.mesh, points_mm)
+        skin = self.mesh.nodes_mm[self.mesh.outer_faces[:, :3]]
+        longest = np.linalg.norm(skin - np.roll(skin, 1, axis=1), axis=2).max()
+        near = cKDTree(skin.reshape(-1, 3)).query(points_mm)[0] < longest
+        if not near.any():
+            return csr_array((len(points_mm), len(self.mesh.nodes_mm)))
+        found = locate(self.mesh, points_mm[near])
         within = diags_array((found.distance_mm < ON_SKIN_MM).astype(float))
-        return csr_array(within @ found.interpolation)
+        spread = eye_array(len(points_mm), format="csr")[:, np.flatnonzero(near)]
+        return csr_array(spread @ within @ found.interpolation)
 
 
 def finer_elements(

@@ -106,7 +106,9 @@ def _of_pad(
 
 
 def _solved(
-    forward: ForwardModel, recorded: Sequence[GraspEquations], force_N: Sequence[Float[np.ndarray, "_p _r _n 3"]]
+    forward: ForwardModel,
+    recorded: Sequence[GraspEquations],
+    force_N: Sequence[Float[np.ndarray, "_p _r _n 3"]],
 ) -> list[tuple[Float[np.ndarray, "_p _r _m 3"], Float[np.ndarray, "_p _r _n 3"]]]:
     """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
     base, nodes = forward.base, len(forward.base.mesh.nodes_mm)

@@ -63,7 +63,7 @@ def _added(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray,
     ]
     tractions = [field.forces(recording.patterns[:, own]) for own, field in zip(on_pad, fields, strict=True)]
     found = np.zeros_like(recording.patterns)
-    for own, field, link in zip(on_pad, fields, recording.links, strict=True):
+    for pad, (own, field, link) in enumerate(zip(on_pad, fields, recording.links, strict=True)):
         touched = link.place.point_mm[(recording.tracks.episode[:, own] >= 0).any(axis=0)]
         if not len(touched):
             continue
@@ -77,10 +77,9 @@ def _added(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray,
             held=solid.base_nodes,
         )
         loads = np.zeros((len(recording.patterns), len(finer.mesh.nodes_mm), 3))
-        for other, traction in zip(fields, tractions, strict=True):
-            reading = finer.reading(other.points_mm)
-            loads += np.stack([reading.T @ one for one in traction])
-        reading = finer.reading(field.points_mm)
-        added = finer.added(loads, recording.moved)
+        readings = [finer.reading(other.points_mm) for other in fields]
+        for at, traction in zip(readings, tractions, strict=True):
+            loads += np.stack([at.T @ one for one in traction])
+        added, reading = finer.added(loads, recording.moved), readings[pad]
         found[:, own] = field.at_markers(np.stack([reading @ one for one in added]))
     return recording.over_time(found)
