@@ -47,7 +47,7 @@ class FinerElements:
     """The flesh around a load in shorter elements.
 
     `mesh`: the subdomain, its skin the part of the body's that belongs to it. `from_coarse` (n N): values on
-    the whole body's nodes to its own. `free`: the nodes that are neither on the cut nor on the pit.
+    the whole body's nodes to its own. `free`: the nodes that are not held, on the cut or on the pit.
     """
 
     mesh: FleshMesh

@@ -32,6 +32,16 @@ RUN_AWAY = 1e6
 Fields = Float[np.ndarray, "f n 3"]
 
 
+def bounded(force: Fields, compliance: float) -> Fields:
+    """Nodal forces of the stress that a law adds; raises FemFailure (NOT_CONVERGED) beyond RUN_AWAY."""
+    if not np.abs(force).max() < RUN_AWAY:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
+        )
+    return force
+
+
 @dataclass(frozen=True)
 class SlowedFactor:
     """k K0, solved by K0 already."""
@@ -71,20 +81,8 @@ class AddedStress:
 
     def residual(self, state: Fields) -> Fields:
         """r(w). Raises FemFailure (NOT_CONVERGED) where the stress has no bounds."""
-        return np.asarray(state - self.first_order(state))
-
-    def first_order(self, state: Fields | None = None) -> Fields:
-        """w under the stress that the law adds in v0 + `state` (None: in v0): to first order in the law.
-
-        Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
-        """
-        force = self.added_force(self.compliance * (self.linear if state is None else self.linear + state))
-        if not np.abs(force).max() < RUN_AWAY:
-            raise FemFailure(
-                FemProblem.NOT_CONVERGED,
-                f"the search for how flesh of {1 / self.compliance:.3g} MPa moves by this law ran away",
-            )
-        return np.asarray(-self.response(force) / self.compliance)
+        force = bounded(self.added_force(self.compliance * (self.linear + state)), self.compliance)
+        return np.asarray(state + self.response(force) / self.compliance)
 
     def size(self, residual: Fields) -> float:
         """The farthest that a node of the skin is asked to move in any frame, mm."""

@@ -22,6 +22,7 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, path_response, path_state
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
+from fem.solid.initial_stress import bounded
 
 YIELD = "yield_over_E"
 PRIOR_SD = 1.5
@@ -79,7 +80,7 @@ class PlasticSet:
         for Y in yields:
             pieces = FleshPieces.of(forward.points, stress > MARGIN * Y, workers=forward.workers)
             law = von_mises_set(Y, poisson_ratio=forward.poisson_ratio)
-            forces.append(pieces.forces(forward.compliance * state.linear, law))
+            forces.append(bounded(pieces.forces(forward.compliance * state.linear, law), forward.compliance))
         found = []
         for Y, more in zip(yields, state.marker_responses(forces), strict=True):
             fields = [ObservationDelta(markers=-own) for own in more]
