@@ -16,7 +16,8 @@ so a name is a suggestion. Against the finder's own linear round
 - NOT_SCREENED effects are left out.
 
 What a confirmed effect or large deformation adds to grading's response (GraspModel.displacement_correction)
-is part of the plain model here: the screen then asks what is left.
+is part of the plain model here: the screen then asks what is left. Any other share of large deformation is a
+nuisance of the plain model (fem.mismatch.evidence.large_deformation).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,6 +38,8 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION as SHARE_OF_IT
+from fem.mismatch.evidence.large_deformation import deforms_largely, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -50,7 +53,7 @@ from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detection_statistics, plain_fits
 from fem.mismatch.selection.detection import null_gain, p_values
-from fem.mismatch.selection.screening import LinearFit, LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.mismatch.thresholds import DETECTION_P, EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -68,9 +71,7 @@ PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
 sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
 LARGE_DEFORMATION = "large_deformation"
-"""How the screen names `stiffening` by the Neo-Hookean law alone: what soft flesh does without stiffening."""
-LARGE_DEFORMATION_KIND = "stiffening neo-hookean"
-"""Its kind (EffectSpec.kinds)."""
+"""How the screen says that the flesh deforms largely and nothing else is seen: what soft flesh does."""
 UNKNOWN = "unknown"
 """Where there is more than noise and no effect gains beyond what it gains on sound recordings."""
 TOO_FEW = (
@@ -113,16 +114,19 @@ def screen(
     E_MPa: float,
     models: Sequence[GraspModel],
     solids: Mapping[Support, UnitModulusSolid] | None = None,
+    holds_large_deformation: bool = False,
 ) -> Screened:
     """The linear round of a fruit that grading has just gone through.
 
     `E_MPa`, `models`: what grading found, one model for each grasp of `case`, about the same mesh. `solids`:
-    grading's, where they are still there. Raises FemFailure where a recording cannot be projected, the fit
-    gives no 1/E above zero, or one recording is all there is.
+    grading's, where they are still there. `holds_large_deformation`: the models do. Raises FemFailure where a
+    recording cannot be projected, the fit gives no 1/E above zero, or one recording is all there is.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     forward = _forward_model(case, E_MPa, models, solids or {})
+    if holds_large_deformation:
+        leave_large_deformation(forward)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(forward), noise_draws=1)
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
@@ -133,22 +137,24 @@ def screen(
     p_value, _ = p_values(statistics)
     return Screened(
         p_value=p_value,
-        names=suggested(linear, forward.compliance_ratio) if p_value < DETECTION_P else (),
+        names=_names(linear, p_value, forward.compliance_ratio),
         statistics=statistics,
-        gains={one.kind: one.gain for one in linear.best},
+        gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 
-def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
-    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin.
+def _names(linear: LinearRound, p_value: float, compliance_ratio: float) -> tuple[str, ...]:
+    if p_value < DETECTION_P:
+        return suggested(linear, compliance_ratio)
+    return (LARGE_DEFORMATION,) if deforms_largely(linear.nuisance(SHARE_OF_IT)) else ()
 
-    Large deformation comes first among them: all flesh deforms largely under these forces, and whatever looks
-    like it has to beat it.
-    """
+
+def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
+    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin."""
     beyond = sorted(
-        ((one.gain - null_gain(one.kind, compliance_ratio), one) for one in linear.best),
+        ((one.gain - null_gain(one.name, compliance_ratio), one) for one in linear.best),
         key=lambda pair: -pair[0],
     )
     beyond = [pair for pair in beyond if pair[0] > 0]
@@ -156,14 +162,9 @@ def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
         return (UNKNOWN,)
     if linear.pairs and linear.pairs[0][0] > beyond[0][0] + PAIR_GAIN * compliance_ratio:
         _, first, second = linear.pairs[0]
-        return ("+".join(sorted((_name(first), _name(second)))),)
+        return ("+".join(sorted((first.effect.spec.name, second.effect.spec.name))),)
     margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
-    names = [_name(one) for gain, one in beyond if gain > beyond[0][0] - margin]
-    return tuple(sorted(names, key=lambda name: name != LARGE_DEFORMATION))
-
-
-def _name(one: LinearFit) -> str:
-    return LARGE_DEFORMATION if one.kind == LARGE_DEFORMATION_KIND else one.effect.spec.name
+    return tuple(one.effect.spec.name for gain, one in beyond if gain > beyond[0][0] - margin)
 
 
 def _forward_model(

@@ -1,8 +1,9 @@
 """Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
 
 Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth, the shares of what a turn of the fruit adds and of what the mesh withholds. Each
-recording's own: undulations of the scanned surface, the pads' places on it, how far they come at each load.
+its own, the dents' depth, the shares of what large deformation and a turn of the fruit add and of what the
+mesh withholds. Each recording's own: undulations of the scanned surface, the pads' places on it, how far they
+come at each load.
 And, since no model is right to the last micrometre, each pad of each recording may deviate by
 NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows with the load, or with its
 square. An effect acts on all recordings by one law; these do not, which separates them.
@@ -14,6 +15,7 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, SHARE, large_deformation
 from fem.mismatch.evidence.turned_fruit import turned_fruit
 from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
@@ -71,6 +73,10 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
+    large = large_deformation(forward)
+    if isinstance(large, list):
+        added = [ObservationDelta(markers=forward.compliance * own) for own in large]
+        columns.append(Regressor(name=LARGE_DEFORMATION, mean=SHARE, sd=SHARE, fields=added))
     turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
     if any(own is not None for own in turned):
         added = [None if own is None else ObservationDelta(markers=own) for own in turned]

@@ -12,6 +12,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
@@ -41,17 +42,17 @@ class LinearFit:
     direct: float = 0.0
 
     @property
-    def kind(self) -> str:
-        """Under which name fem.mismatch.selection.detection knows what it gains on sound recordings."""
-        return self.effect.spec.kind(self.signature.variant)
+    def name(self) -> str:
+        """The effect's."""
+        return self.effect.spec.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
 
-    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, or one way of theirs to
-    show, that could not be computed, and why.
+    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
+    or large deformation, that could not be computed, and why.
     """
 
     products: GramMatrix
@@ -61,6 +62,14 @@ class LinearRound:
     best: tuple[LinearFit, ...]
     pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
+
+    def nuisance(self, name: str) -> tuple[float, float] | None:
+        """Amount and standard deviation of a column of the plain model; None where it has none so named."""
+        for at, j in enumerate(self.nuisances):
+            column = self.products.columns[j]
+            if column.name == name:
+                return column.mean + float(self.null.amounts[at + 1]), float(self.null.sd[at + 1])
+        return None
 
 
 def screened(
@@ -85,6 +94,8 @@ def screened(
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
+    if isinstance(large := large_deformation(forward), FemFailure):
+        without[LARGE_DEFORMATION] = large.detail
     known = [
         *common_nuisances(forward),
         *discrepancy_columns(forward, recording, without=without_discrepancy_of),
@@ -202,7 +213,8 @@ def _linear_fit(
 def violates_sign_constraint(
     products: GramMatrix, columns: Sequence[int], amounts: Float[np.ndarray, " k"]
 ) -> bool:
-    """Whether an amount has the wrong sign."""
+    """Whether an amount has the wrong sign, or is less than has a meaning."""
     return any(
-        products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)
+        products.columns[j].positive and amount < products.columns[j].least
+        for j, amount in zip(columns, amounts, strict=True)
     )

@@ -1,0 +1,51 @@
+"""What large deformation adds to the plain model: the response of Neo-Hookean flesh less the linear one.
+
+All soft flesh deforms largely under the forces of a grasp: two millimetres of indentation under a patch of
+six strain it by a fifth. The plain model's strains are small, and what it leaves out looks like a skin or
+like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, docs/validation.md).
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiffening_path
+
+LARGE_DEFORMATION = "large deformation"
+"""Name of its column."""
+SHARE = 0.5
+"""Mean and standard deviation of its amount a priori: all of it in Neo-Hookean flesh, none where flesh is
+taken to move little, as two simulators do (fem.mismatch.evidence.nuisances.TURNED)."""
+CLEAR_SD = 3.0
+"""Standard deviations above nothing from which on flesh is said to deform largely. Set by hand: the prior
+alone is at one."""
+
+
+def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
+    """What it adds to the unit response at the markers of every recording, mm MPa.
+
+    None where the plain model holds it already (`leave_large_deformation`); the failure where flesh is so
+    soft that the search from the linear answer does not settle.
+    """
+
+    def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
+        try:
+            return stiffening_path(forward).at_markers(beyond_linear(forward, HARDLY_ANY))
+        except FemFailure as failure:
+            return failure
+
+    return forward.memoised(_KEY, compute)
+
+
+def leave_large_deformation(forward: ForwardModel) -> None:
+    """Takes the plain model's response as it is."""
+    forward.memoised(_KEY, lambda: None)
+
+
+def deforms_largely(share: tuple[float, float] | None) -> bool:
+    """Whether recordings show it, by its amount and standard deviation."""
+    return share is not None and share[0] > CLEAR_SD * share[1]
+
+
+_KEY = ("large deformation",)
