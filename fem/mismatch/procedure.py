@@ -10,7 +10,7 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, deforms_largely
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, clear_share
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
@@ -140,10 +140,8 @@ LARGE_DEFORMATION_NOTE = (
 
 
 def _on_large_deformation(linear: LinearRound) -> list[str]:
-    share = linear.nuisance(LARGE_DEFORMATION)
-    if share is None or not deforms_largely(share):
-        return []
-    return [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
+    share = clear_share(linear.nuisance(LARGE_DEFORMATION))
+    return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 
 def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:

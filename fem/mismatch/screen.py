@@ -38,8 +38,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION as SHARE_OF_IT
-from fem.mismatch.evidence.large_deformation import deforms_largely, leave_large_deformation
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, clear_share, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -70,8 +69,6 @@ has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of CPU
 PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
 sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
-LARGE_DEFORMATION = "large_deformation"
-"""How the screen says that the flesh deforms largely and nothing else is seen: what soft flesh does."""
 UNKNOWN = "unknown"
 """Where there is more than noise and no effect gains beyond what it gains on sound recordings."""
 TOO_FEW = (
@@ -98,6 +95,8 @@ class Amount:
 class Screened:
     """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
     effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
+    `large_deformation`: how much of what Neo-Hookean flesh does beyond small strain the recordings hold, and
+    its standard deviation, where they clearly hold some; no fault.
     """
 
     p_value: float
@@ -105,6 +104,7 @@ class Screened:
     statistics: dict[str, float]
     gains: dict[str, float]
     amounts: tuple[Amount, ...]
+    large_deformation: tuple[float, float] | None = None
     note: str = ""
 
 
@@ -137,18 +137,13 @@ def screen(
     p_value, _ = p_values(statistics)
     return Screened(
         p_value=p_value,
-        names=_names(linear, p_value, forward.compliance_ratio),
+        names=suggested(linear, forward.compliance_ratio) if p_value < DETECTION_P else (),
         statistics=statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
+        large_deformation=clear_share(linear.nuisance(LARGE_DEFORMATION)),
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
-
-
-def _names(linear: LinearRound, p_value: float, compliance_ratio: float) -> tuple[str, ...]:
-    if p_value < DETECTION_P:
-        return suggested(linear, compliance_ratio)
-    return (LARGE_DEFORMATION,) if deforms_largely(linear.nuisance(SHARE_OF_IT)) else ()
 
 
 def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:

@@ -116,6 +116,7 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
             AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
             for one in said.amounts
         ),
+        large_deformation=said.large_deformation,
         note="; ".join(part for part in (without, said.note) if part),
     )
 

@@ -145,14 +145,12 @@ def graded_record(**screen):
     )
 
 
-def test_large_deformation_is_said_as_what_it_is_and_not_as_stiffening():
-    said = _screen(graded_record(p_value=0.01, names=("large_deformation", "skin")))
-    assert said.verdict == "large_deformation|skin"
-    first, second = said.suspects
-    assert first.short.startswith("large deformation of the flesh (no fault")
-    assert 'model = "neo-hookean"' in first.advice
-    assert "stiff" not in first.short + first.advice
-    assert second.short == SPECS["skin"].words.short
+def test_large_deformation_is_said_as_what_it_is_and_suspected_of_nothing():
+    alone = _screen(graded_record(p_value=0.4, large_deformation=(0.9, 0.1)))
+    assert (alone.verdict, alone.suspects) == ("large_deformation", ())
+    with_a_skin = _screen(graded_record(p_value=0.01, names=("skin",), large_deformation=(0.9, 0.1)))
+    assert with_a_skin.verdict == "skin"
+    assert with_a_skin.large_deformation == (0.9, 0.1)
 
 
 def test_two_effects_at_once_are_told_with_the_words_of_both():
@@ -162,7 +160,7 @@ def test_two_effects_at_once_are_told_with_the_words_of_both():
 
 
 def test_every_name_that_the_screen_may_suggest_has_words():
-    for name in (*SPECS, "large_deformation", "unknown"):
+    for name in (*SPECS, "unknown"):
         (suspect,) = _screen(graded_record(p_value=0.01, names=(name,))).suspects
         assert suspect.short
 

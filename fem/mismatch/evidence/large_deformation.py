@@ -43,9 +43,9 @@ def leave_large_deformation(forward: ForwardModel) -> None:
     forward.memoised(_KEY, lambda: None)
 
 
-def deforms_largely(share: tuple[float, float] | None) -> bool:
-    """Whether recordings show it, by its amount and standard deviation."""
-    return share is not None and share[0] > CLEAR_SD * share[1]
+def clear_share(share: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Its amount and standard deviation where recordings clearly show it, else None."""
+    return share if share is not None and share[0] > CLEAR_SD * share[1] else None
 
 
 _KEY = ("large deformation",)
