@@ -63,7 +63,8 @@ def test_a_gain_of_one_pad_is_suggested_first_and_of_its_size():
 
 
 @pytest.mark.slow
-def test_a_sound_fruit_has_no_gain_and_no_drift():
+def test_a_sound_fruit_has_no_gain_no_drift_and_no_large_deformation():
+    assert sound().large_deformation is None
     for effect in ("sensor_gain", "sensor_drift"):
         for pad in ("left", "right"):
             value, sd = amount(sound(), effect, pad)

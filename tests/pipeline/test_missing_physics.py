@@ -99,6 +99,15 @@ def test_what_was_found_stands_in_the_record(place):
     assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
 
 
+@pytest.mark.parametrize(("law", "holds"), [("linear", False), ("neo-hookean", True)])
+def test_the_screen_knows_whether_gradings_law_holds_large_deformation(place, law, holds):
+    place.answers(replace(SAID, large_deformation=(0.9, 0.1)))
+    place.task.settings = Settings(category="nectarine", poisson_ratio=0.45, flesh={"model": law})
+    record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
+    assert place.asked[0][1]["holds_large_deformation"] == holds
+    assert record.large_deformation == (0.9, 0.1)
+
+
 def test_the_same_inputs_are_screened_once_and_another_modulus_again(place):
     place.answers(SAID)
     both = graded(estimate(), estimate())
