@@ -45,7 +45,9 @@ def linear_line(forward: ForwardModel) -> str:
         for one in linear.best[:SHOWN]
     )
     said = " ".join(f"{name} {value:.3f}" for name, value in statistics.items())
-    found = {name: share for name in SHARES if (share := linear.nuisance(name)) is not None}
+    found = {
+        name: share for name in SHARES if (share := linear.products.amount_of(name, linear.null)) is not None
+    }
     shares = ", ".join(f"{name} {value:.2f} +- {sd:.2f}" for name, (value, sd) in found.items())
     modulus = 1 / (forward.compliance * (1 + float(linear.null.amounts[0])))
     return f"p {p_values(statistics)[0]:.3f}, E {modulus:.4g} MPa, {said}; {shares or 'no shares'}: {best}"

@@ -108,8 +108,8 @@ class Suspect:
 class ScreenEntry:
     """What the screen for missing physics says of a fruit: suspects, the likeliest first, none where nothing
     was found; or in `why_not` why it says nothing (a sentence without a full stop). `large_deformation`: how
-    much of what Neo-Hookean flesh does beyond small strain is seen, and its standard deviation, where some
-    is; no fault. `note`: what was left out.
+    much of what Neo-Hookean flesh does beyond small strain is seen, and its standard deviation, where nothing
+    but that is found; no fault. `note`: what was left out.
     """
 
     p_value: float | None = None

@@ -113,7 +113,7 @@ def explain(
         checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
         notes=(
-            *_on_large_deformation(linear),
+            *_on_large_deformation(found.verdict, linear, best),
             *(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
@@ -139,8 +139,14 @@ LARGE_DEFORMATION_NOTE = (
 )
 
 
-def _on_large_deformation(linear: LinearRound) -> list[str]:
-    share = clear_share(linear.nuisance(LARGE_DEFORMATION))
+def _on_large_deformation(
+    verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
+) -> list[str]:
+    """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
+    if verdict == UNKNOWN:
+        return []
+    products, fit = (linear.products, linear.null) if best is None else (best.products, best.fit)
+    share = clear_share(products.amount_of(LARGE_DEFORMATION, fit))
     return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 

@@ -96,7 +96,7 @@ class Screened:
     """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
     effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
     `large_deformation`: how much of what Neo-Hookean flesh does beyond small strain the recordings hold, and
-    its standard deviation, where they clearly hold some; no fault.
+    its standard deviation, where they clearly hold some and nothing else is found; no fault.
     """
 
     p_value: float
@@ -135,13 +135,15 @@ def screen(
     kept = np.array([recording.kept for recording in forward.base.grasps])
     statistics["what is left"] *= float(numbers.sum() / (numbers / kept).sum())
     p_value, _ = p_values(statistics)
+    found = p_value < DETECTION_P
+    share = None if found else clear_share(linear.products.amount_of(LARGE_DEFORMATION, linear.null))
     return Screened(
         p_value=p_value,
-        names=suggested(linear, forward.compliance_ratio) if p_value < DETECTION_P else (),
+        names=suggested(linear, forward.compliance_ratio) if found else (),
         statistics=statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        large_deformation=clear_share(linear.nuisance(LARGE_DEFORMATION)),
+        large_deformation=share,
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 

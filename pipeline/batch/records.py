@@ -261,8 +261,7 @@ class ScreenRecord(_Record):
 
     `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
     all fruit of a batch have in common. `large_deformation`: share of what Neo-Hookean flesh does beyond
-    small strain, and its standard deviation, where the recordings clearly hold some. `note`: what was left
-    out.
+    small strain, and its standard deviation, where nothing but that is found. `note`: what was left out.
     """
 
     p_value: float | None = None

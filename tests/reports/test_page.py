@@ -223,8 +223,8 @@ SKIN = Suspect(name="skin", short="a stiff skin", advice="")
 
 def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch: BatchEntry) -> None:
     screens = (
-        ScreenEntry(p_value=0.4),
-        ScreenEntry(p_value=0.0123, suspects=(UNEXPLAINED, SKIN), large_deformation=(0.91, 0.1)),
+        ScreenEntry(p_value=0.4, large_deformation=(0.91, 0.1)),
+        ScreenEntry(p_value=0.0123, suspects=(UNEXPLAINED, SKIN)),
         ScreenEntry(why_not="one recording alone tells too little"),
     )
     fruits = tuple(

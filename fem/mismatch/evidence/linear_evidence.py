@@ -340,6 +340,13 @@ class GramMatrix:
             covariance=np.linalg.inv(normal),
         )
 
+    def amount_of(self, name: str, fit: Fit) -> tuple[float, float] | None:
+        """Amount and standard deviation of the column of this name in a fit; None where it holds none."""
+        for at, j in enumerate(fit.chosen):
+            if self.columns[j].name == name:
+                return self.columns[j].mean + float(fit.amounts[at]), float(fit.sd[at])
+        return None
+
 
 def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
     """Recording k's data less the columns' prior means."""

@@ -63,14 +63,6 @@ class LinearRound:
     pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
 
-    def nuisance(self, name: str) -> tuple[float, float] | None:
-        """Amount and standard deviation of a column of the plain model; None where it has none so named."""
-        for at, j in enumerate(self.nuisances):
-            column = self.products.columns[j]
-            if column.name == name:
-                return column.mean + float(self.null.amounts[at + 1]), float(self.null.sd[at + 1])
-        return None
-
 
 def screened(
     forward: ForwardModel,
