@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT
 from fem.mismatch.evidence.withheld_response import WITHHELD, leave_withheld, withheld_response
 from fem.mismatch.model.forward_model import ForwardModel, MemoTable
 from fem.mismatch.procedure import detection_statistics, plain_forward_model
@@ -31,7 +32,7 @@ from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
-SHARES = (LARGE_DEFORMATION, "turned fruit", WITHHELD)
+SHARES = (LARGE_DEFORMATION, TURNED_FRUIT, WITHHELD)
 SHOWN = 4
 
 

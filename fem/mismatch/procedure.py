@@ -10,7 +10,7 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, clear_share
+from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
@@ -143,10 +143,10 @@ def _on_large_deformation(
     verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
 ) -> list[str]:
     """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
-    if verdict == UNKNOWN:
+    if verdict == UNKNOWN or linear.largely < CLEAR:
         return []
     products, fit = (linear.products, linear.null) if best is None else (best.products, best.fit)
-    share = clear_share(products.amount_of(LARGE_DEFORMATION, fit))
+    share = products.amount_of(LARGE_DEFORMATION, fit)
     return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 

@@ -38,7 +38,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, clear_share, leave_large_deformation
+from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -136,7 +136,8 @@ def screen(
     statistics["what is left"] *= float(numbers.sum() / (numbers / kept).sum())
     p_value, _ = p_values(statistics)
     found = p_value < DETECTION_P
-    share = None if found else clear_share(linear.products.amount_of(LARGE_DEFORMATION, linear.null))
+    clear = linear.largely > CLEAR and not found
+    share = linear.products.amount_of(LARGE_DEFORMATION, linear.null) if clear else None
     return Screened(
         p_value=p_value,
         names=suggested(linear, forward.compliance_ratio) if found else (),

@@ -11,13 +11,12 @@ from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
 from fem.mismatch.evidence.large_deformation import (
+    CLEAR,
     LARGE_DEFORMATION,
-    SHARE,
-    clear_share,
     large_deformation,
     leave_large_deformation,
 )
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.forward_model import ForwardModel
@@ -97,7 +96,7 @@ def test_neo_hookean_flesh_is_seen_to_deform_largely_and_not_to_stiffen(neo_hook
     _, linear = neo_hookean
     share = linear.products.amount_of(LARGE_DEFORMATION, linear.null)
     assert share[0] == pytest.approx(1.0, abs=0.1)
-    assert clear_share(share) == share
+    assert linear.largely > CLEAR
     assert linear.best[0].gain < 0
 
 
@@ -112,9 +111,23 @@ def test_stiffening_holds_large_deformation_itself(neo_hookean):
     assert again.parameters[0]["b"] <= 1.0
 
 
-def test_flesh_of_which_nothing_is_known_is_not_said_to_deform_largely():
-    assert clear_share(None) is None
-    assert clear_share((SHARE, SHARE)) is None
+def test_linear_flesh_is_not_said_to_deform_largely():
+    forward = forward_of()
+    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    linear = screened(forward, recorded, [stiffening.EFFECT])
+    assert linear.largely < CLEAR
+
+
+@pytest.mark.slow
+def test_another_prior_of_its_column_is_as_if_it_had_been_there_from_the_start(neo_hookean):
+    injected, _ = neo_hookean
+    recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
+    column = large_deformation_column(injected)
+    begun = GramMatrix(injected, recorded, [replace(column, mean=0.2, sd=0.3)]).fit([1])
+    moved = GramMatrix(injected, recorded, [column]).with_prior(LARGE_DEFORMATION, 0.2, 0.3).fit([1])
+    assert moved.log_evidence == pytest.approx(begun.log_evidence, rel=1e-9)
+    assert moved.amounts == pytest.approx(begun.amounts, rel=1e-6)
+    assert begun.amounts[1] != pytest.approx(column.mean, abs=0.01)
 
 
 def test_a_plain_model_that_holds_it_has_no_column_of_it():

@@ -15,6 +15,7 @@ import numpy as np
 
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
+from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 
@@ -56,7 +57,7 @@ def retained_columns(
     effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]
 ) -> tuple[int, ...]:
     """The chosen columns without what these effects' own laws hold, for their refits: their saturating
-    discrepancies, and large deformation.
+    discrepancies, and the flesh's large deformation, in whose place the fruit's turn stands alone.
     """
     effects = tuple(effects)
     saturating = {
@@ -72,7 +73,8 @@ def retained_columns(
             return large
         return column.discrepancy_of is not None and column.discrepancy_of.name in saturating
 
-    return tuple(j for j in chosen if not left_out(columns[j]))
+    alone = (j for j, column in enumerate(columns) if large and column.name == TURNED_FRUIT)
+    return tuple(sorted({*(j for j in chosen if not left_out(columns[j])), *alone}))
 
 
 def trades_with_modulus(column: Regressor) -> bool:

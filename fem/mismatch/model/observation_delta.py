@@ -35,6 +35,7 @@ class Regressor:
     `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
+    `stands_in`: it stands in for another column in some refits, and is none of the plain model's own.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Regressor:
     mean: float = 0.0
     discrepancy_of: EffectSpec | None = None
     of_forces: LinearInForces | None = None
+    stands_in: bool = False
 
 
 def wrench(
