@@ -23,7 +23,7 @@ from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import best_beyond_quantile, p_values
-from fem.mismatch.selection.model_selection import Hypothesis, NullCase, select_model
+from fem.mismatch.selection.model_selection import Hypothesis, NullCase, select_likelier_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
@@ -76,7 +76,7 @@ def explain(
             most_chi2=count * LEFT_AT_MOST,
             compliance_ratio=forward.compliance_ratio,
         )
-        found = select_model(forward, linear, detected=detected, null_case=null_case)
+        linear, found = select_likelier_model(forward, linear, detected=detected, null_case=null_case)
     null = (linear.products, linear.nuisances)
     with stage("proof"):
         found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))

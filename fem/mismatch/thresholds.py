@@ -36,6 +36,11 @@ OTHER_START_SHARE = 0.8
 """Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
 nothing, and the search ends nearer to the truth from there (`benchmarks/mismatch.py`, pose_error)."""
 
+CLEARLY_LARGELY = 25.0
+"""ln evidence, best signatures beside it, by which flesh deforms largely or not, so that the other is not
+tried with full models. Set by hand, to save refits: a strong skin's signature has 20 less than its full
+model."""
+
 TEMPERATURE = 1.5
 """By which differences of ln evidence are divided before they are probabilities: what a model does not know
 is alike for all explanations, and evidence takes it for noise. Set by hand."""

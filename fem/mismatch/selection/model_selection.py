@@ -22,6 +22,7 @@ from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import (
     CLEAR_EXCESS,
     CLEAR_GAIN,
+    CLEARLY_LARGELY,
     ENOUGH_GAIN,
     EQUAL_PROBABILITY,
     MOST_NULLS,
@@ -115,6 +116,28 @@ class NullCase:
     def least(self) -> float:
         """MOST_NULLS quantile of the best effect's excess gain on null cases: less selects nothing."""
         return self.compliance_ratio * max(null_statistic("best single", MOST_NULLS), 0.0)
+
+
+def select_likelier_model(
+    forward: ForwardModel, linear: LinearRound, *, detected: bool, null_case: NullCase
+) -> tuple[LinearRound, ModelSelection]:
+    """`select_model`, and the linear round that it rests on: of flesh that deforms largely or of flesh that
+    moves little, whose best full model has more evidence. Where signatures say clearly which, the other is
+    not tried; a strong effect's own signature may be too weak for that.
+    """
+    found = select_model(forward, linear, detected=detected, null_case=null_case)
+    other = linear.other
+    if not detected or other is None or abs(linear.largely) > CLEARLY_LARGELY:
+        return linear, found
+    again = select_model(forward, other, detected=detected, null_case=null_case)
+    evidence, others = (
+        one.null.log_evidence + max(0.0, *(own.gain for own in selected.ranking))
+        for one, selected in ((linear, found), (other, again))
+    )
+    if others <= evidence:
+        return linear, found
+    way = -np.sign(linear.largely)
+    return replace(other, largely=float(way * (others - evidence)), other=linear), again
 
 
 def select_model(

@@ -53,7 +53,8 @@ class LinearRound:
 
     `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
-    largely over flesh that moves little, the best effect of each beside it; the round is of the likelier.
+    largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
+    `other` of the other.
     """
 
     products: GramMatrix
@@ -64,6 +65,7 @@ class LinearRound:
     pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
     largely: float = 0.0
+    other: "LinearRound | None" = None
 
     @property
     def evidence(self) -> float:
@@ -124,7 +126,8 @@ def screened(
         round_of(products.with_prior(LARGE_DEFORMATION, *prior)) for prior in (LITTLE, LARGELY)
     )
     more = largely.evidence - little.evidence
-    return replace(largely if more > 0 else little, largely=more)
+    likelier, other = (largely, little) if more > 0 else (little, largely)
+    return replace(likelier, largely=more, other=other)
 
 
 def linear_round(
