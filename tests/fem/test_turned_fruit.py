@@ -9,8 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
+from fem.mismatch.evidence.large_deformation import (
+    LARGE_DEFORMATION,
+    large_deformation,
+    leave_large_deformation,
+)
 from fem.mismatch.evidence.linear_evidence import GraspEquations
-from fem.mismatch.evidence.turned_fruit import from_first_loading, turned_fruit
+from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -39,8 +44,9 @@ def turned_case(turn_rad: np.ndarray) -> MismatchCase:
 
 
 def looked_at(case: MismatchCase) -> LinearRound:
-    """The linear round with pose errors alone."""
+    """The linear round with pose errors alone; flesh that moves little."""
     forward, _ = plain_forward_model(case)
+    leave_large_deformation(forward)
     return screened(forward, [GraspEquations.of(forward, one) for one in forward.base.grasps], [POSE_ERROR])
 
 
@@ -48,15 +54,23 @@ def looked_at(case: MismatchCase) -> LinearRound:
 def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
     case = turned_case(TURN_RAD)
     found = looked_at(case)
-    (place,) = (
-        k for k, j in enumerate(found.null.chosen) if found.products.columns[j].name == "turned fruit"
-    )
-    share = nuisances.TURNED + found.null.amounts[place]
+    share, _ = found.products.amount_of(TURNED_FRUIT, found.null)
     monkeypatch.setattr(nuisances, "turned_fruit", lambda *_: None)
     without = looked_at(case)
     assert share == pytest.approx(1.0, abs=0.1)
     assert found.best[0].gain < 3
     assert without.best[0].gain > 100
+
+
+def test_who_takes_large_deformation_in_takes_the_turn_in_too():
+    forward, _ = plain_forward_model(turned_case(TURN_RAD))
+    (recording,) = forward.base.grasps
+    (column,) = (one for one in nuisances.common_nuisances(forward) if one.name == LARGE_DEFORMATION)
+    (flesh,), turn = large_deformation(forward), turned_fruit(forward, recording)
+    np.testing.assert_allclose(column.fields[0].markers, forward.compliance * flesh + turn, rtol=1e-12)
+    (alone,) = nuisances.other_nuisances(forward)
+    assert (alone.name, alone.stands_in) == (TURNED_FRUIT, True)
+    np.testing.assert_array_equal(alone.fields[0].markers, turn)
 
 
 def test_nothing_is_added_where_the_fruit_does_not_turn():
