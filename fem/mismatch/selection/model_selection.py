@@ -131,13 +131,13 @@ def select_likelier_model(
         return linear, found
     again = select_model(forward, other, detected=detected, null_case=null_case)
     evidence, others = (
-        one.null.log_evidence + max(0.0, *(own.gain for own in selected.ranking))
+        one.null.log_evidence + max([0.0, *(own.gain for own in selected.ranking)])
         for one, selected in ((linear, found), (other, again))
     )
+    more = float(np.sign(linear.largely) * (evidence - others))
     if others <= evidence:
-        return linear, found
-    way = -np.sign(linear.largely)
-    return replace(other, largely=float(way * (others - evidence)), other=linear), again
+        return replace(linear, largely=more), found
+    return replace(other, largely=more, other=linear), again
 
 
 def select_model(

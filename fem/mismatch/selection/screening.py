@@ -70,7 +70,7 @@ class LinearRound:
     @property
     def evidence(self) -> float:
         """ln evidence of the plain model, or of the best effect beside it."""
-        return self.null.log_evidence + max(0.0, *(one.gain for one in self.best))
+        return self.null.log_evidence + max([0.0, *(one.gain for one in self.best)])
 
 
 def screened(

@@ -1,0 +1,86 @@
+"""Which of two linear rounds stands: of flesh that deforms largely, or of flesh that moves little."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from fem.mismatch.selection import model_selection
+from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_likelier_model
+from fem.mismatch.selection.screening import LinearRound
+from fem.mismatch.thresholds import CLEARLY_LARGELY
+
+LITTLE, LARGELY, STILL_LESS = -130.0, -100.0, -140.0
+"""ln evidence of the plain model, by which a round is known here."""
+GAINS = {LITTLE: 40.0, LARGELY: 5.0, STILL_LESS: 40.0}
+NULL_CASE = NullCase(chi2=1.0, most_chi2=1.0, compliance_ratio=1.0)
+
+
+def linear_round(
+    log_evidence: float, *, largely: float = 0.0, other: LinearRound | None = None
+) -> LinearRound:
+    return LinearRound(
+        products=None,
+        nuisances=(),
+        null=SimpleNamespace(log_evidence=log_evidence),
+        linear_fits=(),
+        best=(),
+        pairs=(),
+        without={},
+        largely=largely,
+        other=other,
+    )
+
+
+@pytest.fixture
+def selected(monkeypatch):
+    """Whose full models were asked for: they gain GAINS beside flesh of each kind."""
+    asked = []
+
+    def select_model(_, linear, **__):
+        asked.append(linear.null.log_evidence)
+        gain = GAINS[linear.null.log_evidence]
+        return ModelSelection(ranking=(SimpleNamespace(gain=gain),), verdict=f"{gain:g}", without={})
+
+    monkeypatch.setattr(model_selection, "select_model", select_model)
+    return asked
+
+
+def likelier(
+    largely: float, *, detected: bool = True, other: float = LITTLE
+) -> tuple[LinearRound, ModelSelection]:
+    first = linear_round(LARGELY, largely=largely, other=linear_round(other))
+    return select_likelier_model(None, first, detected=detected, null_case=NULL_CASE)
+
+
+def test_full_models_decide_where_signatures_leave_it_open(selected):
+    linear, found = likelier(10.0)
+    assert selected == [LARGELY, LITTLE]
+    assert (linear.null.log_evidence, found.verdict) == (LITTLE, "40")
+    assert linear.largely == pytest.approx(-5.0)  # -130 + 40 against -100 + 5
+    assert linear.other is not None
+    assert linear.other.null.log_evidence == LARGELY
+
+
+def test_a_round_that_still_stands_has_the_full_models_evidence(selected):
+    linear, found = likelier(10.0, other=STILL_LESS)
+    assert selected == [LARGELY, STILL_LESS]
+    assert (linear.null.log_evidence, found.verdict) == (LARGELY, "5")
+    assert linear.largely == pytest.approx(5.0)  # -100 + 5 against -140 + 40
+
+
+@pytest.mark.parametrize(("largely", "detected"), [(CLEARLY_LARGELY + 1, True), (10.0, False)])
+def test_where_it_is_clear_or_nothing_is_found_the_other_is_not_tried(selected, largely, detected):
+    linear, found = likelier(largely, detected=detected)
+    assert selected == [LARGELY]
+    assert (linear.null.log_evidence, linear.largely, found.verdict) == (LARGELY, largely, "5")
+
+
+def test_without_large_deformation_there_is_one_round(selected):
+    alone = linear_round(LARGELY)
+    linear, _ = select_likelier_model(None, alone, detected=True, null_case=NULL_CASE)
+    assert linear is alone
+    assert selected == [LARGELY]
+
+
+def test_a_round_without_effects_has_the_plain_models_evidence():
+    assert linear_round(LITTLE).evidence == LITTLE
