@@ -29,7 +29,7 @@ import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.linear_evidence import GraspEquations
-from fem.mismatch.procedure import detection_statistics, plain_forward_model
+from fem.mismatch.procedure import detection, plain_forward_model
 from fem.mismatch.selection.detection import p_values_against
 from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
@@ -80,7 +80,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         forward, _ = plain_forward_model(replace(handed, grasps=handed.grasps[:grasps]))
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, EFFECTS, without_discrepancy_of=without)
-    statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
+    _, _, statistics = detection(linear, recorded, forward.compliance_ratio)
     shown: dict[str, dict[str, Any]] = {}
     for one in sorted(linear.linear_fits, key=lambda own: -own.gain):
         shown.setdefault(

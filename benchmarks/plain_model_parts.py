@@ -24,8 +24,7 @@ from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT
 from fem.mismatch.evidence.withheld_response import WITHHELD, leave_withheld, withheld_response
 from fem.mismatch.model.forward_model import ForwardModel, MemoTable
-from fem.mismatch.procedure import detection_statistics, plain_forward_model
-from fem.mismatch.selection.detection import p_values
+from fem.mismatch.procedure import detection, plain_forward_model
 from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
@@ -40,7 +39,7 @@ def linear_line(forward: ForwardModel) -> str:
     """p-value, statistics, shares, and the gain and amounts of the effects that gain most."""
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, EFFECTS)
-    statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
+    p_value, _, statistics = detection(linear, recorded, forward.compliance_ratio)
     best = ", ".join(
         f"{one.name} {one.gain:.1f} nats ({', '.join(f'{x:.3g}' for x in one.amounts)})"
         for one in linear.best[:SHOWN]
@@ -51,7 +50,7 @@ def linear_line(forward: ForwardModel) -> str:
     }
     shares = ", ".join(f"{name} {value:.2f} +- {sd:.2f}" for name, (value, sd) in found.items())
     modulus = 1 / (forward.compliance * (1 + float(linear.null.amounts[0])))
-    return f"p {p_values(statistics)[0]:.3f}, E {modulus:.4g} MPa, {said}; {shares or 'no shares'}: {best}"
+    return f"p {p_value:.3f}, E {modulus:.4g} MPa, {said}; {shares or 'no shares'}: {best}"
 
 
 def added_um(forward: ForwardModel) -> list[float]:

@@ -40,7 +40,7 @@ class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them, samples of residuals.
 
     `columns`: dicts of name, sd, mean, positive, least and role ("plain", "nuisance", "discrepancy",
-    "signature").
+    "stand-in", "signature").
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
@@ -123,6 +123,9 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
     for j in linear.nuisances:
         roles[j] = "nuisance" if linear.products.columns[j].discrepancy_of is None else "discrepancy"
+    for j, column in enumerate(linear.products.columns):
+        if column.stands_in:
+            roles[j] = "stand-in"
     columns = [
         {
             "name": one.name,

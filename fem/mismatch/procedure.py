@@ -10,7 +10,7 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
-from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
@@ -66,8 +66,7 @@ def explain(
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
-        statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
-        p_value, each = p_values(statistics)
+        p_value, each, _ = detection(linear, recorded, forward.compliance_ratio)
         detected = p_value < DETECTION_P
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
@@ -143,7 +142,7 @@ def _on_large_deformation(
     verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
 ) -> list[str]:
     """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
-    if verdict == UNKNOWN or linear.largely < CLEAR:
+    if verdict == UNKNOWN or not linear.deforms_largely:
         return []
     products, fit = (linear.products, linear.null) if best is None else (best.products, best.fit)
     share = products.amount_of(LARGE_DEFORMATION, fit)
@@ -214,6 +213,23 @@ def plain_fits(base: Baseline) -> list[CompliantFit]:
 
 def _median_compliance(fits: Sequence[CompliantFit]) -> float:
     return float(np.median([fit.compliance for fit in fits]))
+
+
+def detection(
+    linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float, *, kept: float = 1.0
+) -> tuple[float, dict[str, float], dict[str, float]]:
+    """The p-value, each statistic's own, and the statistics; `kept`: share of the frames, of thinned ones.
+
+    Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
+    effect may choose the plain model against which it is tested.
+    """
+    rounds = [linear] if linear.other is None else [linear, linear.other]
+    found = []
+    for one in rounds:
+        statistics = detection_statistics(one, recorded, compliance_ratio)
+        statistics["what is left"] *= kept
+        found.append((*p_values(statistics), statistics))
+    return max(found, key=lambda one: one[0])
 
 
 def detection_statistics(

@@ -38,7 +38,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
-from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION, leave_large_deformation
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -50,8 +50,8 @@ from fem.mismatch.model.inner_changes import LEADING, OfInnerChange, inner_chang
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
-from fem.mismatch.procedure import detection_statistics, plain_fits
-from fem.mismatch.selection.detection import null_gain, p_values
+from fem.mismatch.procedure import detection, plain_fits
+from fem.mismatch.selection.detection import null_gain
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.mismatch.thresholds import DETECTION_P, EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
@@ -129,22 +129,21 @@ def screen(
         leave_large_deformation(forward)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(forward), noise_draws=1)
-    statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
     numbers = np.array([one.own.shape[1] for one in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
-    statistics["what is left"] *= float(numbers.sum() / (numbers / kept).sum())
-    p_value, _ = p_values(statistics)
+    share = float(numbers.sum() / (numbers / kept).sum())
+    p_value, _, statistics = detection(linear, recorded, forward.compliance_ratio, kept=share)
     found = p_value < DETECTION_P
-    clear = linear.largely > CLEAR and not found
-    share = linear.products.amount_of(LARGE_DEFORMATION, linear.null) if clear else None
+    clear = linear.deforms_largely and not found
+    share_of_it = linear.products.amount_of(LARGE_DEFORMATION, linear.null) if clear else None
     return Screened(
         p_value=p_value,
         names=suggested(linear, forward.compliance_ratio) if found else (),
         statistics=statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        large_deformation=share,
+        large_deformation=share_of_it,
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 

@@ -36,6 +36,11 @@ from reports.entries import (
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
+    "large_deformation": EffectWords(  # in records of before it was part of the plain model
+        short="large deformation of the flesh, which is no fault",
+        meaning="Under the same force soft flesh moves otherwise than the linear law says.",
+        advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
+    ),
     UNKNOWN: EffectWords(
         short="something that none of the known effects explains",
         meaning="The recordings differ from the model by more than noise.",

@@ -2,11 +2,14 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from fem.mismatch import procedure
+from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_likelier_model
-from fem.mismatch.selection.screening import LinearRound
+from fem.mismatch.selection.screening import LinearRound, violates_sign_constraint
 from fem.mismatch.thresholds import CLEARLY_LARGELY
 
 LITTLE, LARGELY, STILL_LESS = -130.0, -100.0, -140.0
@@ -80,6 +83,25 @@ def test_without_large_deformation_there_is_one_round(selected):
     linear, _ = select_likelier_model(None, alone, detected=True, null_case=NULL_CASE)
     assert linear is alone
     assert selected == [LARGELY]
+
+
+def test_p_is_that_of_the_round_which_recordings_contradict_less(monkeypatch):
+    def statistics(linear, *_):
+        return {"best single": linear.null.log_evidence, "what is left": 1.0}
+
+    monkeypatch.setattr(procedure, "detection_statistics", statistics)
+    monkeypatch.setattr(procedure, "p_values", lambda own: (-own["best single"] / 1000, own))
+    first = linear_round(LARGELY, other=linear_round(LITTLE))
+    p_value, _, own = procedure.detection(first, [], 1.0, kept=0.5)
+    assert (p_value, own["best single"], own["what is left"]) == (0.13, LITTLE, 0.5)
+    assert procedure.detection(linear_round(LARGELY), [], 1.0)[0] == 0.1
+
+
+def test_an_amount_that_is_less_than_means_anything_violates_its_sign():
+    path = Regressor(name="path", sd=1.0, fields=(), positive=True, least=0.5)
+    products = SimpleNamespace(columns=[None, path])
+    assert violates_sign_constraint(products, (1,), np.array([0.4]))
+    assert not violates_sign_constraint(products, (1,), np.array([0.6]))
 
 
 def test_a_round_without_effects_has_the_plain_models_evidence():

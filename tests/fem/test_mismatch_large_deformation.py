@@ -123,11 +123,17 @@ def test_another_prior_of_its_column_is_as_if_it_had_been_there_from_the_start(n
     injected, _ = neo_hookean
     recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
     column = large_deformation_column(injected)
-    begun = GramMatrix(injected, recorded, [replace(column, mean=0.2, sd=0.3)]).fit([1])
-    moved = GramMatrix(injected, recorded, [column]).with_prior(LARGE_DEFORMATION, 0.2, 0.3).fit([1])
-    assert moved.log_evidence == pytest.approx(begun.log_evidence, rel=1e-9)
-    assert moved.amounts == pytest.approx(begun.amounts, rel=1e-6)
-    assert begun.amounts[1] != pytest.approx(column.mean, abs=0.01)
+    begun = GramMatrix(injected, recorded, [replace(column, mean=0.2, sd=0.3)])
+    moved = GramMatrix(injected, recorded, [column]).with_prior(LARGE_DEFORMATION, 0.2, 0.3)
+    np.testing.assert_allclose(moved.data[0].markers, begun.data[0].markers, atol=1e-12)
+    for one, other in ((moved.products, begun.products), (moved.weighed, begun.weighed)):
+        np.testing.assert_allclose(one[0], other[0], atol=1e-9 * float(np.abs(other[0]).max()))
+    fit = moved.fit([1])
+    assert fit.log_evidence == pytest.approx(begun.fit([1]).log_evidence, rel=1e-9)
+    assert moved.amount_of(LARGE_DEFORMATION, fit) == pytest.approx(
+        begun.amount_of(LARGE_DEFORMATION, begun.fit([1])), rel=1e-6
+    )
+    assert moved.amount_of("none such", fit) is None
 
 
 def test_a_plain_model_that_holds_it_has_no_column_of_it():

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
+from fem.mismatch.evidence.discrepancy_prior import retained_columns
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
     large_deformation,
@@ -17,6 +18,7 @@ from fem.mismatch.evidence.large_deformation import (
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.screening import LinearRound, screened
 
@@ -68,9 +70,20 @@ def test_who_takes_large_deformation_in_takes_the_turn_in_too():
     (column,) = (one for one in nuisances.common_nuisances(forward) if one.name == LARGE_DEFORMATION)
     (flesh,), turn = large_deformation(forward), turned_fruit(forward, recording)
     np.testing.assert_allclose(column.fields[0].markers, forward.compliance * flesh + turn, rtol=1e-12)
-    (alone,) = nuisances.other_nuisances(forward)
+    (alone,) = nuisances.stand_ins(forward)
     assert (alone.name, alone.stands_in) == (TURNED_FRUIT, True)
     np.testing.assert_array_equal(alone.fields[0].markers, turn)
+
+
+def test_beside_a_law_that_holds_large_deformation_the_turn_stands_alone():
+    columns = [
+        Regressor(name=name, sd=1.0, fields=(), stands_in=name == TURNED_FRUIT)
+        for name in ("1/E", "dent", LARGE_DEFORMATION, TURNED_FRUIT, "b")
+    ]
+    own = (1, 2)
+    stiffening = next(effect for effect in EFFECTS if effect.spec.name == "stiffening")
+    assert retained_columns([stiffening], columns, own) == (1, 3)
+    assert retained_columns([POSE_ERROR], columns, own) == own
 
 
 def test_nothing_is_added_where_the_fruit_does_not_turn():

@@ -167,7 +167,7 @@ def test_two_effects_at_once_are_told_with_the_words_of_both():
 
 
 def test_every_name_that_the_screen_may_suggest_has_words():
-    for name in (*SPECS, "unknown"):
+    for name in (*SPECS, "large_deformation", "unknown"):
         (suspect,) = _screen(graded_record(p_value=0.01, names=(name,))).suspects
         assert suspect.short
 

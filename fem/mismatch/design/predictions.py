@@ -21,6 +21,7 @@ from fem.mismatch.design.candidate_grasps import TWICE, PlaceKind, Protocol
 from fem.mismatch.design.placed_candidate import PlacedCourse, candidate_recording, frames_of
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.withheld_response import leave_withheld
@@ -194,9 +195,11 @@ def _nuisance_columns(
 ) -> dict[str, list[Regressor]]:
     """Columns of the nuisances that all recordings share, those of these names, of the candidates.
 
-    An apparent effect that knows time is left out.
+    An apparent effect that knows time is left out, and large deformation where flesh is too soft for it.
     """
     paths = candidates.paths
+    if LARGE_DEFORMATION not in names:
+        leave_large_deformation(paths)
     apparent_effects = [
         effect
         for effect in effects
@@ -238,7 +241,8 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
     slopes = [slope_fields(at, here, far, step) for far, step in zip(ahead, steps, strict=True)]
     amounts, covariance = explained.fit.amounts, explained.fit.covariance
     found = []
-    names = [explained.products.columns[j].name for j in explained.fit.chosen]
+    chosen = [explained.products.columns[j] for j in explained.fit.chosen]
+    names = [column.name for column in chosen]
     for k in range(len(grasps)):
         known: list[tuple[int, ObservationDelta, float]] = []
         plain = ObservationDelta(markers=at.compliance * here.unit[k])
@@ -252,7 +256,7 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
             column = next(iter(candidates.nuisances.get(name, [])[number : number + 1]), None)
             field = None if column is None else column.fields[k]
             if column is not None and field is not None:
-                known.append((place, field, column.mean + float(amount)))
+                known.append((place, field, chosen[place].mean + float(amount)))
         for number, slope in enumerate(slopes):
             place = len(names) - len(slopes) + number
             known.append((place, slope[k], float(amounts[place])))

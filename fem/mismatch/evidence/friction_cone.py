@@ -11,7 +11,8 @@ noise) the displacements tell the ratio many times better than the forces; elsew
     ln ratio(mu) = n1 ln(n1 / m) + n2 ln(n2 / m) - ln(tried) - sum over markers of (z^2 - 16) / 2,   n1 > n2
 
 n1, n2: markers within two standard deviations of mu, and in the windows as wide just below and just above it
-together, m their mean (the likelihood ratio of two Poisson counts, one-sided); z: by how many standard
+together, m their mean (the likelihood ratio of two Poisson counts, one-sided, against a smooth distribution
+that is twice as dense at mu as around it: its top); z: by how many standard
 deviations a marker exceeds mu at most, where that is more than 4. A marker's frames count together as one:
 they are not independent. Only where the window below ends above nothing are they counted: a ratio is the size
 of a vector, of which noise leaves few near nothing, so that ratios known no better than to themselves pile up

@@ -43,9 +43,9 @@ LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 EITHER = 0.5
 """Mean and standard deviation of the share of what large deformation adds, of the flesh
 (fem.mismatch.evidence.large_deformation) and of the fruit that turns (fem.mismatch.evidence.turned_fruit),
-to second order, while nothing says which of LITTLE and LARGELY it is: all of it in real fruit, none where
+to second order, where nothing says which of LITTLE and LARGELY it is: all of it in real fruit, none where
 flesh is taken to move little, as samples.mismatch does for linear flesh. Who takes one of the two in takes
-both in."""
+both in; the turn has a share of its own beside laws that hold the flesh's."""
 FEWEST = 8
 """Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
 motion."""
@@ -92,7 +92,7 @@ def _at_markers(
     return np.zeros_like(like) if field is None or field.markers is None else field.markers
 
 
-def other_nuisances(forward: ForwardModel) -> list[Regressor]:
+def stand_ins(forward: ForwardModel) -> list[Regressor]:
     """Those that stand in for a common one in models that hold part of it by a law of their own: the fruit's
     turn alone, for large deformation.
     """

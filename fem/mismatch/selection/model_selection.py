@@ -134,7 +134,7 @@ def select_likelier_model(
         one.null.log_evidence + max([0.0, *(own.gain for own in selected.ranking)])
         for one, selected in ((linear, found), (other, again))
     )
-    more = float(np.sign(linear.largely) * (evidence - others))
+    more = evidence - others if linear.largely > 0 else others - evidence
     if others <= evidence:
         return replace(linear, largely=more), found
     return replace(other, largely=more, other=linear), again

@@ -37,8 +37,8 @@ def null_reference() -> NullReference:
 def parse_null_reference(statistics: str, quantiles: str) -> NullReference:
     """From the two files' text; a line that begins with # says where the numbers come from.
 
-    Raises ValueError, with file, line and remedy, where a column, number or name is not as written, where a
-    an effect stands twice, or where there are not at least two fruits with two recordings each.
+    Raises ValueError, with file, line and remedy, where a column, number or name is not as written, where an
+    effect stands twice, or where there are not at least two fruits with two recordings each.
     """
     rows = _rows(statistics, STATISTICS_FILE, ("fruit", *STATISTICS))
     fruits = [_whole(row[0], STATISTICS_FILE, line) for line, row in rows]

@@ -12,9 +12,15 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, LARGELY, LITTLE, large_deformation
+from fem.mismatch.evidence.large_deformation import (
+    CLEAR,
+    LARGE_DEFORMATION,
+    LARGELY,
+    LITTLE,
+    large_deformation,
+)
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
-from fem.mismatch.evidence.nuisances import common_nuisances, other_nuisances
+from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -43,7 +49,7 @@ class LinearFit:
 
     @property
     def name(self) -> str:
-        """The effect's."""
+        """The name of its effect."""
         return self.effect.spec.name
 
 
@@ -66,6 +72,11 @@ class LinearRound:
     without: dict[str, str]
     largely: float = 0.0
     other: "LinearRound | None" = None
+
+    @property
+    def deforms_largely(self) -> bool:
+        """Whether that is clear."""
+        return self.largely > CLEAR
 
     @property
     def evidence(self) -> float:
@@ -102,7 +113,7 @@ def screened(
         *common_nuisances(forward),
         *discrepancy_columns(forward, recording, without=without_discrepancy_of),
     ]
-    columns: list[Regressor] = [*known, *other_nuisances(forward)]
+    columns: list[Regressor] = [*known, *stand_ins(forward)]
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
@@ -202,7 +213,7 @@ def _linear_fit(
     signature: Signature,
     columns: tuple[int, ...],
 ) -> LinearFit:
-    """One signature fitted beside the nuisances; it gains nothing with an amount of the wrong sign."""
+    """One signature fitted beside the nuisances; it gains nothing with an amount that has no meaning."""
     fit = products.fit([*own, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
