@@ -11,6 +11,7 @@ from coarse_fruit import NU
 from drained_flesh import drained
 from injected_mismatch import E_MPA, TIME_S, Altered, injected_case
 from pinched_forward_model import COMPLIANCE, FRAMES, forward_of
+from plain_model import plain_forward_model
 
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
@@ -18,7 +19,6 @@ from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelasti
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.reduced_law import ReducedLaw
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound, screened
