@@ -93,7 +93,7 @@ def point_map(camera: Camera, egg: Egg, rows: int, columns: int) -> np.ndarray:
 def _rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     bent = (pixels - camera.middle_px) / camera.focal_px
     xy = bent.copy()
-    for _ in range(5):
+    for _ in range(5 if camera.k1 else 0):
         xy = bent / (1 + camera.k1 * np.sum(xy**2, axis=1, keepdims=True))
     rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.cam_from_world[:3, :3]
     return camera.place, rays / np.linalg.norm(rays, axis=1, keepdims=True)
