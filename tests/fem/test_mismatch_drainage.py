@@ -125,7 +125,8 @@ def gains(linear: LinearRound) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("share", "least_gain", "share_off", "tau_off"), [(0.85, 2000, 0.05, 0.12), (0.4, 150, 0.05, 0.15)]
+    ("share", "least_gain", "share_off", "tau_off"),
+    [pytest.param(0.85, 2000, 0.05, 0.12, marks=pytest.mark.proof), (0.4, 150, 0.05, 0.15)],
 )
 def test_draining_flesh_is_found_with_its_share_its_time_and_the_modulus(
     share: float, least_gain: float, share_off: float, tau_off: float

@@ -110,7 +110,7 @@ def rounds(altered: Altered) -> tuple[ForwardModel, LinearRound]:
     return forward, screened(forward, recorded, EFFECTS)
 
 
-@pytest.mark.parametrize("angle_deg", [10.0, 40.0])
+@pytest.mark.parametrize("angle_deg", [pytest.param(10.0, marks=pytest.mark.proof), 40.0])
 def test_a_split_pit_is_found_with_its_suture_its_share_and_the_modulus(angle_deg: float):
     forward, linear = rounds(about_the_pit(angle_deg))
     best, second = linear.best[:2]
