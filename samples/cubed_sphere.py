@@ -73,7 +73,7 @@ def cubed_sphere(
 
 @lru_cache(maxsize=8)
 def even_sphere(cells: int) -> CubedSphere:
-    """A cubed sphere of `cells` by `cells` near-equal cells per side; kept, so that nobody may write to it."""
+    """A cubed sphere of `cells` by `cells` near-equal cells per side; kept, and not to be written to."""
     angles = np.linspace(-np.pi / 4, np.pi / 4, cells + 1)
     sphere = cubed_sphere(angles, angles, angles)
     for kept in (sphere.directions, *sphere.faces):
