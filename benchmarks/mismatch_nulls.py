@@ -62,7 +62,7 @@ OF_STATISTICS = """\
 #   ratio squared; what is left: chi-square of the plain model per number. fruit: whose recording it is.
 """
 OF_QUANTILES = """\
-# quantile: what nine of ten of these cases stay below of the gain (ln evidence) of a kind of signature over
+# quantile: what nine of ten of these cases stay below of the gain (ln evidence) of an effect over
 #   the compliance ratio of flesh to gel; 0 at least.
 """
 
@@ -84,7 +84,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     shown: dict[str, dict[str, Any]] = {}
     for one in sorted(linear.linear_fits, key=lambda own: -own.gain):
         shown.setdefault(
-            one.kind,
+            one.name,
             {
                 "gain": round(one.gain, 2),
                 "signature": one.signature.label,
@@ -110,18 +110,17 @@ def _gain(row: dict[str, Any], name: str) -> float:
 
 
 def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """What nine of ten rows stay below, kind by kind; an effect tried that has no signature gains nothing.
+    """What nine of ten rows stay below, effect by effect; one tried that has no signature gains nothing.
 
     A row without "tried" is of before that was written down: of what it has a signature of.
     """
-    kinds = {kind: name for name, spec in SPECS.items() for kind in spec.kinds}
     gains = {
-        kind: [
-            _gain(row, kind) if kind in row["shown"] else 0.0
+        effect: [
+            _gain(row, effect) if effect in row["shown"] else 0.0
             for row in rows
-            if kind in row["shown"] or kinds.get(kind) in row.get("tried", ())
+            if effect in row["shown"] or effect in row.get("tried", ())
         ]
-        for kind in sorted({kind for row in rows for kind in row["shown"]})
+        for effect in sorted({effect for row in rows for effect in row["shown"]})
     }
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
@@ -163,10 +162,10 @@ def files_of(
     origin = ORIGIN.format(cases=len(lines), fruits=first + len(numbers), written=written)
     if known is not None:
         origin += ADDED.format(first=first)
-    kinds = [[kind, f"{value:.3g}"] for kind, value in sorted(usual.items())]
+    quantiles = [[effect, f"{value:.3g}"] for effect, value in sorted(usual.items())]
     return {
         STATISTICS_FILE: origin + OF_STATISTICS + _csv([["fruit", *STATISTICS], *lines]),
-        QUANTILES_FILE: origin + OF_QUANTILES + _csv([["kind", "quantile"], *kinds]),
+        QUANTILES_FILE: origin + OF_QUANTILES + _csv([["effect", "quantile"], *quantiles]),
     }
 
 

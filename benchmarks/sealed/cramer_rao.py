@@ -41,7 +41,7 @@ def amplitude_bounds(case: ReducedCase, *, E_MPa: float) -> dict[str, float]:
     for one in case.signatures:
         effect, own = one["effect"], list(one["columns"])
         scale = E_MPa if effect == "skin" else PER_AMOUNT.get(effect)
-        if scale is None or not own or one["mode"]:
+        if scale is None or not own:
             continue
         names = [case.columns[j]["name"] for j in own]
         chosen = own if effect != "pose_error" else own[:SHIFTS]

@@ -22,7 +22,7 @@ from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.detection import best_beyond_quantile, null_gain, p_values
 from fem.mismatch.selection.screening import LinearRound, linear_round
-from fem.mismatch.signature_variant import ONE_WAY, InMode
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.mismatch.thresholds import DETECTION_P
 
 PER_GRASP = 100
@@ -31,7 +31,7 @@ Gaussian process fits in seconds (set by hand)."""
 SAMPLE = ("grasp", "pad", "x_mm", "y_mm", "load", "time_s", "residual_mm", "response_mm", "sd_mm")
 """Columns of the samples: along the pad's normal; x and y along the skin from the patch's middle, load as a
 share of the greatest."""
-FORMAT = 1
+FORMAT = 2
 """Of the file; a reader refuses another."""
 
 
@@ -39,8 +39,9 @@ FORMAT = 1
 class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them, samples of residuals.
 
-    `columns`: dicts of name, sd, mean, positive and role ("plain", "nuisance", "discrepancy", "signature").
-    `signatures`: dicts of effect, kind, mode, label, columns, said and direct (what else is known of it, ln).
+    `columns`: dicts of name, sd, mean, positive, least and role ("plain", "nuisance", "discrepancy",
+    "signature").
+    `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
 
@@ -60,7 +61,14 @@ class ReducedCase:
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
         regressors = [
-            Regressor(name=one["name"], sd=one["sd"], mean=one["mean"], positive=one["positive"], fields=())
+            Regressor(
+                name=one["name"],
+                sd=one["sd"],
+                mean=one["mean"],
+                positive=one["positive"],
+                least=one["least"],
+                fields=(),
+            )
             for one in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
@@ -72,8 +80,7 @@ class ReducedCase:
         stored: dict[int, dict[str, Any]] = {}
         gram = self.gram()
         for one in self.signatures:
-            variant = InMode(mode=one["mode"]) if one["mode"] else ONE_WAY
-            signature = Signature(variant=variant, columns=tuple(gram.columns[j] for j in one["columns"]))
+            signature = Signature(variant=ONE_WAY, columns=tuple(gram.columns[j] for j in one["columns"]))
             stored[id(signature)] = one
             found.append((effects[one["effect"]], signature, tuple(one["columns"])))
         return linear_round(
@@ -90,7 +97,7 @@ class ReducedCase:
     def statistics(self, linear: LinearRound) -> dict[str, float]:
         """Those of fem.mismatch.procedure.detection_statistics."""
         ratio = float(self.facts["compliance_ratio"])
-        gains = ((one.kind, one.gain) for one in linear.linear_fits)
+        gains = ((one.name, one.gain) for one in linear.linear_fits)
         return {
             "best single": best_beyond_quantile(gains, ratio),
             "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / ratio**2,
@@ -102,7 +109,7 @@ class ReducedCase:
         if p_values(self.statistics(linear))[0] >= DETECTION_P:
             return NONE
         ratio = float(self.facts["compliance_ratio"])
-        best = max(linear.linear_fits, key=lambda one: one.gain - null_gain(one.kind, ratio))
+        best = max(linear.linear_fits, key=lambda one: one.gain - null_gain(one.name, ratio))
         return str(best.effect.spec.name)
 
 
@@ -117,13 +124,19 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     for j in linear.nuisances:
         roles[j] = "nuisance" if linear.products.columns[j].discrepancy_of is None else "discrepancy"
     columns = [
-        {"name": one.name, "sd": one.sd, "mean": one.mean, "positive": one.positive, "role": role}
+        {
+            "name": one.name,
+            "sd": one.sd,
+            "mean": one.mean,
+            "positive": one.positive,
+            "least": one.least,
+            "role": role,
+        }
         for one, role in zip(linear.products.columns, roles, strict=True)
     ]
     signatures = [
         {
             "effect": one.effect.spec.name,
-            "mode": one.signature.variant.mode if isinstance(one.signature.variant, InMode) else "",
             "label": one.signature.label,
             "columns": list(one.columns),
             "said": one.auxiliary_log_likelihood - one.direct,

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from fem.mismatch.signature_variant import InMode, Variant
-
 Family = Literal["object", "interaction", "measurement"]
 Kind = Literal["number", "pair", "triple", "pad"]
 KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
@@ -283,15 +281,14 @@ class EffectSpec:
 
     `correction`: what grading puts right for it; None where it changes how flesh or contact answers a force.
     `of_the_pit`: there is none of it without a pit. `separated_by`: the recording that separates it from
-    another effect; each pair stands in one of the two specs. `modes`: ways to show whose gain on null cases
-    is their own, not that of its other ways. `always_refitted`: however little the linear round makes of it.
-    `holds_large_deformation`: its law counts from small strain on, and holds the flesh's large deformation
-    too. `in_recorded_forces`: the recorded forces already contain all that it does. The plain model, driven
-    by those forces, then predicts the markers as well as with it: `respond` returns the plain model's
-    displacement unchanged, E needs no correction, and nothing is written into `batch.toml`. Example:
-    `adhesion`, whose pull at the skin the gel records as force. `knows_time`: its response depends on when
-    the forces act or how fast the jaws go, not only on their course. `remembers_grasps`: what one recording
-    has done to the flesh the next ones find so.
+    another effect; each pair stands in one of the two specs. `always_refitted`: however little the linear
+    round makes of it. `holds_large_deformation`: its law counts from small strain on, and holds the flesh's
+    large deformation too. `in_recorded_forces`: the recorded forces already contain all that it does. The
+    plain model, driven by those forces, then predicts the markers as well as with it: `respond` returns the
+    plain model's displacement unchanged, E needs no correction, and nothing is written into `batch.toml`.
+    Example: `adhesion`, whose pull at the skin the gel records as force. `knows_time`: its response depends
+    on when the forces act or how fast the jaws go, not only on their course. `remembers_grasps`: what one
+    recording has done to the flesh the next ones find so.
     """
 
     name: str
@@ -304,7 +301,6 @@ class EffectSpec:
     of_the_pit: bool = False
     separated_by: tuple[tuple[str, NextGrasp], ...] = ()
     discrepancy: DiscrepancyPrior | None = None
-    modes: tuple[str, ...] = ()
     always_refitted: bool = False
     holds_large_deformation: bool = False
     in_recorded_forces: bool = False
@@ -325,15 +321,6 @@ class EffectSpec:
     def of_the_jaws(self) -> bool:
         """Whether it stays with a sensor or jaw when the fruit is turned."""
         return self.scope in (Scope.SENSOR, Scope.GRIPPER)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Under which names its gains on null cases are known (null_reference): itself, its modes."""
-        return (self.name, *(f"{self.name} {mode}" for mode in self.modes))
-
-    def kind(self, variant: Variant) -> str:
-        """That of one of its signatures."""
-        return f"{self.name} {variant.mode}" if isinstance(variant, InMode) else self.name
 
     def parameter(self, name: str) -> EffectParameter | None:
         """The parameter of that name, of a numbered one's too."""

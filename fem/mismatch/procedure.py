@@ -10,6 +10,7 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
+from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
@@ -112,6 +113,7 @@ def explain(
         checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
         notes=(
+            *_on_large_deformation(found.verdict, linear, best),
             *(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
@@ -131,6 +133,21 @@ WITHDRAWN_NOTE = (
     "{name} is among the best explanations of all recordings together, but leaves more than half of what "
     "those left out of the fit show beyond noise: it stands for something else, and is not named."
 )
+LARGE_DEFORMATION_NOTE = (
+    "The flesh deforms largely: recordings hold {share:.2f} ± {sd:.2f} of what Neo-Hookean flesh does beyond "
+    "small strain. That is no fault, and counts as no mismatch."
+)
+
+
+def _on_large_deformation(
+    verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
+) -> list[str]:
+    """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
+    if verdict == UNKNOWN or linear.largely < CLEAR:
+        return []
+    products, fit = (linear.products, linear.null) if best is None else (best.products, best.fit)
+    share = products.amount_of(LARGE_DEFORMATION, fit)
+    return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 
 def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:
@@ -206,7 +223,7 @@ def detection_statistics(
     count = sum(one.own.shape[1] for one in recorded)
     return {
         "best single": best_beyond_quantile(
-            ((one.kind, one.gain) for one in linear.linear_fits), compliance_ratio
+            ((one.name, one.gain) for one in linear.linear_fits), compliance_ratio
         ),
         "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / compliance_ratio**2,
         "what is left": linear.null.chi2 / count,

@@ -16,7 +16,8 @@ so a name is a suggestion. Against the finder's own linear round
 - NOT_SCREENED effects are left out.
 
 What a confirmed effect or large deformation adds to grading's response (GraspModel.displacement_correction)
-is part of the plain model here: the screen then asks what is left.
+is part of the plain model here: the screen then asks what is left. Any other share of large deformation is a
+nuisance of the plain model (fem.mismatch.evidence.large_deformation).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,6 +38,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
+from fem.mismatch.evidence.large_deformation import CLEAR, LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -50,7 +52,7 @@ from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detection_statistics, plain_fits
 from fem.mismatch.selection.detection import null_gain, p_values
-from fem.mismatch.selection.screening import LinearFit, LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.mismatch.thresholds import DETECTION_P, EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -67,10 +69,6 @@ has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of CPU
 PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
 sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
-LARGE_DEFORMATION = "large_deformation"
-"""How the screen names `stiffening` by the Neo-Hookean law alone: what soft flesh does without stiffening."""
-LARGE_DEFORMATION_KIND = "stiffening neo-hookean"
-"""Its kind (EffectSpec.kinds)."""
 UNKNOWN = "unknown"
 """Where there is more than noise and no effect gains beyond what it gains on sound recordings."""
 TOO_FEW = (
@@ -97,6 +95,8 @@ class Amount:
 class Screened:
     """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
     effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
+    `large_deformation`: how much of what Neo-Hookean flesh does beyond small strain the recordings hold, and
+    its standard deviation, where they clearly hold some and nothing else is found; no fault.
     """
 
     p_value: float
@@ -104,6 +104,7 @@ class Screened:
     statistics: dict[str, float]
     gains: dict[str, float]
     amounts: tuple[Amount, ...]
+    large_deformation: tuple[float, float] | None = None
     note: str = ""
 
 
@@ -113,16 +114,19 @@ def screen(
     E_MPa: float,
     models: Sequence[GraspModel],
     solids: Mapping[Support, UnitModulusSolid] | None = None,
+    holds_large_deformation: bool = False,
 ) -> Screened:
     """The linear round of a fruit that grading has just gone through.
 
     `E_MPa`, `models`: what grading found, one model for each grasp of `case`, about the same mesh. `solids`:
-    grading's, where they are still there. Raises FemFailure where a recording cannot be projected, the fit
-    gives no 1/E above zero, or one recording is all there is.
+    grading's, where they are still there. `holds_large_deformation`: the models do. Raises FemFailure where a
+    recording cannot be projected, the fit gives no 1/E above zero, or one recording is all there is.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     forward = _forward_model(case, E_MPa, models, solids or {})
+    if holds_large_deformation:
+        leave_large_deformation(forward)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(forward), noise_draws=1)
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
@@ -131,24 +135,24 @@ def screen(
     kept = np.array([recording.kept for recording in forward.base.grasps])
     statistics["what is left"] *= float(numbers.sum() / (numbers / kept).sum())
     p_value, _ = p_values(statistics)
+    found = p_value < DETECTION_P
+    clear = linear.largely > CLEAR and not found
+    share = linear.products.amount_of(LARGE_DEFORMATION, linear.null) if clear else None
     return Screened(
         p_value=p_value,
-        names=suggested(linear, forward.compliance_ratio) if p_value < DETECTION_P else (),
+        names=suggested(linear, forward.compliance_ratio) if found else (),
         statistics=statistics,
-        gains={one.kind: one.gain for one in linear.best},
+        gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
+        large_deformation=share,
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 
 def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
-    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin.
-
-    Large deformation comes first among them: all flesh deforms largely under these forces, and whatever looks
-    like it has to beat it.
-    """
+    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin."""
     beyond = sorted(
-        ((one.gain - null_gain(one.kind, compliance_ratio), one) for one in linear.best),
+        ((one.gain - null_gain(one.name, compliance_ratio), one) for one in linear.best),
         key=lambda pair: -pair[0],
     )
     beyond = [pair for pair in beyond if pair[0] > 0]
@@ -156,14 +160,9 @@ def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
         return (UNKNOWN,)
     if linear.pairs and linear.pairs[0][0] > beyond[0][0] + PAIR_GAIN * compliance_ratio:
         _, first, second = linear.pairs[0]
-        return ("+".join(sorted((_name(first), _name(second)))),)
+        return ("+".join(sorted((first.effect.spec.name, second.effect.spec.name))),)
     margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
-    names = [_name(one) for gain, one in beyond if gain > beyond[0][0] - margin]
-    return tuple(sorted(names, key=lambda name: name != LARGE_DEFORMATION))
-
-
-def _name(one: LinearFit) -> str:
-    return LARGE_DEFORMATION if one.kind == LARGE_DEFORMATION_KIND else one.effect.spec.name
+    return tuple(one.effect.spec.name for gain, one in beyond if gain > beyond[0][0] - margin)
 
 
 def _forward_model(

@@ -57,19 +57,7 @@ class AtPlace:
         return f"{x:.2f} {y:.2f} {z:.2f} radius {self.radius_mm:.2f} mm"
 
 
-@dataclass(frozen=True, kw_only=True)
-class InMode:
-    """A way of its own, one of EffectSpec.modes; what it gains on null cases is its own too."""
-
-    mode: str
-
-    @property
-    def label(self) -> str:
-        """The mode."""
-        return self.mode
-
-
-Variant: TypeAlias = OneWay | OfPad | AtValue | AtPlace | InMode
+Variant: TypeAlias = OneWay | OfPad | AtValue | AtPlace
 ONE_WAY = OneWay()
 
 

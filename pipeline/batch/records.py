@@ -260,7 +260,8 @@ class ScreenRecord(_Record):
     likeliest first, or in `failure` why it says nothing.
 
     `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
-    all fruit of a batch have in common. `note`: what was left out.
+    all fruit of a batch have in common. `large_deformation`: share of what Neo-Hookean flesh does beyond
+    small strain, and its standard deviation, where nothing but that is found. `note`: what was left out.
     """
 
     p_value: float | None = None
@@ -268,6 +269,7 @@ class ScreenRecord(_Record):
     statistics: dict[str, float] = {}
     gains: dict[str, float] = {}
     amounts: tuple[AmountRecord, ...] = ()
+    large_deformation: tuple[float, float] | None = None
     note: str = ""
     failure: str = ""
     again: bool = False

@@ -63,6 +63,9 @@ def screened_fruit(
         budget=fruit.budget,
     )
 
+    confirmed = in_the_model(task.settings.mismatch)
+    large = task.settings.flesh.model == "neo-hookean"
+
     def compute() -> KeptScreen:
         try:
             said = screen(
@@ -70,12 +73,12 @@ def screened_fruit(
                 E_MPa=1 / float(np.median([1 / own.E_MPa for _, _, own in usable])) if usable else 1.0,
                 models=[model for _, model, _ in usable],
                 solids=solids,
+                holds_large_deformation=large or any(one.spec.holds_large_deformation for one in confirmed),
             )
         except FemFailure as failure:
             return KeptScreen(screen=ScreenRecord(failure=failure.detail))
         return KeptScreen(screen=_record(said, fruit.placed, placed))
 
-    effects = [one.effect for one in in_the_model(task.settings.mismatch)]
     key = stage_key(
         STAGE,
         files=[],
@@ -86,7 +89,7 @@ def screened_fruit(
             fruit.poisson_ratio,
             astuple(fruit.budget),
             task.settings.flesh.model,
-            effects,
+            [one.effect for one in confirmed],
             keyed(task.settings.mismatch),
         ],
         rooms=("pipeline", "fem"),
@@ -113,6 +116,7 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
             AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
             for one in said.amounts
         ),
+        large_deformation=said.large_deformation,
         note="; ".join(part for part in (without, said.note) if part),
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
-from fem.mismatch.screen import LARGE_DEFORMATION, UNKNOWN
+from fem.mismatch.screen import UNKNOWN
 from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
@@ -36,11 +36,6 @@ from reports.entries import (
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
-    LARGE_DEFORMATION: EffectWords(
-        short="large deformation of the flesh (no fault: the model's law is that of small strain)",
-        meaning="Under the same force soft flesh moves otherwise than the linear law says.",
-        advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
-    ),
     UNKNOWN: EffectWords(
         short="something that none of the known effects explains",
         meaning="The recordings differ from the model by more than noise.",
@@ -230,6 +225,7 @@ def _screen(record: FruitRecord) -> ScreenEntry | None:
     return ScreenEntry(
         p_value=said.p_value,
         suspects=tuple(map(_suspect, said.names)),
+        large_deformation=said.large_deformation,
         why_not=said.failure.rstrip("."),
         note=said.note,
     )

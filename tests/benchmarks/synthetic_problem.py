@@ -25,11 +25,18 @@ def problem(
         rows.append(np.arange(len(names)))
         products.append(both @ both.T)
     columns = [
-        {"name": name, "sd": 3.0, "mean": 0.0, "positive": name == "gripper_compliance", "role": role}
+        {
+            "name": name,
+            "sd": 3.0,
+            "mean": 0.0,
+            "positive": name == "gripper_compliance",
+            "least": 0.0,
+            "role": role,
+        }
         for name, role in zip(names, ["plain", "nuisance"] + ["signature"] * len(EFFECTS), strict=True)
     ]
     signatures = [
-        {"effect": name, "mode": "", "label": "", "columns": [2 + k], "said": 0.0, "direct": 0.0}
+        {"effect": name, "label": "", "columns": [2 + k], "said": 0.0, "direct": 0.0}
         for k, name in enumerate(EFFECTS)
     ]
     return ReducedCase(

@@ -1,4 +1,4 @@
-"""Large deformation as a signature of stiffening: against Newton, and found where it is all there is."""
+"""Large deformation as part of the plain model: against Newton, and found where it is all there is."""
 
 from dataclasses import replace
 
@@ -8,14 +8,22 @@ from coarse_fruit import NU
 from pinched_forward_model import forward_of
 
 from fem.elements.assembly import unit_lame_constants
+from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.large_deformation import (
+    CLEAR,
+    LARGE_DEFORMATION,
+    large_deformation,
+    leave_large_deformation,
+)
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.result import Parameter
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.screening import screened
-from fem.mismatch.signature_variant import ONE_WAY, InMode
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.finite_strain import FiniteStrainSolid
 
 MU, LAME = unit_lame_constants(NU)
@@ -56,39 +64,76 @@ def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
     return recording.at_markers(moved[:, solid.contact_nodes])
 
 
-def neo_hookean_signature(forward: ForwardModel) -> np.ndarray:
-    found = next(
-        one for one in stiffening.EFFECT.signatures(forward) if one.variant == InMode(mode="neo-hookean")
-    )
-    return found.columns[0].fields[0].markers
+def large_deformation_column(forward: ForwardModel) -> Regressor:
+    (found,) = (one for one in common_nuisances(forward) if one.name == LARGE_DEFORMATION)
+    return found
 
 
 @pytest.mark.slow
-def test_neo_hookean_signature_is_what_newtons_method_makes_of_the_law(monkeypatch):
+def test_its_column_is_what_newtons_method_makes_of_neo_hookean_flesh(monkeypatch):
     monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
     forward = forward_of()
     beyond = by_newton(forward) - 1e3 * by_newton(forward, share=1e-3)
-    signature = neo_hookean_signature(forward)
+    signature = large_deformation_column(forward).fields[0].markers
     size = np.linalg.norm(signature), np.linalg.norm(beyond)
     assert (signature * beyond).sum() / np.prod(size) > 0.999
     assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.slow
-def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
+@pytest.fixture(scope="module")
+def neo_hookean() -> tuple[ForwardModel, LinearRound]:
+    """Soft flesh that deforms largely and does nothing else, and its linear round."""
     softer = replace(forward_of(), compliance=12.0)
     recording = softer.base.grasps[0]
     tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
     injected = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
     recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
-    linear = screened(injected, recorded, [stiffening.EFFECT])
-    shown = linear.best[0]
-    assert shown.kind == "stiffening neo-hookean"
-    assert shown.gain > 3
-    assert shown.amounts[0] == pytest.approx(1.0, abs=0.1)
-    again = refit(injected, linear, (shown,))
-    assert again.parameters[0]["b"] < 0.5 < stiffening.HARDLY
-    assert again.at_an_end == (False,)
+    return injected, screened(injected, recorded, [stiffening.EFFECT])
+
+
+@pytest.mark.slow
+def test_neo_hookean_flesh_is_seen_to_deform_largely_and_not_to_stiffen(neo_hookean):
+    _, linear = neo_hookean
+    share = linear.products.amount_of(LARGE_DEFORMATION, linear.null)
+    assert share[0] == pytest.approx(1.0, abs=0.1)
+    assert linear.largely > CLEAR
+    assert linear.best[0].gain < 0
+
+
+@pytest.mark.slow
+def test_stiffening_holds_large_deformation_itself(neo_hookean):
+    """Its refit goes without the plain model's, and finds no more b than it starts from."""
+    injected, linear = neo_hookean
+    again = refit(injected, linear, (linear.best[0],))
+    columns = [linear.products.columns[j].name for j in linear.nuisances]
+    assert LARGE_DEFORMATION in columns
+    assert again.products.amount_of(LARGE_DEFORMATION, again.fit) is None
+    assert again.parameters[0]["b"] <= 1.0
+
+
+def test_linear_flesh_is_not_said_to_deform_largely():
+    forward = forward_of()
+    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    linear = screened(forward, recorded, [stiffening.EFFECT])
+    assert linear.largely < CLEAR
+
+
+@pytest.mark.slow
+def test_another_prior_of_its_column_is_as_if_it_had_been_there_from_the_start(neo_hookean):
+    injected, _ = neo_hookean
+    recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
+    column = large_deformation_column(injected)
+    begun = GramMatrix(injected, recorded, [replace(column, mean=0.2, sd=0.3)]).fit([1])
+    moved = GramMatrix(injected, recorded, [column]).with_prior(LARGE_DEFORMATION, 0.2, 0.3).fit([1])
+    assert moved.log_evidence == pytest.approx(begun.log_evidence, rel=1e-9)
+    assert moved.amounts == pytest.approx(begun.amounts, rel=1e-6)
+    assert begun.amounts[1] != pytest.approx(column.mean, abs=0.01)
+
+
+def test_a_plain_model_that_holds_it_has_no_column_of_it():
+    forward = forward_of()
+    leave_large_deformation(forward)
+    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(forward)]
 
 
 def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
@@ -100,10 +145,10 @@ def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
 
 
 @pytest.mark.parametrize("compliance", [28.0, 60.0])
-def test_large_deformation_that_is_not_found_is_a_signature_that_says_why(compliance):
+def test_large_deformation_that_is_not_found_is_no_column_and_says_why(compliance):
     """Rounds that have not settled, and rounds that ran away."""
     soft = replace(forward_of(), compliance=compliance)
-    plain, large = stiffening.EFFECT.signatures(soft)
-    assert (plain.variant, plain.untried) == (ONE_WAY, "")
-    assert large.columns == ()
-    assert "moves by this law" in large.untried
+    found = large_deformation(soft)
+    assert isinstance(found, FemFailure)
+    assert "moves by this law" in found.detail
+    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(soft)]

@@ -88,6 +88,21 @@ def test_a_smooth_distribution_is_no_cone():
         assert max(ratios.log_ratio(mu) for mu in np.geomspace(0.05, 1.0, 40)) < 1
 
 
+def test_ratios_known_no_better_than_to_themselves_are_no_cone():
+    """The size of a vector of noise is hardly ever near nothing."""
+    rng = np.random.default_rng(3)
+    size = np.linalg.norm(rng.normal(0, 0.05, (4000, 2)), axis=1)
+    ratios = ShearRatios(ratio=size, sd=np.full(4000, 0.03), marker=np.repeat(np.arange(400), 10))
+    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, 0.18, 40)) == 0
+
+
+def test_a_distribution_with_a_broad_top_is_no_cone():
+    rng = np.random.default_rng(4)
+    size = np.linalg.norm(rng.normal(0, 0.06, (4000, 2)), axis=1)
+    ratios = ShearRatios(ratio=size, sd=np.full(4000, 0.01), marker=np.arange(4000))
+    assert max(ratios.pile_up(mu) for mu in np.geomspace(0.05, 0.3, 40)) < 1
+
+
 def test_markers_beyond_a_cone_refute_it():
     ratios = markers(np.random.default_rng(2), 0.2)
     assert ratios.loss(0.1) > 50

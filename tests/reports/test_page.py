@@ -217,14 +217,14 @@ def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> N
         assert ("the pit drawn inside it" in page) == has_pit
 
 
-LARGE = Suspect(name="large_deformation", short="the flesh deforms largely", advice="Set the law.")
+UNEXPLAINED = Suspect(name="unknown", short="something else", advice="Look at it.")
 SKIN = Suspect(name="skin", short="a stiff skin", advice="")
 
 
 def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch: BatchEntry) -> None:
     screens = (
-        ScreenEntry(p_value=0.4),
-        ScreenEntry(p_value=0.0123, suspects=(LARGE, SKIN)),
+        ScreenEntry(p_value=0.4, large_deformation=(0.91, 0.1)),
+        ScreenEntry(p_value=0.0123, suspects=(UNEXPLAINED, SKIN)),
         ScreenEntry(why_not="one recording alone tells too little"),
     )
     fruits = tuple(
@@ -235,9 +235,11 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
         "\u00a0", " "
     )
     assert "none found (p = 0.40)" in shown
-    assert "large deformation? (p = 0.012)" in shown
-    assert "Missing physics suspected (p = 0.012): the flesh deforms largely. The screen cannot" in shown
-    assert "Set the law. drupe explain --fruit f2 says" in shown
+    assert "unknown? (p = 0.012)" in shown
+    assert "Missing physics suspected (p = 0.012): something else. The screen cannot" in shown
+    assert "Look at it. drupe explain --fruit f2 says" in shown
+    assert "the recordings show 0.91 ± 0.10 of what Neo-Hookean flesh does" in shown
+    assert shown.count("Large deformation:") == 1
     assert "Not screened for missing physics: one recording alone tells too little." in shown
     plain = report_html(replace(empty_batch, fruits=fruits[:1]))
     assert 'scope="col">Missing physics' not in plain

@@ -28,11 +28,14 @@ from fem.mismatch.model.slip_path import slip_path
 from fem.mismatch.signature_variant import AtValue, Variant, value_of
 
 MU = "mu"
-STEPS = (1.05, 1.3, 1.6, 2.0)
+STEPS = (1.05, 1.3, 1.6, 2.0, 2.5, 3.1)
 """The mu looked at, over the smallest that the cone allows."""
 LOWEST, HIGHEST = 0.03, 0.8
 """Bounds of mu: wet gel on wax above the least, dry skin that sticks in every grasp at the greatest. Set by
 hand."""
+LEAST_OF_PATH = 0.5
+"""Share of a mu's path below which it is not that path which is seen. Set by hand: from one of the mu looked
+at to the next it shortens by a third."""
 SEEN_MM = 0.002
 """A path that is nowhere longer than this shows nothing."""
 
@@ -82,7 +85,7 @@ class Slip:
                 continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
                 fields = [ObservationDelta(markers=-path) for path in paths]
-                column = Regressor(name="path", sd=1.0, fields=fields, positive=True)
+                column = Regressor(name="path", sd=1.0, fields=fields, positive=True, least=LEAST_OF_PATH)
                 found.append(Signature(variant=variant, columns=(column,)))
         return found
 

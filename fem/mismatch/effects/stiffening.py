@@ -3,10 +3,10 @@
 The law is fem.materials.fung_neo_hookean. Where it stiffens much, strains of a tenth are in play, and small
 strains would ask for a b an eighth too large.
 
-Two signatures. b W/mu times the linear stress, W of small strain, in the plain model's field: it exaggerates,
-as the field itself gives way less for it; the start takes the b at which the plain field, shrunk as a whole,
-does the same work. And the Neo-Hookean law with hardly any b, in full: flesh that does not stiffen departs
-from small strain by its large deformation alone, in another pattern.
+The signature is b W/mu times the linear stress, W of small strain, in the plain model's field: it
+exaggerates, as the field itself gives way less for it; the start takes the b at which the plain field, shrunk
+as a whole, does the same work. Large deformation is part of the plain model
+(fem.mismatch.evidence.large_deformation), and of this law: refits go without the former.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,37 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.fem_failure import FemFailure
-from fem.materials.fung_neo_hookean import fung_at_small_strain, fung_neo_hookean, shrunk_as_a_whole
-from fem.materials.strain_path import strain_energy
+from fem.materials.fung_neo_hookean import fung_at_small_strain
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import (
-    added_stress,
-    first_guess,
-    fixed_point,
-    keep_run,
-    path_state,
-    whole_response,
-)
+from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
+from fem.mismatch.model.stress_history import first_guess, keep_run, whole_response
 from fem.mismatch.result import Parameter
-from fem.mismatch.signature_variant import ONE_WAY, InMode, Variant
+from fem.mismatch.signature_variant import ONE_WAY, Variant
 from fem.solid.flesh_pieces import FleshPieces
 
 B = "b"
 PRIOR_SD = 30.0
 """Of b in the linear round. Set by hand, as large as strong stiffening in the samples
 (samples.mismatch.effect_levels)."""
-NEO_HOOKEAN = "neo-hookean"
-HARDLY = 1.0
-"""b from which flesh that is Neo-Hookean at most is searched."""
 DOUBTFUL = 0.5
 """Relative standard deviation from which b cannot be told from nothing: then half of it does as well, and the
 less there is of it the less it changes."""
-FRAMES = 24
-"""Frames of all recordings together."""
 SPEC = EffectSpec(
     name="stiffening",
     rank=20,
@@ -80,7 +67,6 @@ SPEC = EffectSpec(
         ("poisson_ratio", NextGrasp.DEPTHS),
         ("graded_modulus", NextGrasp.DEPTHS),
     ),
-    modes=(NEO_HOOKEAN,),
     holds_large_deformation=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
@@ -93,25 +79,14 @@ class Stiffening:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
-        state = path_state(forward, frames=FRAMES, remembers=False)
+        """The exponential's, its amount b."""
+        state = stiffening_path(forward)
         nu, s = forward.poisson_ratio, forward.compliance
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
         forces = pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
         fields = [ObservationDelta(markers=-own) for own in state.marker_responses([forces])[0]]
-        found = [
-            Signature(
-                variant=ONE_WAY, columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),)
-            )
-        ]
-        try:
-            moved = _beyond_linear(forward, self.spec.searched[0].low, guess=None)
-        except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
-            return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(), untried=failure.detail)]
-        large = state.at_markers(moved)
-        excess = [ObservationDelta(markers=s * own) for own in large]
-        column = Regressor(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=excess)
-        return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(column,))]
+        column = Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields)
+        return [Signature(variant=ONE_WAY, columns=(column,))]
 
     def start(
         self,
@@ -120,8 +95,6 @@ class Stiffening:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
-        if signature.variant == InMode(mode=NEO_HOOKEAN):
-            return {B: HARDLY}
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
 
     def remark(self, parameters: Mapping[str, Parameter]) -> str:
@@ -137,28 +110,10 @@ class Stiffening:
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, s = parameters[B], forward.compliance
-        state = path_state(forward, frames=FRAMES, remembers=False)
         place = np.log([b * s**2, s])
-        more = _beyond_linear(forward, b, guess=first_guess(forward, self.spec.name, place))
+        more = beyond_linear(forward, b, guess=first_guess(forward, self.spec.name, place))
         keep_run(forward, self.spec.name, place, more)
-        return Response(unit=whole_response(state, more))
-
-
-def _beyond_linear(
-    forward: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
-) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 (fem.solid.initial_stress), from a guess of it or from the linear field, shrunk as a whole."""
-    nu, s = forward.poisson_ratio, forward.compliance
-    state = path_state(forward, frames=FRAMES, remembers=False)
-    pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-    energy = pieces.measured(s * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu))
-    shrunk, steepest = shrunk_as_a_whole(energy, pieces.volume_mm3, b, poisson_ratio=nu)
-    law = fung_neo_hookean(b, poisson_ratio=nu)
-    return fixed_point(
-        added_stress(forward, state, pieces, law, stiffer=steepest),
-        start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
-        together=False,
-    )
+        return Response(unit=whole_response(stiffening_path(forward), more))
 
 
 EFFECT: Effect = Stiffening()

@@ -10,9 +10,12 @@ noise) the displacements tell the ratio many times better than the forces; elsew
 
     ln ratio(mu) = n1 ln(n1 / m) + n2 ln(n2 / m) - ln(tried) - sum over markers of (z^2 - 16) / 2,   n1 > n2
 
-n1, n2: markers within two standard deviations of mu, and in a window as wide just below it, m their mean (the
-likelihood ratio of two Poisson counts, one-sided); z: by how many standard deviations a marker exceeds mu at
-most, where that is more than 4. A marker's frames count together as one: they are not independent.
+n1, n2: markers within two standard deviations of mu, and in the windows as wide just below and just above it
+together, m their mean (the likelihood ratio of two Poisson counts, one-sided); z: by how many standard
+deviations a marker exceeds mu at most, where that is more than 4. A marker's frames count together as one:
+they are not independent. Only where the window below ends above nothing are they counted: a ratio is the size
+of a vector, of which noise leaves few near nothing, so that ratios known no better than to themselves pile up
+at their own noise.
 """
 
 from dataclasses import dataclass
@@ -29,6 +32,8 @@ BEYOND = 4.0
 """So many standard deviations above the cone refute it."""
 MOST_PER_MARKER = 20.0
 """No single marker says more than this against a cone."""
+AT, ASIDE = 2.0, 6.0
+"""A marker is at a cone to so many standard deviations, and around it from there on to so many."""
 TRIED = np.geomspace(0.05, 1.2, 65)
 """mu looked at, 5 % apart: from slippery to where nothing slips."""
 LEAST_LOSS = 6.0
@@ -57,14 +62,15 @@ class ShearRatios:
 
     def pile_up(self, mu: float) -> float:
         """How much more likely so many markers at mu are with a pile-up than with none, in ln likelihood."""
-        z = (self.ratio - mu) / self.sd
-        frames = np.maximum(np.bincount(self.marker, minlength=1), 1)
-        at = float((1 / frames[self.marker[np.abs(z) < 2]]).sum())
-        below = float((1 / frames[self.marker[(z <= -2) & (z > -6)]]).sum())
-        mean = (at + below) / 2
-        if at <= below or mean < 1:
+        known = self.sd < mu / ASIDE
+        z, marker = (self.ratio[known] - mu) / self.sd[known], self.marker[known]
+        share = 1 / np.maximum(np.bincount(marker, minlength=1), 1)[marker]
+        at = float(share[np.abs(z) < AT].sum())
+        around = float(share[(np.abs(z) >= AT) & (np.abs(z) < ASIDE)].sum())
+        mean = (at + around) / 2
+        if at <= around or mean < 1:
             return 0.0
-        return float(at * np.log(at / mean) + (below * np.log(below / mean) if below > 0 else 0.0))
+        return float(at * np.log(at / mean) + (around * np.log(around / mean) if around > 0 else 0.0))
 
     def log_ratio(self, mu: float) -> float:
         """ln ratio of the module's docstring."""

@@ -153,7 +153,7 @@ class Fit:
 class GramMatrix:
     """Products of all columns with each other and the data, recording by recording.
 
-    Row 0 is the data (less all columns' prior means), row 1 the plain model (its response s c), then the
+    Row 0 is the data (less prior means), row 1 the plain model (its response s c), then the
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
     given, counted from one. Products with the data are corrected by what the forces' noise adds to them
     (fem.mismatch.model.force_products): `bias` by recording and column.
@@ -182,9 +182,8 @@ class GramMatrix:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
-        self.data = [
-            _less_prior_means(plain_data(forward, one), self.columns, k) for k, one in enumerate(recorded)
-        ]
+        own = [column for column in self.columns if not column.stands_in]
+        self.data = [_less_prior_means(plain_data(forward, one), own, k) for k, one in enumerate(recorded)]
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
@@ -339,6 +338,33 @@ class GramMatrix:
             amounts=amounts,
             covariance=np.linalg.inv(normal),
         )
+
+    def with_prior(self, name: str, mean: float, sd: float) -> "GramMatrix":
+        """The same with another prior of the column of this name, which no noise of forces reaches."""
+        c = next(j for j, column in enumerate(self.columns) if column.name == name)
+        column = replace(self.columns[c], mean=mean, sd=sd)
+        less = self.columns[c].mean - mean
+        other = copy(self)
+        other.columns = [column if j == c else one for j, one in enumerate(self.columns)]
+        other.products, other.weighed, other.data = [], [], []
+        for k, field in enumerate(column.fields):
+            products, weighed = self.products[k].copy(), self.weighed[k].copy()
+            if field is not None:
+                at = 1 + int(np.flatnonzero(self.rows[k] == c)[0])
+                products[0] += less * products[at]
+                products[:, 0] += less * products[:, at]
+                weighed[0] += less * weighed[at]
+            other.products.append(products)
+            other.weighed.append(weighed)
+            other.data.append(_less_prior_means(self.data[k], [replace(column, mean=-less)], k))
+        return other
+
+    def amount_of(self, name: str, fit: Fit) -> tuple[float, float] | None:
+        """Amount and standard deviation of the column of this name in a fit; None where it holds none."""
+        for at, j in enumerate(fit.chosen):
+            if self.columns[j].name == name:
+                return self.columns[j].mean + float(fit.amounts[at]), float(fit.sd[at])
+        return None
 
 
 def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:

@@ -1,12 +1,14 @@
 """Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
 
 Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth, the shares of what a turn of the fruit adds and of what the mesh withholds. Each
+its own, the dents' depth, the shares of what large deformation adds and of what the mesh withholds. Each
 recording's own: undulations of the scanned surface, the pads' places on it, how far they come at each load.
 And, since no model is right to the last micrometre, each pad of each recording may deviate by
 NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows with the load, or with its
 square. An effect acts on all recordings by one law; these do not, which separates them.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +16,8 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.evidence.turned_fruit import turned_fruit
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
+from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, turned_fruit
 from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import OfResponse
@@ -37,10 +40,12 @@ APPROACH = 0.003
 patch spans a few markers they say its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 """Loads, as shares of the greatest, at which it departs independently; in a line between."""
-TURNED = 0.5
-"""Mean and standard deviation of the share of what a turn of the fruit adds to second order
-(fem.mismatch.evidence.turned_fruit): all of it in real fruit, none where flesh is taken to move little, as
-samples.mismatch does for linear flesh. A normal prior: shares a little below none are possible."""
+EITHER = 0.5
+"""Mean and standard deviation of the share of what large deformation adds, of the flesh
+(fem.mismatch.evidence.large_deformation) and of the fruit that turns (fem.mismatch.evidence.turned_fruit),
+to second order, while nothing says which of LITTLE and LARGELY it is: all of it in real fruit, none where
+flesh is taken to move little, as samples.mismatch does for linear flesh. Who takes one of the two in takes
+both in."""
 FEWEST = 8
 """Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
 motion."""
@@ -71,11 +76,37 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
+    large = large_deformation(forward)
+    if not isinstance(large, list):
+        return columns + _turned(forward)
+    moved = [forward.compliance * own for own in large]
+    for turned in _turned(forward):
+        moved = [own + _at_markers(turn, own) for own, turn in zip(moved, turned.fields, strict=True)]
+    fields = [ObservationDelta(markers=own) for own in moved]
+    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=EITHER, sd=EITHER, fields=fields)]
+
+
+def _at_markers(
+    field: ObservationDelta | None, like: Float[np.ndarray, "f n 3"]
+) -> Float[np.ndarray, "f n 3"]:
+    return np.zeros_like(like) if field is None or field.markers is None else field.markers
+
+
+def other_nuisances(forward: ForwardModel) -> list[Regressor]:
+    """Those that stand in for a common one in models that hold part of it by a law of their own: the fruit's
+    turn alone, for large deformation.
+    """
+    alone = _turned(forward) if isinstance(large_deformation(forward), list) else []
+    return [replace(one, stands_in=True) for one in alone]
+
+
+def _turned(forward: ForwardModel) -> list[Regressor]:
+    """One column at most."""
     turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
-    if any(own is not None for own in turned):
-        added = [None if own is None else ObservationDelta(markers=own) for own in turned]
-        columns.append(Regressor(name="turned fruit", mean=TURNED, sd=TURNED, fields=added))
-    return columns
+    if all(own is None for own in turned):
+        return []
+    added = [None if own is None else ObservationDelta(markers=own) for own in turned]
+    return [Regressor(name=TURNED_FRUIT, mean=EITHER, sd=EITHER, fields=added)]
 
 
 def own_nuisances(

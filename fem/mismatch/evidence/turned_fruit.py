@@ -22,6 +22,8 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import LEADING
 from fem.mismatch.model.pads import response_to
 
+TURNED_FRUIT = "turned fruit"
+"""Name of its column."""
 HARDLY_RAD = 0.002
 """Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
 indentation, W^2 X / 2 below 0.1 um."""

@@ -31,19 +31,22 @@ class ObservationDelta:
 class Regressor:
     """One unknown amount: its name, prior mean and standard deviation, its field in every recording.
 
-    None: the recording does not depend on it. `positive`: an amount below zero has no meaning.
+    None: the recording does not depend on it. `positive`: an amount below `least` has no meaning.
     `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
+    `stands_in`: it stands in for another column in some refits, and is none of the plain model's own.
     """
 
     name: str
     sd: float
     fields: Sequence[ObservationDelta | None]
     positive: bool = False
+    least: float = 0.0
     mean: float = 0.0
     discrepancy_of: EffectSpec | None = None
     of_forces: LinearInForces | None = None
+    stands_in: bool = False
 
 
 def wrench(

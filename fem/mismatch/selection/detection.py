@@ -16,7 +16,7 @@ reference set's own greatest in the same way, so that several statistics do not 
 tail probability in Student's distribution with F - 1 degrees of freedom is the p-value.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,25 +26,21 @@ from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
 
 def best_beyond_quantile(gains: Iterable[tuple[str, float]], compliance_ratio: float) -> float:
-    """The first statistic, from what every kind of signature gains."""
+    """The first statistic, from what every signature gains, by its effect."""
     null_quantiles = null_reference().quantiles
-    return max((gain / compliance_ratio - null_quantiles.get(kind, 0.0) for kind, gain in gains), default=0.0)
+    return max(
+        (gain / compliance_ratio - null_quantiles.get(effect, 0.0) for effect, gain in gains), default=0.0
+    )
 
 
-def null_gain(kind: str, compliance_ratio: float) -> float:
-    """What a kind of signature gains on most sound recordings at most."""
-    return compliance_ratio * null_reference().quantiles.get(kind, 0.0)
+def null_gain(effect: str, compliance_ratio: float) -> float:
+    """What an effect's signature gains on most sound recordings at most; nothing where none was seen."""
+    return compliance_ratio * null_reference().quantiles.get(effect, 0.0)
 
 
-def null_gain_in_full(effects: Iterable[Sequence[str]], compliance_ratio: float) -> float:
-    """What an effect's full model does, or the more usual of two; each by its kinds (EffectSpec.kinds).
-
-    It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
-    gain on sound recordings what the whole does not.
-    """
-    null_quantiles = null_reference().quantiles
-    own = [[null_quantiles[kind] for kind in kinds if kind in null_quantiles] for kinds in effects]
-    return compliance_ratio * max(min(values, default=0.0) for values in own)
+def null_gain_in_full(effects: Iterable[str], compliance_ratio: float) -> float:
+    """What a model of one effect does, or the more usual of two."""
+    return max((null_gain(effect, compliance_ratio) for effect in effects), default=0.0)
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

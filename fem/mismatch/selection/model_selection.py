@@ -105,11 +105,11 @@ class NullCase:
 
     def excess_gain(self, one: LinearFit, gain: float | None = None) -> float:
         """A signature's gain (or the given one) less its null quantile."""
-        return (one.gain if gain is None else gain) - null_gain(one.kind, self.compliance_ratio)
+        return (one.gain if gain is None else gain) - null_gain(one.name, self.compliance_ratio)
 
     def in_full(self, effects: Sequence[Effect]) -> float:
         """Null quantile of a refitted effect's gain; of two effects the greater."""
-        return null_gain_in_full([effect.spec.kinds for effect in effects], self.compliance_ratio)
+        return null_gain_in_full([effect.spec.name for effect in effects], self.compliance_ratio)
 
     @property
     def least(self) -> float:

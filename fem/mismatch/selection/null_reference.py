@@ -19,7 +19,7 @@ REMEDY = "Write both files anew with benchmarks/mismatch_nulls.py --write."
 @dataclass(frozen=True, kw_only=True)
 class NullReference:
     """A row of `statistics` (columns as in STATISTICS) and a number in `fruits` (whose it is) per recording;
-    `quantiles`: what nine of ten stay below of each kind of signature's gain over the compliance ratio."""
+    `quantiles`: what nine of ten stay below of each effect's gain over the compliance ratio."""
 
     statistics: Float[np.ndarray, "n 3"]
     fruits: Int[np.ndarray, " n"]
@@ -38,7 +38,7 @@ def parse_null_reference(statistics: str, quantiles: str) -> NullReference:
     """From the two files' text; a line that begins with # says where the numbers come from.
 
     Raises ValueError, with file, line and remedy, where a column, number or name is not as written, where a
-    kind stands twice, or where there are not at least two fruits with two recordings each.
+    an effect stands twice, or where there are not at least two fruits with two recordings each.
     """
     rows = _rows(statistics, STATISTICS_FILE, ("fruit", *STATISTICS))
     fruits = [_whole(row[0], STATISTICS_FILE, line) for line, row in rows]
@@ -50,14 +50,15 @@ def parse_null_reference(statistics: str, quantiles: str) -> NullReference:
             f"{recordings.min(initial=len(fruits))} times; at least two fruits are expected, each "
             f"recorded twice or more. {REMEDY}"
         )
-    of_kind: dict[str, float] = {}
-    for line, (kind, text) in _rows(quantiles, QUANTILES_FILE, ("kind", "quantile")):
-        if not kind or kind in of_kind:
+    of_effect: dict[str, float] = {}
+    for line, (effect, text) in _rows(quantiles, QUANTILES_FILE, ("effect", "quantile")):
+        if not effect or effect in of_effect:
             raise ValueError(
-                f"{QUANTILES_FILE}, line {line}: kind is {kind!r}, a name not yet used is expected. {REMEDY}"
+                f"{QUANTILES_FILE}, line {line}: effect is {effect!r}, a name not yet used is expected. "
+                f"{REMEDY}"
             )
-        of_kind[kind] = _finite(text, QUANTILES_FILE, line)
-    return NullReference(statistics=np.array(values), fruits=np.array(fruits), quantiles=of_kind)
+        of_effect[effect] = _finite(text, QUANTILES_FILE, line)
+    return NullReference(statistics=np.array(values), fruits=np.array(fruits), quantiles=of_effect)
 
 
 def _rows(text: str, name: str, header: tuple[str, ...]) -> list[tuple[int, list[str]]]:

@@ -1,7 +1,7 @@
 """Screening: every effect's best signature, and every pair of them, by linear Gaussian evidence."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TypeAlias
 
@@ -12,8 +12,9 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, LARGELY, LITTLE, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
-from fem.mismatch.evidence.nuisances import common_nuisances
+from fem.mismatch.evidence.nuisances import common_nuisances, other_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -41,17 +42,18 @@ class LinearFit:
     direct: float = 0.0
 
     @property
-    def kind(self) -> str:
-        """Under which name fem.mismatch.selection.detection knows what it gains on sound recordings."""
-        return self.effect.spec.kind(self.signature.variant)
+    def name(self) -> str:
+        """The effect's."""
+        return self.effect.spec.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
 
-    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, or one way of theirs to
-    show, that could not be computed, and why.
+    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
+    or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
+    largely over flesh that moves little, the best effect of each beside it; the round is of the likelier.
     """
 
     products: GramMatrix
@@ -61,6 +63,12 @@ class LinearRound:
     best: tuple[LinearFit, ...]
     pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
+    largely: float = 0.0
+
+    @property
+    def evidence(self) -> float:
+        """ln evidence of the plain model, or of the best effect beside it."""
+        return self.null.log_evidence + max(0.0, *(one.gain for one in self.best))
 
 
 def screened(
@@ -85,11 +93,14 @@ def screened(
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
+    large = large_deformation(forward)
+    if isinstance(large, FemFailure):
+        without[LARGE_DEFORMATION] = large.detail
     known = [
         *common_nuisances(forward),
         *discrepancy_columns(forward, recording, without=without_discrepancy_of),
     ]
-    columns: list[Regressor] = list(known)
+    columns: list[Regressor] = [*known, *other_nuisances(forward)]
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
@@ -97,13 +108,23 @@ def screened(
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
     noise = drawn_force_noise(forward, recorded, draws=noise_draws)
     products = GramMatrix(forward, recorded, columns, noise=noise)
-    return linear_round(
-        products,
-        tuple(range(1, len(known) + 1)),
-        found,
-        auxiliary=lambda *one: _auxiliary(forward, *one),
-        without=without,
+
+    def round_of(products: GramMatrix) -> LinearRound:
+        return linear_round(
+            products,
+            tuple(range(1, len(known) + 1)),
+            found,
+            auxiliary=lambda *one: _auxiliary(forward, *one),
+            without=without,
+        )
+
+    if not isinstance(large, list):
+        return round_of(products)
+    little, largely = (
+        round_of(products.with_prior(LARGE_DEFORMATION, *prior)) for prior in (LITTLE, LARGELY)
     )
+    more = largely.evidence - little.evidence
+    return replace(largely if more > 0 else little, largely=more)
 
 
 def linear_round(
@@ -202,7 +223,8 @@ def _linear_fit(
 def violates_sign_constraint(
     products: GramMatrix, columns: Sequence[int], amounts: Float[np.ndarray, " k"]
 ) -> bool:
-    """Whether an amount has the wrong sign."""
+    """Whether an amount has the wrong sign, or is less than has a meaning."""
     return any(
-        products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)
+        products.columns[j].positive and amount < products.columns[j].least
+        for j, amount in zip(columns, amounts, strict=True)
     )

@@ -1,0 +1,49 @@
+"""What large deformation adds to the plain model: the response of Neo-Hookean flesh less the linear one.
+
+All soft flesh deforms largely under the forces of a grasp: two millimetres of indentation under a patch of
+six strain it by a fifth. The plain model's strains are small, and what it leaves out looks like a skin or
+like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, docs/validation.md).
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiffening_path
+
+LARGE_DEFORMATION = "large deformation"
+"""Name of its column."""
+LITTLE, LARGELY = (0.0, 0.1), (1.0, 0.25)
+"""Mean and standard deviation of its amount a priori, of flesh that moves little, as two simulators take it
+to do, and of flesh that deforms largely, as all real flesh does. One of the two holds
+(fem.mismatch.selection.screening): between them a skin and large deformation stand for each other. Set by
+hand: sound fruit of simulators of the first kind have 0.00 to 0.03 of it, Neo-Hookean ones 0.5 to 0.9
+(`benchmarks/plain_model_parts.py`)."""
+CLEAR = 3.0
+"""ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1, as
+EQUAL_PROBABILITY of fem.mismatch.thresholds."""
+
+
+def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
+    """What it adds to the unit response at the markers of every recording, mm MPa.
+
+    None where the plain model holds it already (`leave_large_deformation`); the failure where flesh is so
+    soft that the search from the linear answer does not settle.
+    """
+
+    def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
+        try:
+            return stiffening_path(forward).at_markers(beyond_linear(forward, HARDLY_ANY))
+        except FemFailure as failure:
+            return failure
+
+    return forward.memoised(_KEY, compute)
+
+
+def leave_large_deformation(forward: ForwardModel) -> None:
+    """Takes the plain model's response as it is."""
+    forward.memoised(_KEY, lambda: None)
+
+
+_KEY = ("large deformation",)

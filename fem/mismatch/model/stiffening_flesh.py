@@ -1,0 +1,40 @@
+"""Flesh by the law of fem.materials.fung_neo_hookean under the forces of all recordings, in full."""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
+from fem.materials.strain_path import strain_energy
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.stress_history import PathState, added_stress, fixed_point, path_state
+from fem.solid.flesh_pieces import FleshPieces
+
+FRAMES = 24
+"""Frames of all recordings together."""
+HARDLY_ANY = 0.1
+"""A b that hardly stiffens: W/mu is a hundredth where strains are a tenth, and flesh by the law is then
+Neo-Hookean."""
+
+
+def stiffening_path(forward: ForwardModel) -> PathState:
+    """The frames on which the law is followed."""
+    return path_state(forward, frames=FRAMES, remembers=False)
+
+
+def beyond_linear(
+    forward: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None = None
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 (fem.solid.initial_stress), from a guess of it or from the linear field, shrunk as a whole.
+
+    Finite strain, dead loads on the unloaded skin. Raises FemFailure (NOT_CONVERGED).
+    """
+    nu, s = forward.poisson_ratio, forward.compliance
+    state = stiffening_path(forward)
+    pieces = FleshPieces.whole(forward.points, workers=forward.workers)
+    energy = pieces.measured(s * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu))
+    shrunk, steepest = shrunk_as_a_whole(energy, pieces.volume_mm3, b, poisson_ratio=nu)
+    return fixed_point(
+        added_stress(forward, state, pieces, fung_neo_hookean(b, poisson_ratio=nu), stiffer=steepest),
+        start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
+        together=False,
+    )
