@@ -20,7 +20,7 @@ SUPPORTS = ("free", "base")
 
 
 def moved(cause, sign):
-    """The mesh with the pit shifted or grown, and its parts; with another Poisson's ratio they are the same."""
+    """The mesh with the pit shifted or grown, and its parts (None: unmoved, with another Poisson's ratio)."""
     if cause == POISSON_RATIO:
         return fruit_mesh(), None
     amounts = np.append(SHIFT_MM * SHIFT, 0) if cause == "pit shift" else np.array([0, 0, 0, SIZE])

@@ -172,7 +172,11 @@ def test_the_response_balances_the_pads_to_noise(palm: ForwardModel):
     ("altered", "name"),
     [
         (lambda pad: pad, "sensor_gain"),
-        (on_pad("left", lambda pad: replace(pad, force_N=1.1 * pad.force_N)), "sensor_gain"),
+        pytest.param(
+            on_pad("left", lambda pad: replace(pad, force_N=1.1 * pad.force_N)),
+            "sensor_gain",
+            marks=pytest.mark.proof,
+        ),
         (on_pad("left", misplaced((2.0, -1.5), 4.0)), "pose_error"),
     ],
     ids=["null case", "a pad that reads 10 % too much", "a pad that is elsewhere and turned"],
