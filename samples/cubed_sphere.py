@@ -1,6 +1,7 @@
 """The sphere as six warped square grids: directions without poles, the same for skins and for flesh."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -70,7 +71,11 @@ def cubed_sphere(
     return CubedSphere(cube / np.linalg.norm(cube, axis=1, keepdims=True), grids)
 
 
+@lru_cache(maxsize=8)
 def even_sphere(cells: int) -> CubedSphere:
-    """A cubed sphere of `cells` by `cells` near-equal cells per side."""
+    """A cubed sphere of `cells` by `cells` near-equal cells per side; kept, and not to be written to."""
     angles = np.linspace(-np.pi / 4, np.pi / 4, cells + 1)
-    return cubed_sphere(angles, angles, angles)
+    sphere = cubed_sphere(angles, angles, angles)
+    for kept in (sphere.directions, *sphere.faces):
+        kept.setflags(write=False)
+    return sphere

@@ -140,22 +140,38 @@ def at_markers(
     out = np.full((len(rest_mm), values.shape[1]), np.nan)
     best = np.full(len(rest_mm), 1.02)
     for choice in nearest.T:
-        corner = gel_point_mm[cells[choice]]
-        place = np.zeros((len(rest_mm), 2))
-        for _ in range(12):
-            (a, da), (b, db) = lagrange(place[:, 0]), lagrange(place[:, 1])
-            miss = rest_mm - np.einsum("mi,mj,mijc->mc", a, b, corner)
-            slope = np.stack(
-                [np.einsum("mi,mj,mijc->mc", da, b, corner), np.einsum("mi,mj,mijc->mc", a, db, corner)],
-                axis=-1,
-            )
-            regular = np.abs(np.linalg.det(slope)) > 1e-9
-            slope[~regular] = np.eye(2)
-            place = np.clip(place + np.linalg.solve(slope, miss[..., None])[..., 0], -2.0, 2.0)
+        sought = np.flatnonzero(best >= 1)  # not yet found inside a cell
+        if not len(sought):
+            break
+        held = cells[choice[sought]]
+        place, miss = _place_in_cell(rest_mm[sought], gel_point_mm[held])
         (a, _), (b, _) = lagrange(place[:, 0]), lagrange(place[:, 1])
-        miss = np.linalg.norm(rest_mm - np.einsum("mi,mj,mijc->mc", a, b, corner), axis=1)
         reach = np.abs(place).max(axis=1)
-        better = (miss < 1e-6) & (reach < best)
-        seen = np.einsum("mi,mj,mijc->mc", a, b, values[cells[choice]])
-        out[better], best[better] = seen[better], reach[better]
+        better = (miss < 1e-6) & (reach < best[sought])
+        found = sought[better]
+        out[found] = np.einsum("mi,mj,mijc->mc", a[better], b[better], values[held[better]])
+        best[found] = reach[better]
     return out
+
+
+def _place_in_cell(
+    point_mm: Float[np.ndarray, "m 2"], corner_mm: Float[np.ndarray, "m 3 3 2"]
+) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, " m"]]:
+    """Where in its cell each point is, from -1 to 1 (clipped at twice that), and how far off that is, mm."""
+    place = np.zeros((len(point_mm), 2))
+    for _ in range(12):
+        (a, da), (b, db) = lagrange(place[:, 0]), lagrange(place[:, 1])
+        miss = point_mm - np.einsum("mi,mj,mijc->mc", a, b, corner_mm)
+        slope = np.stack(
+            [np.einsum("mi,mj,mijc->mc", da, b, corner_mm), np.einsum("mi,mj,mijc->mc", a, db, corner_mm)],
+            axis=-1,
+        )
+        regular = np.abs(np.linalg.det(slope)) > 1e-9
+        slope[~regular] = np.eye(2)
+        moved = np.clip(place + np.linalg.solve(slope, miss[..., None])[..., 0], -2.0, 2.0)
+        settled = np.abs(moved - place).max() < 1e-13
+        place = moved
+        if settled:
+            break
+    (a, _), (b, _) = lagrange(place[:, 0]), lagrange(place[:, 1])
+    return place, np.linalg.norm(point_mm - np.einsum("mi,mj,mijc->mc", a, b, corner_mm), axis=1)

@@ -21,6 +21,8 @@ FARTHEST_SHARE = 0.15
 it."""
 FEWEST_HITS = 0.5
 """Share of the touching markers whose normal must meet the mesh."""
+MARGIN_MM = 1e-6
+"""Round a triangle, beyond which a line certainly passes it: far more than rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,12 +111,17 @@ def depth_along(
     low, high = spots.min(axis=0), spots.max(axis=0)
     near = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
     facing = np.flatnonzero(near & (normals @ direction < 0) & (np.abs(area) > 0))
+    first, edge_1, edge_2 = flat[facing, 0], edge_1[facing], edge_2[facing]
+    lowest, highest = (flat[facing].min(axis=1) - MARGIN_MM).T, (flat[facing].max(axis=1) + MARGIN_MM).T
     reach = np.full(len(points), np.nan)
-    for n, spot in enumerate(spots):
-        offset = spot - flat[facing, 0]
-        u = _cross(offset, edge_2[facing]) / area[facing]
-        v = _cross(edge_1[facing], offset) / area[facing]
-        inside = facing[(u >= 0) & (v >= 0) & (u + v <= 1)]
+    for n, (x, y) in enumerate(spots):
+        close = np.flatnonzero((lowest[0] <= x) & (x <= highest[0]) & (lowest[1] <= y) & (y <= highest[1]))
+        if len(close) == 0:
+            continue
+        offset, doubled = spots[n] - first[close], area[facing[close]]
+        u = _cross(offset, edge_2[close]) / doubled
+        v = _cross(edge_1[close], offset) / doubled
+        inside = facing[close[(u >= 0) & (v >= 0) & (u + v <= 1)]]
         if len(inside) == 0:
             continue
         # The plane of a hit triangle, met along the direction.

@@ -5,14 +5,23 @@ An axis named with an underscore (`list[Float[np.ndarray, "_f _n 3"]]`) may have
 a container; one named without has the same size wherever the name stands in a signature.
 """
 
+import dataclasses
+import functools
 import inspect
+import threading
+import types
 from collections.abc import Callable
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, Union, get_args, get_origin
 
+import numpy as np
 from beartype import BeartypeConf, beartype
-from jaxtyping import AbstractArray
+from jaxtyping import AbstractArray, config
 
 F = TypeVar("F", bound=Callable[..., Any])
+Wrap = Callable[[Any], Any]
+UNKNOWN = object()
+"""The form of what has to be checked each time, as a list, of which one item is looked at."""
+PLAIN = frozenset({type(None), bool, int, float, str, np.bool_, np.int64, np.float64})
 
 
 def check(function: F) -> F:
@@ -51,6 +60,9 @@ def only_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
             named = {name for name, hint in hints.items() if isinstance(hint, str) or has_array(hint)}
             if not named:
                 return defined
+            checked = _checked_once_per_form(defined, hints, wrap)
+            if checked is not None:
+                return checked
             if "return" in named or "return" not in hints:
                 return wrap(defined)
             function.__annotations__ = {name: hint for name, hint in hints.items() if name != "return"}
@@ -61,6 +73,127 @@ def only_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
         return decorate
 
     return decorated
+
+
+def _checked_once_per_form(defined: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
+    """The function or dataclass, what is handed to it checked where dtypes and shapes are new; None for what
+    cannot be done so.
+
+    A check depends on dtypes and shapes alone: arguments and results that are alike in these are sound or
+    unsound together.
+    """
+    of_class = dataclasses.is_dataclass(defined)
+    function = defined.__init__ if of_class else defined
+    if getattr(function, "checked_once_per_form", False):
+        return defined  # of a class, by its parent
+    if not isinstance(function, types.FunctionType) or any(isinstance(hint, str) for hint in hints.values()):
+        return None
+    kinds = {parameter.kind for parameter in inspect.signature(function).parameters.values()}
+    if kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}:
+        return None
+    if not _has_form(hints.get("return")):
+        return None
+    checked = _remembering(function, hints, wrap)
+    if not of_class:
+        return checked
+    defined.__init__ = checked
+    return defined
+
+
+def _has_form(hint: Any) -> bool:
+    """Whether a result's form says all that a check of this hint looks at.
+
+    >>> from jaxtyping import Float
+    >>> _has_form(tuple[Float[np.ndarray, "n 3"], int]), _has_form(list[Float[np.ndarray, "n 3"]])
+    (True, False)
+    """
+    if not has_array(hint) or isinstance(hint, type):
+        return True
+    fixed = get_origin(hint) in (Union, types.UnionType, tuple) and Ellipsis not in get_args(hint)
+    return fixed and all(_has_form(part) for part in get_args(hint))
+
+
+def _nothing() -> None:
+    """In place of a call that was made."""
+
+
+class _Checks(threading.local):
+    """The call that the checker makes between arguments and result."""
+
+    call: Callable[[], Any] = _nothing
+
+
+_CHECKERS: dict[tuple[int, str], tuple[types.CodeType, Callable[..., Any], _Checks, dict[Any, set[Any]]]] = {}
+"""By code and hints: a function within a function is defined with each call, its checks once."""
+
+
+def _remembering(function: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
+    code = function.__code__
+    key = id(code), repr(hints)
+    if key not in _CHECKERS:
+        checks = _Checks()
+
+        @functools.wraps(function)
+        def called(*args: Any, **named: Any) -> Any:
+            call, checks.call = checks.call, _nothing
+            return call()
+
+        called.__annotations__ = {
+            name: hint for name, hint in hints.items() if name != "return" or has_array(hint)
+        }
+        called.__signature__ = inspect.signature(function).replace(  # type: ignore[attr-defined]
+            **({} if has_array(hints.get("return")) else {"return_annotation": inspect.Signature.empty})
+        )
+        _CHECKERS[key] = (code, wrap(called), checks, {})
+    _, checker, checks, sound = _CHECKERS[key]
+    places = [
+        k for k, name in enumerate(inspect.signature(function).parameters) if has_array(hints.get(name))
+    ]
+    names = [name for name, hint in hints.items() if name != "return" and has_array(hint)]
+    gives_array = has_array(hints.get("return"))
+
+    @functools.wraps(function)
+    def checked(*args: Any, **named: Any) -> Any:
+        if config.jaxtyping_disable:
+            return function(*args, **named)
+        count = len(args)
+        form: Any = tuple([_form(args[k]) if k < count else None for k in places])
+        if named:
+            form = form, tuple([(name, _form(named[name])) for name in names if name in named])
+        if UNKNOWN in form or (named and (UNKNOWN in form[0] or any(one is UNKNOWN for _, one in form[1]))):
+            checks.call = lambda: function(*args, **named)
+            return checker(*args, **named)
+        results = sound.get(form)
+        if results is None:
+            checks.call = lambda: function(*args, **named)
+            result = checker(*args, **named)
+            sound[form] = {_form_of_result(result)} if gives_array else set()
+            return result
+        result = function(*args, **named)
+        if gives_array:
+            of_result = _form_of_result(result)
+            if of_result is UNKNOWN or of_result not in results:
+                checks.call = lambda: result
+                checker(*args, **named)
+                results.add(of_result)
+        return result
+
+    checked.checked_once_per_form = True  # type: ignore[attr-defined]
+    return checked
+
+
+def _form(value: Any) -> Any:
+    kind = type(value)
+    if kind is np.ndarray:
+        return value.dtype, value.shape
+    return kind if kind in PLAIN else UNKNOWN
+
+
+def _form_of_result(value: Any) -> Any:
+    if type(value) is not tuple:
+        return _form(value)
+    forms = tuple([_form(one) for one in value])
+    return UNKNOWN if UNKNOWN in forms else forms
 
 
 def _function_of(defined: Any) -> Any:

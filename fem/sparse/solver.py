@@ -128,16 +128,15 @@ def _canonical(stiffness: csr_array) -> csr_array:
     if not stiffness.has_canonical_format:
         stiffness = stiffness.copy()
         stiffness.sum_duplicates()
-    across = stiffness.tocsc()
+    across = stiffness.tocsc()  # its columns are the rows of the mirror image
     same = np.array_equal(across.indptr, stiffness.indptr)
     if same and np.array_equal(across.indices, stiffness.indices):
         return stiffness
-    there = stiffness.copy()
-    there.data = np.ones_like(there.data)
     # Imaginary ones hold a place for each nonzero's mirror image: sums that vanish would be left out again.
-    whole = (stiffness + 1j * (there + there.T.tocsr())).tocsr()
-    mirrored = (whole.data + whole.tocsc().data).real / 2
-    return csr_array((mirrored, whole.indices, whole.indptr), shape=stiffness.shape)
+    mirror = csr_array((across.data + 1j, across.indices, across.indptr), shape=stiffness.shape)
+    here = csr_array((stiffness.data + 1j, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+    whole = (here + mirror).tocsr()
+    return csr_array((whole.data.real / 2, whole.indices, whole.indptr), shape=stiffness.shape)
 
 
 def _singular(why: str) -> FemFailure:

@@ -155,7 +155,8 @@ def _caps(
     depth, gain = np.zeros(len(centres)), np.zeros(len(centres))
     for width in WIDTHS:
         near = angle < 2.5 * width
-        bell = np.where(near, np.exp(-((angle / width) ** 2)), 0.0)
+        bell = np.zeros(angle.shape)
+        bell[near] = np.exp(-((angle[near] / width) ** 2))
         count = near.sum(1)
         mean = bell.sum(1) / count
         square = (bell**2).sum(1) - count * mean**2

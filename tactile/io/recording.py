@@ -117,8 +117,10 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
         corners = cells.regions[region]
         if corners and -1 not in corners:
             x, y = (cells.vertices[corners] - middle).T
-            x, y = (one[np.argsort(np.arctan2(y, x))] for one in (x, y))
-            areas.append(0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+            around = np.argsort(np.arctan2(y, x))
+            x, y = x[around], y[around]
+            next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
+            areas.append(0.5 * abs(x @ next_y - y @ next_x))
     return float(np.median(areas)) if areas else None
 
 

@@ -20,8 +20,8 @@ SETTINGS = """
 category = "nectarine"
 poisson_ratio = 0.45
 [mesh]
-edge_mm = 8.0
-pad_edge_mm = 3.0
+edge_mm = 12.0
+pad_edge_mm = 4.0
 """
 
 

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import SHIPPED, drupe_alone, ready_batch
+from sample_batches import SHIPPED, drupe, ready_batch
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -138,8 +138,8 @@ def spoiled(tmp_path_factory):
         spoil(where)
         rows.append(f"{name},60")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
-    graded = drupe_alone("grade", "--no-screen", folder)
-    return folder, good.name, graded, drupe_alone("check", folder)
+    graded = drupe("grade", "--no-screen", folder)
+    return folder, good.name, graded, drupe("check", folder)
 
 
 def test_the_run_says_that_some_fruit_are_not_graded(spoiled):

@@ -1,7 +1,7 @@
 """A small part of the campaign of kills: nothing is lost, nothing is left, and the next run repairs it.
 
 The command is killed once, and a fruit's process once; test_resume has the signals that ask the command to
-end, tests/pipeline/test_runner.py the other ends of a process.
+end and one that kills it, tests/pipeline/test_runner.py the other ends of a process.
 """
 
 import subprocess
@@ -13,7 +13,7 @@ import pytest
 CAMPAIGN = Path(__file__).parents[2] / "benchmarks" / "campaign_kills.py"
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.skipif(sys.platform != "linux", reason="left processes are looked for in /proc")
 def test_kills_and_full_disks_cost_nothing_that_a_second_run_does_not_give(tmp_path):
     command = [sys.executable, str(CAMPAIGN), "--quick", "--only-kills", "--kills", "2"]

@@ -49,7 +49,7 @@ def force_per_MPa():
 
 def record(folder: Path, name: str, fruit: str, force_of, *, seed: int, deepest_mm: float = 2.4) -> Path:
     """A squeeze and a hold, written as a load cell's table and converted."""
-    time_s = np.arange(0, 24, 0.1)
+    time_s = np.arange(0, 24, 0.2)
     travel = np.interp(time_s, [0, 2, 18, 24], [0, 0, deepest_mm + 0.1, deepest_mm + 0.1])
     force = force_of(np.maximum(travel - 0.1, 0.0))
     force = force + 0.003 * force.max() * np.random.default_rng(seed).standard_normal(len(force))

@@ -63,6 +63,7 @@ def test_a_second_run_screens_nothing_and_says_the_same(screened):
     assert again.out == first.out
 
 
+@pytest.mark.proof
 def test_without_the_screen_its_column_is_empty_and_E_is_that_of_another_mesh(screened, tmp_path):
     batch, _ = screened
     first = shutil.copytree(batch, tmp_path / "first", ignore=shutil.ignore_patterns("results"))

@@ -34,24 +34,33 @@ def drained_more(share: float, tau_s: float) -> dict[tuple[str, bytes], np.ndarr
     lowered = lame * (1 - share * (1 - ramp))
     ratio = lowered / (2 * (lowered + mu))
     firmer = 2 * mu * (1 + ratio)
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=ratio, support="free")
+    bare = [
+        [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
+        for grasp in range(len(true_pads()))
+    ]
+    histories = [
+        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
+    ]
+    nodes = contact_nodes(mesh, histories)
+    solid = replace(solid, contact_nodes=nodes)
+    links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
+    loads = np.zeros((len(TIME_S), len(bare), *mesh.nodes_mm.shape))
+    for grasp, (own, pads) in enumerate(zip(links, bare, strict=True)):
+        loads[:, grasp, nodes] = sum(
+            link.nodal_force(pad.force_N) for link, pad in zip(own, pads, strict=True)
+        )
+    moved = [np.zeros_like(loads[0])]
+    fading = np.zeros_like(loads[0])
+    for force in loads[1:]:
+        kept = fade * fading - ramp * moved[-1]
+        pull = share * lame * (solid.parts.k_lambda @ kept.reshape(len(kept), -1).T).T.reshape(kept.shape)
+        moved.append(solid.displacement(force - pull) / firmer)
+        fading = kept + ramp * moved[-1]
     found = {}
-    for grasp, pads in enumerate(true_pads()):
-        bare = [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
-        history = GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(bare))
-        nodes = contact_nodes(mesh, [history])
-        solid = UnitModulusSolid.factorise(mesh, poisson_ratio=ratio, support="free", contact_nodes=nodes)
-        links = [pad_link(pad, solid) for pad in bare]
-        loads = np.zeros((len(TIME_S), *mesh.nodes_mm.shape))
-        loads[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, bare, strict=True))
-        moved = [np.zeros_like(loads[0])]
-        fading = np.zeros_like(loads[0])
-        for force in loads[1:]:
-            kept = fade * fading - ramp * moved[-1]
-            pull = share * lame * (solid.parts.k_lambda @ kept.ravel()).reshape(kept.shape)
-            moved.append(solid.displacement((force - pull)[None])[0] / firmer)
-            fading = kept + ramp * moved[-1]
-        at_nodes = np.stack(moved)[:, nodes]
-        for link, true in zip(links, pads, strict=True):
+    for grasp, (own, pads) in enumerate(zip(links, true_pads(), strict=True)):
+        at_nodes = np.stack(moved)[:, grasp, nodes]
+        for link, true in zip(own, pads, strict=True):
             found[true.name, true.axes.tobytes()] = link.at_markers(at_nodes) - true.unit
     return found
 

@@ -49,6 +49,12 @@ def true_mesh() -> FleshMesh:
     return meshed(6.0, 2.0, 2000)
 
 
+@cache
+def true_solid() -> UnitModulusSolid:
+    """The truth's mesh factorised about a whole pit."""
+    return UnitModulusSolid.factorise(true_mesh(), poisson_ratio=NU, support="free")
+
+
 def off_suture_mm(solid: UnitModulusSolid, angle_deg: float) -> np.ndarray:
     """Distance of the pit's nodes from the plane through the stem's axis at this angle to x."""
     angle, mesh = np.radians(angle_deg), solid.mesh
@@ -78,21 +84,28 @@ def units(angle_deg: float | None, edge_mm: float = EDGE_MM) -> dict[tuple[str, 
     At the suture's edge the surface's displacement passes from one half's to the other's over `edge_mm`.
     """
     mesh, found = true_mesh(), {}
-    for grasp, pads in enumerate(true_pads()):
-        bare = [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
-        history = GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(bare))
-        nodes = contact_nodes(mesh, [history])
-        solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free", contact_nodes=nodes)
-        links = [pad_link(pad, solid) for pad in bare]
-        loads = np.zeros((len(TIME_S), *mesh.nodes_mm.shape))
-        loads[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, bare, strict=True))
-        if angle_deg is None:
-            moved = solid.displacement(loads)
-        else:
-            second = np.clip(0.5 + off_suture_mm(solid, angle_deg) / edge_mm, 0.0, 1.0)
-            moved = parted_displacement(solid, loads, second)
-        for link, true in zip(links, pads, strict=True):
-            found[true.name, true.axes.tobytes()] = link.at_markers(moved[:, nodes])
+    bare = [
+        [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
+        for grasp in range(len(true_pads()))
+    ]
+    histories = [
+        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
+    ]
+    nodes = contact_nodes(mesh, histories)
+    solid = replace(true_solid(), contact_nodes=nodes)
+    links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
+    loads = np.zeros((len(bare), len(TIME_S), *mesh.nodes_mm.shape))
+    for load, own, pads in zip(loads, links, bare, strict=True):
+        load[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(own, pads, strict=True))
+    together = loads.reshape(-1, *mesh.nodes_mm.shape)
+    if angle_deg is None:
+        moved = solid.displacement(together)
+    else:
+        second = np.clip(0.5 + off_suture_mm(solid, angle_deg) / edge_mm, 0.0, 1.0)
+        moved = parted_displacement(solid, together, second)
+    for at_nodes, own, pads in zip(moved.reshape(loads.shape)[:, :, nodes], links, true_pads(), strict=True):
+        for link, true in zip(own, pads, strict=True):
+            found[true.name, true.axes.tobytes()] = link.at_markers(at_nodes)
     return found
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
+from plain_model import plain_forward_model
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory, PadHistory
@@ -22,7 +23,6 @@ from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import UnitModulusSolid
@@ -159,6 +159,12 @@ def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
 
 
 @cache
+def true_solid() -> UnitModulusSolid:
+    """The truth's mesh factorised; for the contact nodes of one's own by `replace`."""
+    return UnitModulusSolid.factorise(true_mesh(), poisson_ratio=NU, support="free")
+
+
+@cache
 def true_pads() -> tuple[tuple[TruePad, ...], ...]:
     """Solved once on the truth's mesh."""
     return pads_under(lambda force: force)
@@ -172,8 +178,7 @@ def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TrueP
         _history([bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
         for grasp in range(len(WAYS))
     ]
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    solid = replace(solid, contact_nodes=contact_nodes(mesh, histories))
+    solid = replace(true_solid(), contact_nodes=contact_nodes(mesh, histories))
     for grasp, history in enumerate(histories):
         links = [pad_link(pad, solid) for pad in history.pads]
         loads = np.zeros((len(TIME_S), len(mesh.nodes_mm), 3))

@@ -147,6 +147,12 @@ def plain_model() -> GraspModel:
     return grasp_model(grasp(noise=0.0), free_ball())
 
 
+@cache
+def own_model(noise: float = 1.0) -> GraspModel:
+    """The model of the first recording of `grasp` with its own noise."""
+    return grasp_model(grasp(noise=noise), free_ball())
+
+
 def found_in(history: GraspHistory, model: GraspModel | None = None) -> ModulusEstimate:
     """The modulus of a recording on the ball."""
     return estimate_modulus(history, model or grasp_model(history, free_ball()), budget=BUDGET)

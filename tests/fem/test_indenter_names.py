@@ -88,7 +88,7 @@ def test_a_drift_in_a_single_ramp_is_not_the_only_name():
     assert any("one ramp" in note for note in said.notes)
 
 
-@pytest.mark.parametrize("left", [0.3, 0.7])
+@pytest.mark.parametrize("left", [pytest.param(0.3, marks=pytest.mark.proof), 0.7])
 def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
     time, travel, depth, noise = ramp(np.random.default_rng(4), hold_s=2.0)
     force = hertz_N(depth) * np.where(time > 5.5, left, 1.0)

@@ -16,12 +16,12 @@ from injected_mismatch import (
     Recording,
     injected_case,
 )
+from plain_model import plain_forward_model
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY

@@ -37,7 +37,7 @@ def test_a_law_that_is_not_solved_in_its_rounds_says_so(monkeypatch, effect, val
     ("effect", "values", "others", "variant"),
     [
         *((effect, values, others, ONE_WAY) for effect, values, others in LAWS),
-        (pit_size.EFFECT, {"scale": 0.8}, {"scale": 0.75}, ONE_WAY),
+        pytest.param(pit_size.EFFECT, {"scale": 0.8}, {"scale": 0.75}, ONE_WAY, marks=pytest.mark.proof),
         (
             pose_error.EFFECT,
             {"dx_mm": 1.5, "dy_mm": 1.0, "tilt_deg": 2.0},

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from injected_mismatch import injected_case, only_grasp
+from plain_model import plain_forward_model
 from scipy.stats import multivariate_normal
 
 from fem.estimation.zero_drift import ZeroDrifts
@@ -13,7 +14,6 @@ from fem.mismatch.effect import Response
 from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.procedure import plain_forward_model
 
 SHAPE = (3, 4, 3)
 SIZE = int(np.prod(SHAPE))

@@ -19,6 +19,7 @@ from injected_mismatch import (
     only_grasp,
 )
 from jaxtyping import Float
+from plain_model import plain_forward_model
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response, Signature
@@ -28,7 +29,6 @@ from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.reported_values import candidates
 from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from injected_mismatch import E_MPA, TIME_S, injected_case, linear_and_refitted, only_grasp
 from pinched_forward_model import COMPLIANCE, forward_of
+from plain_model import plain_forward_model
 
 from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effects.viscoelastic import EFFECT
 from fem.mismatch.model.forward_model import over_all_frames
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.signature_variant import ONE_WAY, value_of
 
 UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from injected_mismatch import injected_case, only_grasp
+from plain_model import plain_forward_model
 
 from fem.mismatch.effects.sensor_gain import EFFECT as GAIN
 from fem.mismatch.effects.skin import EFFECT as SKIN
@@ -17,7 +18,6 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import OfInnerChange
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import own_markers, response_to
-from fem.mismatch.procedure import plain_forward_model
 
 SEEDS = range(6)
 

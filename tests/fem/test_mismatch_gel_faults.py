@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, GEL_N_PER_MM, TIME_S, Altered, Recording, injected_case
+from plain_model import plain_forward_model
 
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
 from fem.mismatch.evidence.gel_relation import GelRecord, gel_records
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
 

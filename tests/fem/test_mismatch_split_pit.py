@@ -11,6 +11,7 @@ import pytest
 from halved_pit import about_the_pit, off_suture_mm, parted_displacement
 from injected_mismatch import E_MPA, Altered, injected_case
 from pinched_forward_model import COMPLIANCE, forward_of
+from plain_model import plain_forward_model
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.mismatch.effects import loose_pit, pit_size, split_pit
@@ -19,7 +20,6 @@ from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.parted_pit import EDGE_MM, OfHalves, PartedPit, parted_response
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -110,7 +110,7 @@ def rounds(altered: Altered) -> tuple[ForwardModel, LinearRound]:
     return forward, screened(forward, recorded, EFFECTS)
 
 
-@pytest.mark.parametrize("angle_deg", [10.0, 40.0])
+@pytest.mark.parametrize("angle_deg", [pytest.param(10.0, marks=pytest.mark.proof), 40.0])
 def test_a_split_pit_is_found_with_its_suture_its_share_and_the_modulus(angle_deg: float):
     forward, linear = rounds(about_the_pit(angle_deg))
     best, second = linear.best[:2]

@@ -16,8 +16,8 @@ from injected_recording import (
     RADIUS_MM,
     ball_mesh,
     found_in,
-    free_ball,
     grasp,
+    own_model,
     own_sd_MPa,
     plain_model,
     recorded,
@@ -54,7 +54,7 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_a_grasp_gives_the_injected_modulus_both_ways():
-    found = found_in(grasp(noise=0.5))
+    found = found_in(grasp(noise=0.5), own_model(0.5))
     assert found.form == "first-touch"
     assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
     assert found.energy is not None
@@ -99,7 +99,7 @@ def test_the_parts_of_the_error_bar_add_up_in_squares():
 
 def test_the_noise_free_model_serves_noisy_recordings_too():
     """The model depends on a recording's forces by its sensitivities only."""
-    own, plain = found_in(grasp()), found_in(grasp(), plain_model())
+    own, plain = found_in(grasp(), own_model()), found_in(grasp(), plain_model())
     assert plain.E_MPa == pytest.approx(own.E_MPa, rel=1e-4)
     assert plain.E_sd_MPa == pytest.approx(own.E_sd_MPa, rel=1e-2)
 
@@ -131,7 +131,7 @@ def test_the_frame_of_reference_does_not_matter():
     shift = np.array([100.0, -20.0, 5.0])
     moved = replace(ball_mesh(), nodes_mm=ball_mesh().nodes_mm @ turn.T + shift)
     there = turned(history, turn, shift)
-    a = found_in(history)
+    a = found_in(history, own_model())
     b = found_in(there, grasp_model(there, solid_of(moved, there)))
     assert b.E_MPa == pytest.approx(a.E_MPa, rel=1e-6)
     assert b.energy.E_MPa == pytest.approx(a.energy.E_MPa, rel=1e-6)
@@ -149,7 +149,7 @@ def test_poisson_ratio_moves_the_modulus_as_the_budget_says():
     history = grasp()
     other = grasp_model(history, solid_of(ball_mesh(), history, poisson_ratio=NU + 0.02))
     spread = replace(BUDGET, poisson_ratio_sd=0.02)
-    here = estimate_modulus(history, grasp_model(history, free_ball()), budget=spread)
+    here = estimate_modulus(history, own_model(), budget=spread)
     there = estimate_modulus(history, other, budget=BUDGET)
     assert 1 - there.E_MPa / here.E_MPa == pytest.approx(
         here.parts_sd_MPa[POISSON_RATIO] / here.E_MPa, rel=0.35
@@ -168,5 +168,6 @@ def test_misfit_that_neighbours_share_widens_the_tactile_part():
         load = np.linalg.norm(pad.force_N.sum(axis=1), axis=1)
         return pad.position_mm + (load / load.max())[:, None, None] * amount
 
-    straight = found_in(plain).parts_sd_MPa[TACTILE]
-    assert found_in(with_pads(plain, position_mm=bent)).parts_sd_MPa[TACTILE] > 2 * straight
+    model = own_model(0.5)  # of forces, which are the same
+    straight = found_in(plain, model).parts_sd_MPa[TACTILE]
+    assert found_in(with_pads(plain, position_mm=bent), model).parts_sd_MPa[TACTILE] > 2 * straight

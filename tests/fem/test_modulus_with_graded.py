@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from injected_mismatch import E_MPA, injected_case, linear_and_refitted
+from plain_model import plain_forward_model
 
 from fem.elements.assembly import assemble
 from fem.estimation.grasp_model import grasp_model
@@ -12,7 +13,6 @@ from fem.estimation.modulus import estimate_modulus
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.mismatch.effect import Response
 from fem.mismatch.effects import pit_size
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes

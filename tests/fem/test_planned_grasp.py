@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, PHASES, TIME_S, injected_case, on_pad, only_grasp, true_pads
+from plain_model import plain_forward_model
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.catalogue import EFFECTS
@@ -24,7 +25,6 @@ from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.next_grasp import in_words, planned_grasp
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.refinement import refit

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, NOISE_MM, TIME_S, injected_case, only_grasp, pads_under
+from plain_model import plain_forward_model
 from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
@@ -19,7 +20,6 @@ from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.screening import LinearRound, screened
 
 POSE_ERROR = next(effect for effect in EFFECTS if effect.spec.name == "pose_error")

@@ -93,7 +93,7 @@ def point_map(camera: Camera, egg: Egg, rows: int, columns: int) -> np.ndarray:
 def _rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     bent = (pixels - camera.middle_px) / camera.focal_px
     xy = bent.copy()
-    for _ in range(5):
+    for _ in range(5 if camera.k1 else 0):
         xy = bent / (1 + camera.k1 * np.sum(xy**2, axis=1, keepdims=True))
     rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.cam_from_world[:3, :3]
     return camera.place, rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -148,9 +148,9 @@ def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:
         light = 0.62 + 0.38 * np.clip(normal @ np.array([0.3, 0.2, 0.93]), 0, 1)
         skin = np.array([45.0, 60.0, 170.0]) + np.array([8.0, 26.0, 20.0]) * pattern[:, None]
         colour[hit] = skin * light[:, None]
-    linear = (np.clip(colour, 0, 255) / 255) ** 2.2
-    mixed = linear.reshape(camera.height_px, fine, camera.width_px, fine, 3).mean((1, 3))
-    return 255 * mixed ** (1 / 2.2)
+    linear = cv2.pow((np.clip(colour, 0, 255) / 255).astype(np.float32).reshape(rows, columns, 3), 2.2)
+    mixed = cv2.resize(linear, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+    return 255 * cv2.pow(mixed, 1 / 2.2).astype(float)
 
 
 def _looked_up(picture: np.ndarray, at: np.ndarray, shape: tuple[int, int], border: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 
 @pytest.fixture(scope="module")
 def photos():
-    return photographed(ring(14), egg=Egg(), mat=standard_mat())
+    return photographed(ring(9), egg=Egg(), mat=standard_mat())
 
 
 @pytest.mark.slow

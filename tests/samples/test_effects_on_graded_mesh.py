@@ -69,7 +69,7 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little(
     assert np.abs(large[2] / linear[2] - 1) > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one(
     ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit],
 ) -> None:

@@ -1,5 +1,7 @@
 """A third contact pushes where it is, along the skin's normal, and only when the skin comes to it."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, grasped_ball, motion, rough
@@ -7,7 +9,9 @@ from mismatch_ball import drawn_ball, grasped_ball, motion, rough
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.effect_levels import LEVELS, drawn_parameters
+from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.grip import InnerContact
+from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
 from samples.mismatch.true_recording import TrueRecording
 
@@ -22,10 +26,15 @@ def force_on_fruit(truth: TrueRecording) -> np.ndarray:
     return np.sum([np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads], axis=0)
 
 
+@cache
+def meshed() -> tuple[CaseGrasp, MeshedFruit]:
+    return rough(drawn_ball(), WAY, FINER)
+
+
+@cache
 def borne(*, N_per_mm: float, gap_mm: float = 0.0) -> np.ndarray:
-    drawn = drawn_ball()
-    grasp, stands = rough(drawn, WAY, FINER)
-    normal = inward_normal(drawn.fruit.skin, PLACE_MM)
+    grasp, stands = meshed()
+    normal = inward_normal(drawn_ball().fruit.skin, PLACE_MM)
     compliance, seat = with_third_contact(
         stands.flesh, stands.dofs, centre_mm=PLACE_MM, normal=normal, N_per_mm=N_per_mm, gap_mm=gap_mm
     )

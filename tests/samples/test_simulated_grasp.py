@@ -101,7 +101,7 @@ def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:
     assert found.true_force_N[0][1].sum(axis=0)[2] == pytest.approx(force, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_patch_under_a_hard_smooth_face_is_as_wide_as_hertz_says() -> None:
     # a^3 = 3 F R (1 - nu^2) / (4 E), whatever lies behind (Johnson 1985, eq. 4.22); there <r^2> = 2 a^2 / 5
     fruit = ball(30.0, 6.0, 0.5, 0.3)

@@ -29,7 +29,12 @@ def drawn(
     cover = np.zeros(SHAPE)
     for x, y in markers_px:
         if np.isfinite(x):
-            cover = np.maximum(cover, np.clip(RADIUS_PX + 0.5 - np.hypot(columns - x, rows - y), 0.0, 1.0))
+            near = tuple(
+                slice(max(0, int(middle - RADIUS_PX) - 1), max(0, int(middle + RADIUS_PX) + 3))
+                for middle in (y, x)
+            )
+            disc = np.clip(RADIUS_PX + 0.5 - np.hypot(columns[near] - x, rows[near] - y), 0.0, 1.0)
+            cover[near] = np.maximum(cover[near], disc)
     picture = gel * (1.0 + cover * (-0.7 if dark else 1.2))
     tinted = picture[..., None] * [1.0, 0.9, 0.8]
     tinted = tinted + np.random.default_rng(seed).normal(scale=noise, size=tinted.shape) if noise else tinted
