@@ -169,9 +169,9 @@ def _place_in_cell(
         regular = np.abs(np.linalg.det(slope)) > 1e-9
         slope[~regular] = np.eye(2)
         moved = np.clip(place + np.linalg.solve(slope, miss[..., None])[..., 0], -2.0, 2.0)
-        settled = np.abs(moved - place).max() < 1e-13
+        largest = np.abs(moved - place).max()
         place = moved
-        if settled:
+        if largest < 1e-13:
             break
     (a, _), (b, _) = lagrange(place[:, 0]), lagrange(place[:, 1])
     return place, np.linalg.norm(point_mm - np.einsum("mi,mj,mijc->mc", a, b, corner_mm), axis=1)
