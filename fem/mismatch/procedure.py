@@ -142,10 +142,11 @@ def _on_large_deformation(
     verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
 ) -> list[str]:
     """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
-    if verdict == UNKNOWN or not linear.deforms_largely:
-        return []
-    products, fit = (linear.products, linear.null) if best is None else (best.products, best.fit)
-    share = products.amount_of(LARGE_DEFORMATION, fit)
+    share = None
+    if verdict == NONE:
+        share = linear.large_deformation
+    elif best is not None and linear.deforms_largely:
+        share = best.products.amount_of(LARGE_DEFORMATION, best.fit)
     return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 

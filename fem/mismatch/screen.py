@@ -38,7 +38,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
 from fem.mismatch.effects.drainage import fading_forces, store_first_orders
 from fem.mismatch.effects.soft_spot import SoftSpot
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
+from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
@@ -135,15 +135,13 @@ def screen(
     share = float(numbers.sum() / (numbers / kept).sum())
     p_value, _, statistics = detection(linear, recorded, forward.compliance_ratio, kept=share)
     found = p_value < DETECTION_P
-    clear = linear.deforms_largely and not found
-    share_of_it = linear.products.amount_of(LARGE_DEFORMATION, linear.null) if clear else None
     return Screened(
         p_value=p_value,
         names=suggested(linear, forward.compliance_ratio) if found else (),
         statistics=statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        large_deformation=share_of_it,
+        large_deformation=None if found else linear.large_deformation,
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 

@@ -1,5 +1,6 @@
 """Which of two linear rounds stands: of flesh that deforms largely, or of flesh that moves little."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,6 +84,17 @@ def test_without_large_deformation_there_is_one_round(selected):
     linear, _ = select_likelier_model(None, alone, detected=True, null_case=NULL_CASE)
     assert linear is alone
     assert selected == [LARGELY]
+
+
+def test_large_deformation_is_told_by_the_plain_models_alone():
+    """Whichever round stands with an effect beside it."""
+    large, little = linear_round(LARGELY), linear_round(LITTLE)
+    products = SimpleNamespace(amount_of=lambda *_: (0.9, 0.1))
+    assert replace(large, products=products, largely=8.0, other=little).large_deformation == (0.9, 0.1)
+    stands = replace(little, largely=-8.0, other=replace(large, products=products))
+    assert stands.large_deformation == (0.9, 0.1)
+    assert replace(little, largely=8.0, other=large).large_deformation is None
+    assert large.large_deformation is None
 
 
 def test_p_is_that_of_the_round_which_recordings_contradict_less(monkeypatch):

@@ -11,7 +11,6 @@ from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
 from fem.mismatch.evidence.large_deformation import (
-    CLEAR,
     LARGE_DEFORMATION,
     large_deformation,
     leave_large_deformation,
@@ -96,7 +95,8 @@ def test_neo_hookean_flesh_is_seen_to_deform_largely_and_not_to_stiffen(neo_hook
     _, linear = neo_hookean
     share = linear.products.amount_of(LARGE_DEFORMATION, linear.null)
     assert share[0] == pytest.approx(1.0, abs=0.1)
-    assert linear.largely > CLEAR
+    assert linear.deforms_largely
+    assert linear.large_deformation == share
     assert linear.best[0].gain < 0
 
 
@@ -115,7 +115,8 @@ def test_linear_flesh_is_not_said_to_deform_largely():
     forward = forward_of()
     recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
     linear = screened(forward, recorded, [stiffening.EFFECT])
-    assert linear.largely < CLEAR
+    assert not linear.deforms_largely
+    assert linear.large_deformation is None
 
 
 @pytest.mark.slow

@@ -75,8 +75,20 @@ class LinearRound:
 
     @property
     def deforms_largely(self) -> bool:
-        """Whether that is clear."""
+        """Whether that is clear, the best effect beside."""
         return self.largely > CLEAR
+
+    @property
+    def large_deformation(self) -> tuple[float, float] | None:
+        """Its share and standard deviation in the plain model, where that is clearly likelier with it than
+        without, no effect beside either.
+        """
+        if self.other is None:
+            return None
+        large, little = (self, self.other) if self.largely > 0 else (self.other, self)
+        if large.null.log_evidence - little.null.log_evidence < CLEAR:
+            return None
+        return large.products.amount_of(LARGE_DEFORMATION, large.null)
 
     @property
     def evidence(self) -> float:
