@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS, SPECS
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.procedure import detection, plain_forward_model
 from fem.mismatch.selection.detection import p_values_against
 from fem.mismatch.selection.null_reference import (

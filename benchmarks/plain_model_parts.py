@@ -19,8 +19,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
-from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT
 from fem.mismatch.evidence.withheld_response import WITHHELD, leave_withheld, withheld_response
 from fem.mismatch.model.forward_model import ForwardModel, MemoTable

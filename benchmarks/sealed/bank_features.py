@@ -19,7 +19,7 @@ from mismatch import cases_in, keep_line
 from reduced_case import ReducedCase, gains_of, reduced, store
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.screening import screened

@@ -16,7 +16,8 @@ from jaxtyping import Float, Int
 from fem.estimation.sensitivity import mean_normal, tangents
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Signature
-from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.result import NONE

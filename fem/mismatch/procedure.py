@@ -10,8 +10,9 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
-from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
-from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
 from fem.mismatch.result import Candidate, GraspTrace, Modulus, Parameter, mixture

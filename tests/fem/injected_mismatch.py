@@ -20,7 +20,7 @@ from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit, refit

@@ -9,7 +9,7 @@ from pinched_forward_model import forward_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model import slip_path, stress_history
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection import model_selection

@@ -11,7 +11,8 @@ from scipy.stats import multivariate_normal
 
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
-from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix, GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 

@@ -26,7 +26,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.reported_values import candidates

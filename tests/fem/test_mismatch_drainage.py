@@ -16,7 +16,7 @@ from plain_model import plain_forward_model
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.reduced_law import ReducedLaw
 from fem.mismatch.selection.modulus_with import modulus_of

@@ -10,12 +10,13 @@ from pinched_forward_model import forward_of
 from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
     large_deformation,
     leave_large_deformation,
 )
-from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.forward_model import ForwardModel

@@ -8,7 +8,7 @@ from test_mismatch_core_measurement import given_way
 
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.reported_values import _ninety
 from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit

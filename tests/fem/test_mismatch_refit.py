@@ -9,7 +9,7 @@ from pinched_forward_model import COMPLIANCE, forward_of
 
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import ONE_WAY

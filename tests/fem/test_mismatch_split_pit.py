@@ -17,7 +17,7 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.mismatch.effects import loose_pit, pit_size, split_pit
 from fem.mismatch.effects.split_pit import ANGLE, EFFECT, SHARE
 from fem.mismatch.evidence.force_noise import drawn_force_noise
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.parted_pit import EDGE_MM, OfHalves, PartedPit, parted_response
 from fem.mismatch.selection.modulus_with import modulus_of

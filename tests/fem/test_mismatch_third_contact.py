@@ -30,7 +30,7 @@ from fem.grasp_history import GraspHistory
 from fem.mesh.surface_points import locate
 from fem.mismatch.effects import pose_error, sensor_gain, third_contact
 from fem.mismatch.evidence.equation_cache import balance_equations
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import wrench
 from fem.mismatch.model.third_force import ForceBalance

@@ -21,7 +21,7 @@ from fem.mismatch.design.predictions import (
     response_at_candidates,
 )
 from fem.mismatch.evidence import linear_evidence
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.next_grasp import in_words, planned_grasp

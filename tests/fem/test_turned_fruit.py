@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
 from fem.mismatch.evidence.discrepancy_prior import retained_columns
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
     large_deformation,
     leave_large_deformation,
 )
-from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.observation_delta import Regressor

@@ -12,7 +12,7 @@ from fem.mismatch.design.expected_evidence import PairDistance, PairGram, pair_d
 from fem.mismatch.design.placed_candidate import PlacedCourse, placed_course
 from fem.mismatch.design.predictions import Explained, Predicted, candidate_set, predictions
 from fem.mismatch.effect import Effect
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.thresholds import EQUAL_PROBABILITY, TEMPERATURE

@@ -18,7 +18,7 @@ from fem.estimation.denoised_force import DenoisedForce
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.frame_thinning import spacing
 from fem.grasp_history import PadHistory
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.force_products import ForceNoise
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.parallel_map import parallel_map

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fem.estimation.compliance_fit import about_episode_mean
-from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import HeldOut
 

@@ -12,6 +12,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     CLEAR,
     LARGE_DEFORMATION,
@@ -19,7 +20,7 @@ from fem.mismatch.evidence.large_deformation import (
     LITTLE,
     large_deformation,
 )
-from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
+from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor

@@ -1,0 +1,94 @@
+"""One recording's equations: its markers', its balance, its pads at rest, with what is its own eliminated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.zero_drift import ZeroDrifts
+from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
+from fem.mismatch.evidence.nuisances import own_nuisances
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
+from fem.mismatch.model.observation_delta import ObservationDelta
+
+
+@dataclass(frozen=True)
+class GraspEquations:
+    """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
+
+    What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `own` and
+    `own_weighed` are its rows, `inverse` is (own . W own + L)^-1.
+    """
+
+    recording: GraspResponse
+    markers: MarkerEquations
+    balance: BalanceEquations | None
+    rest: ZeroDrifts
+    own: Float[np.ndarray, "k d"]
+    own_weighed: Float[np.ndarray, "k d"]
+    inverse: Float[np.ndarray, "k k"]
+
+    @classmethod
+    def of(cls, forward: ForwardModel, recording: GraspResponse) -> "GraspEquations":
+        """The recording's equations, with the case's own spreads of marker scales."""
+        markers = marker_equations(forward, recording)
+        none = np.zeros((0, 0))
+        balance = balance_equations(forward, recording)
+        bare = cls(
+            recording,
+            markers,
+            balance,
+            ZeroDrifts.of(recording.case.history, recording.pose[:, 0, :3, 2]),
+            none,
+            none,
+            none,
+        )
+        found = own_nuisances(forward, recording)
+        plain, weighed = bare.rows([field for _, _, field in found])
+        normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
+        return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
+
+    def flat(self, field: ObservationDelta | None) -> Float[np.ndarray, " d"]:
+        """A field laid out flat: markers in contact, sums of force, pads at rest."""
+        touching, cut, end = self._ends()
+        found = np.zeros(end + len(self.rest.measured))
+        if field is not None and field.markers is not None:
+            found[:cut] = field.markers[touching].ravel()
+        if field is not None and field.balance is not None and self.balance is not None:
+            found[cut:end] = field.balance.ravel()
+        if field is not None and field.rest is not None:
+            found[end:] = field.rest
+        return found
+
+    def _ends(self) -> tuple[Bool[np.ndarray, "f n"], int, int]:
+        """Which markers touch, and where they and the sums of force end in a flat field."""
+        touching = self.recording.tracks.episode >= 0
+        cut = 3 * int(touching.sum())
+        return touching, cut, cut + (0 if self.balance is None else self.balance.measured.size)
+
+    def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
+        """The fields and their W-images, each laid out flat."""
+        _, cut, end = self._ends()
+        width = end + len(self.rest.measured)
+        plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
+        for row, field in enumerate(fields):
+            plain[row] = self.flat(field)
+            if field is not None and field.balance is not None and self.balance is not None:
+                weighed[row, cut:end] = self.balance.weighed(field.balance).ravel()
+            if field is not None and field.rest is not None:
+                weighed[row, end:] = self.rest.weight * field.rest
+        weighed[:, :cut] = self.markers.weighed_in_contact(plain[:, :cut])
+        if len(self.inverse):
+            weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
+        return plain, weighed
+
+    def weighed_markers(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """The W-image of a field of the markers, at the markers; zero out of contact."""
+        touching = self.recording.tracks.episode >= 0
+        _, weighed = self.rows([ObservationDelta(markers=field)])
+        found = np.zeros_like(field)
+        found[touching] = weighed[0, : 3 * int(touching.sum())].reshape(-1, 3)
+        return found
