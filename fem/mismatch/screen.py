@@ -157,9 +157,9 @@ def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
         return (UNKNOWN,)
     if linear.pairs and linear.pairs[0][0] > beyond[0][0] + PAIR_GAIN * compliance_ratio:
         _, first, second = linear.pairs[0]
-        return ("+".join(sorted((first.effect.spec.name, second.effect.spec.name))),)
+        return ("+".join(sorted((first.name, second.name))),)
     margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
-    return tuple(one.effect.spec.name for gain, one in beyond if gain > beyond[0][0] - margin)
+    return tuple(one.name for gain, one in beyond if gain > beyond[0][0] - margin)
 
 
 def _forward_model(

@@ -15,12 +15,11 @@ from functools import cache
 
 import numpy as np
 from coarse_fruit import NU
-from injected_mismatch import E_MPA, NAMES, TIME_S, Altered, Recording, bare_pad, true_mesh, true_pads
+from injected_mismatch import E_MPA, TIME_S, Altered, Recording, bare_grasps, true_mesh, true_pads
 
 from fem.elements.assembly import unit_lame_constants
-from fem.grasp_history import GraspHistory
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.pad_link import contact_nodes, pad_link
+from fem.solid.pad_link import pad_link
 
 
 @cache
@@ -35,14 +34,7 @@ def drained_more(share: float, tau_s: float) -> dict[tuple[str, bytes], np.ndarr
     ratio = lowered / (2 * (lowered + mu))
     firmer = 2 * mu * (1 + ratio)
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=ratio, support="free")
-    bare = [
-        [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
-        for grasp in range(len(true_pads()))
-    ]
-    histories = [
-        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
-    ]
-    nodes = contact_nodes(mesh, histories)
+    bare, nodes = bare_grasps(mesh)
     solid = replace(solid, contact_nodes=nodes)
     links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
     loads = np.zeros((len(TIME_S), len(bare), *mesh.nodes_mm.shape))

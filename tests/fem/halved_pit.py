@@ -10,14 +10,13 @@ from functools import cache
 import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU
 from fem_shapes import ball
-from injected_mismatch import E_MPA, NAMES, TIME_S, Altered, Recording, bare_pad, true_pads
+from injected_mismatch import E_MPA, TIME_S, Altered, Recording, bare_grasps, true_pads
 from scipy.sparse import csr_array, diags_array, hstack
 
-from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.model.parted_pit import EDGE_MM
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.pad_link import contact_nodes, pad_link
+from fem.solid.pad_link import pad_link
 from fem.solid.rigid_core import pit_centre_mm, reduction
 from fem.sparse.solver import factorise
 
@@ -84,14 +83,7 @@ def units(angle_deg: float | None, edge_mm: float = EDGE_MM) -> dict[tuple[str, 
     At the suture's edge the surface's displacement passes from one half's to the other's over `edge_mm`.
     """
     mesh, found = true_mesh(), {}
-    bare = [
-        [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
-        for grasp in range(len(true_pads()))
-    ]
-    histories = [
-        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
-    ]
-    nodes = contact_nodes(mesh, histories)
+    bare, nodes = bare_grasps(mesh)
     solid = replace(true_solid(), contact_nodes=nodes)
     links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
     loads = np.zeros((len(bare), len(TIME_S), *mesh.nodes_mm.shape))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
+from jaxtyping import Int
 from plain_model import plain_forward_model
 
 from fem.estimation.error_budget import ErrorBudget
@@ -156,6 +157,18 @@ def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
         force_sd_N=NOISE_N,
         lag1=0.0,
     )
+
+
+def bare_grasps(mesh: FleshMesh) -> tuple[list[list[PadHistory]], Int[np.ndarray, " s"]]:
+    """The pads of every grasp under the true forces, and the nodes of the mesh that they press."""
+    bare = [
+        [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
+        for grasp in range(len(true_pads()))
+    ]
+    histories = [
+        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
+    ]
+    return bare, contact_nodes(mesh, histories)
 
 
 @cache

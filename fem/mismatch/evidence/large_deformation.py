@@ -18,7 +18,7 @@ LITTLE, LARGELY = (0.0, 0.02), (1.0, 0.25)
 """Mean and standard deviation of its amount a priori, of flesh that moves little, as two simulators take it
 to do, and of flesh that deforms largely, as all real flesh does. One of the two holds
 (fem.mismatch.selection.screening): between them a skin and large deformation stand for each other. Set by
-hand: sound fruit of simulators of the first kind have 0.00 to 0.03 of it where any is allowed, Neo-Hookean
+hand: sound fruit of simulators of the first kind have within 0.03 of none where any is allowed, Neo-Hookean
 ones 0.5 to 0.9 (docs/validation.md); an eighth of it takes a fifth off a skin (open-07)."""
 CLEAR = 3.0
 """ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1, as

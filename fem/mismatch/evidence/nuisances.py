@@ -102,11 +102,15 @@ def stand_ins(forward: ForwardModel) -> list[Regressor]:
 
 def _turned(forward: ForwardModel) -> list[Regressor]:
     """One column at most."""
-    turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
-    if all(own is None for own in turned):
-        return []
-    added = [None if own is None else ObservationDelta(markers=own) for own in turned]
-    return [Regressor(name=TURNED_FRUIT, mean=EITHER, sd=EITHER, fields=added)]
+
+    def compute() -> list[Regressor]:
+        turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
+        if all(own is None for own in turned):
+            return []
+        added = [None if own is None else ObservationDelta(markers=own) for own in turned]
+        return [Regressor(name=TURNED_FRUIT, mean=EITHER, sd=EITHER, fields=added)]
+
+    return forward.memoised(TURNED_FRUIT, compute)
 
 
 def own_nuisances(
