@@ -28,7 +28,12 @@ from fem.mismatch.selection.model_selection import Hypothesis, NullCase, select_
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_verdict import borne_out, reported_modulus, undetected_spread
+from fem.mismatch.selection.reported_verdict import (
+    borne_out,
+    reported_modulus,
+    second_spread,
+    undetected_spread,
+)
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad, pad_of
 from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
@@ -84,6 +89,7 @@ def explain(
         after = null if best is None else _model_of(best)
         ranking = candidates(found, linear)
         proof = held_out(forward, recorded, null, after)
+        unseen = undetected_spread(found, p_value) if best is None else second_spread(linear, best, null_case)
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -101,9 +107,7 @@ def explain(
         ranking=ranking,
         verdict=found.verdict,
         before=plain,
-        after=reported_modulus(
-            found.verdict, ranking, plain, undetected=undetected_spread(found, p_value), proof=proof
-        ),
+        after=reported_modulus(found.verdict, ranking, plain, undetected=unseen, proof=proof),
         heldout=proof,
         next_grasp=fixed if plan is None else in_words(plan),
         next_grasp_plan=plan,

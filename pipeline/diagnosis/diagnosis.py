@@ -133,7 +133,7 @@ def _require_gels(fruit: GraspedFruit) -> None:
 
 
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
-    fruit = grasped_fruit(case.task, log)
+    fruit = grasped_fruit(case.task, log, explains=True)
     _require_gels(fruit)
     handed = mismatch_case(case, fruit)
     with log.stage("modulus"):

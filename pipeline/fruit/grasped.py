@@ -58,8 +58,10 @@ class GraspedFruit:
     doubts: tuple[Doubt, ...] = ()
 
 
-def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
+def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> GraspedFruit:
     """Photos or a ready mesh to elements, in stages told to `log`.
+
+    `explains`: for the mismatch finder (pipeline.fruit.placed_grasp.Checked).
 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
@@ -85,7 +87,7 @@ def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
         facts.pit = pit.record
         write_meshes(task.results, shape, pit)
         doubts = _pit_doubts(task, shape, pit)
-    placed, failures = _placed(task, shape, log)
+    placed, failures = _placed(task, shape, replace(_checked(task, shape), explains=explains), log)
     failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
     facts.grasps = failed
     if not placed:
@@ -131,7 +133,7 @@ def _pit_doubts(task: FruitTask, shape: FruitShape, pit: FruitPit) -> list[Doubt
 
 
 def _placed(
-    task: FruitTask, shape: FruitShape, log: StageLog
+    task: FruitTask, shape: FruitShape, checked: Checked, log: StageLog
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed: list[PlacedGrasp] = []
@@ -158,7 +160,7 @@ def _placed(
                     name=name,
                     faults=jaw_faults(task.settings.mismatch, rig),
                     sd_mm=shape.sd_mm,
-                    checked=replace(_checked(task, shape), rig=rig),
+                    checked=replace(checked, rig=rig),
                     admit=partial(admitted, owner, log, strangers, name=name, field=field),
                 )
                 refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))

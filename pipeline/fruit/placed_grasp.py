@@ -62,12 +62,14 @@ class PlacedGrasp:
 @dataclass(frozen=True, kw_only=True)
 class Checked:
     """What the checks of a recording are told: moduli that the category can have, the mesh's error, and what
-    the jaws give, where a rig was taken out of the recording.
+    the jaws give, where a rig was taken out of the recording. `explains`: for the mismatch finder, which
+    takes recordings with a fault that it has an effect for (Finding.has_effect).
     """
 
     E_range_MPa: tuple[float, float] | None = None
     surface_sd_mm: float = 0.0
     rig: RigCurve | None = None
+    explains: bool = False
 
 
 def place_grasp(
@@ -146,6 +148,8 @@ def findings_of(
     )
     if checked.rig is not None:
         found += jaw_share_findings(recording, checked.rig)
+    if checked.explains:
+        found = [replace(one, refused=one.refused and not one.has_effect) for one in found]
     if said := refusal(found, corrected_for=corrected_for):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
     return tuple(found)

@@ -98,7 +98,8 @@ class Finding:
     nothing. Else E's relative standard deviation grows by `relative_sd`, which is 0 where E does not depend
     on what was found. `hides_touch`: the first touch cannot be seen for it, so that nothing can be said of
     where and when the pads met the fruit. `remark`: no fault and no effect on E, but something that other
-    checks or findings would have needed.
+    checks or findings would have needed. `has_effect`: the mismatch finder has an effect for the cause, so
+    that it takes the recording though grading refuses it.
     """
 
     kind: FindingKind
@@ -111,6 +112,7 @@ class Finding:
     relative_sd: float = 0.0
     hides_touch: bool = False
     remark: bool = False
+    has_effect: bool = False
 
     @property
     def sentence(self) -> str:

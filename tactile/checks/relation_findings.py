@@ -201,8 +201,9 @@ def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
             one,
             FindingKind.SATURATION,
             f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; "
-            "the sensor saturates",
+            "the sensor saturates, or its reading is not linear (drupe explain tells how much)",
             field="force",
+            has_effect=True,
         )
     if r.saturation > 1 / SATURATES:
         return _refused(
@@ -216,7 +217,13 @@ def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
 
 
 def _refused(
-    one: Pressing, kind: FindingKind, says: str, *, field: Field | None = None, detail: str = ""
+    one: Pressing,
+    kind: FindingKind,
+    says: str,
+    *,
+    field: Field | None = None,
+    detail: str = "",
+    has_effect: bool = False,
 ) -> Finding:
     """A finding of one pad that makes its recording unusable."""
     return Finding(
@@ -227,6 +234,7 @@ def _refused(
         field=field,
         detail=detail,
         refused=True,
+        has_effect=has_effect,
     )
 
 

@@ -3,10 +3,14 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
+from fem.mismatch.selection import reported_verdict
+from fem.mismatch.selection.detection import statistic_p
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
+from fem.mismatch.selection.null_reference import null_reference
 from fem.mismatch.selection.reported_verdict import (
     borne_out,
     fails_held_out,
@@ -97,6 +101,35 @@ def test_what_effects_may_do_counts_by_their_gains_and_by_p() -> None:
         assert undetected_spread(found, p) == pytest.approx(math.sqrt(ratio / (1 + ratio)) * change)
     assert undetected_spread(found, 0.9) < 0.5 * undetected_spread(found, 0.06)
     assert undetected_spread(ModelSelection(ranking=(), verdict=NONE, without={}), 0.06) == 0.0
+
+
+def test_a_second_effect_beside_a_name_widens_E_too() -> None:
+    said = reported_modulus("skin", [candidate("skin", 0.9, 0.3)], PLAIN, undetected=0.03)
+    assert (said.value, said.sd) == (0.3, pytest.approx(math.hypot(0.01, 0.03 * 0.3)))
+
+
+def test_a_second_effects_p_is_that_of_sound_recordings_whose_best_effect_adds_as_much(monkeypatch) -> None:
+    """Two signatures of one effect count once, the better; by hand as above."""
+    added = [(6.0, "pit_size", 0.06), (5.0, "pit_size", 0.5), (1.0, "skin", -0.02)]
+    fits = [(gain, SimpleNamespace(name=name, modulus_change=change)) for gain, name, change in added]
+    monkeypatch.setattr(reported_verdict, "added_gains", lambda *_: fits)
+    null_case = SimpleNamespace(compliance_ratio=2.0, excess_gain=lambda _, gain: gain - 0.5)
+    p = statistic_p("best single", 5.5 / 2.0)
+    ratio = P_EXPONENT * p ** (P_EXPONENT - 1)
+    odds = math.exp(5.0 / TEMPERATURE)
+    mean = (odds * 0.06**2 + 0.02**2) / (1 + odds)
+    found = reported_verdict.second_spread(None, None, null_case)  # type: ignore[arg-type]
+    assert found == pytest.approx(math.sqrt(ratio / (1 + ratio) * mean))
+
+
+def test_a_statistics_p_falls_with_it_and_is_half_in_the_middle_of_sound_fruit() -> None:
+    each = [statistic_p("best single", value) for value in (-1.0, 0.5, 3.0, 20.0)]
+    assert each == sorted(each, reverse=True)
+    assert each[-1] < 0.05 < each[0]
+    known = null_reference().statistics[:, 0]
+    assert statistic_p("best single", float(np.sinh(np.arcsinh(known).mean()))) == pytest.approx(
+        0.5, abs=0.05
+    )
 
 
 def test_where_something_unknown_is_missing_E_is_as_uncertain_as_that() -> None:

@@ -15,7 +15,7 @@ from fem.estimation.modulus import estimate_modulus
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.fruit.placed_grasp import grasp_record, history, place_grasp, refusal
+from pipeline.fruit.placed_grasp import Checked, grasp_record, history, place_grasp, refusal
 from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.io.recording import read_recording, write_recording
@@ -46,6 +46,22 @@ def test_a_recording_without_poses_is_refused(tmp_path):
     write_recording(tmp_path / "grasp.h5", replace(recording, pads=tuple(nowhere)))
     with pytest.raises(TactileFailure, match="pads/left/pose: found no pose"):
         place_grasp(tmp_path / "grasp.h5", *read_mesh(DATA / "fruit.ply"))
+
+
+def test_a_bent_force_reading_is_refused_by_grading_and_taken_to_be_explained(tmp_path):
+    """f (1 - 0.45 |f| / M), M the largest: above half the peak force grows 0.47 times as fast as below."""
+    recording = read_recording(DATA / "grasp.h5")
+    pads = []
+    for pad in recording.pads:
+        size = np.linalg.norm(pad.force_N, axis=2, keepdims=True)
+        pads.append(replace(pad, force_N=pad.force_N * (1 - 0.45 * size / size.max())))
+    write_recording(tmp_path / "grasp.h5", replace(recording, pads=tuple(pads)))
+    outer = read_mesh(DATA / "fruit.ply")
+    with pytest.raises(TactileFailure, match=r"reading is not linear \(drupe explain"):
+        place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked())
+    placed = place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked(explains=True))
+    assert [one.kind for one in placed.findings if "clipped" in one.sentence] == [FindingKind.SATURATION]
+    assert not any(one.refused for one in placed.findings)
 
 
 def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():

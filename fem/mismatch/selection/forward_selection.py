@@ -4,14 +4,19 @@ from dataclasses import replace
 
 from fem.mismatch.evidence.discrepancy_prior import retained_columns
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.screening import LinearFit, LinearRound, violates_sign_constraint
+from fem.mismatch.selection.screening import (
+    LinearFit,
+    LinearRound,
+    modulus_change,
+    violates_sign_constraint,
+)
 
 
 def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
     """Signatures of other effects, linearised about the refitted model: ln evidence added, and the fit.
 
     Greatest first, without those that violate a sign constraint. The refitted effect's own parameters stay
-    free along their slopes.
+    free along their slopes; `modulus_change` of the fit is that of E beside the refitted effect.
     """
     mine = {effect.spec.name for effect in known.effects}
     others = [one for one in linear.linear_fits if one.effect.spec.name not in mine]
@@ -21,12 +26,14 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     products, chosen = linear.products.about(known.forward, known.response, [*plain, *columns], slopes)
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
-    before = products.fit(free).log_evidence
+    before = products.fit(free)
     found: list[tuple[float, LinearFit]] = []
     for one in others:
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
-            found.append((fit.log_evidence - before + one.direct, replace(one, amounts=amounts)))
+            gain = fit.log_evidence - before.log_evidence + one.direct
+            change = modulus_change(before, fit)
+            found.append((gain, replace(one, amounts=amounts, modulus_change=change)))
     return sorted(found, key=lambda pair: -pair[0])

@@ -5,8 +5,9 @@ property of the fruit must explain at least half of what they show beyond noise,
 recordings do (a fault of a sensor shows in the balance of forces too, which this does not count). Else it
 stands for something that the catalogue does not have. What E is said goes with the verdict: that of the plain
 model where nothing is missing, its spread what effects that went undetected may do to it too; the mean over
-all names that cannot be told apart, by their probabilities, its spread what they differ by too; and where
-something unknown is missing that of the plain model, as uncertain as unknown physics has made it.
+all names that cannot be told apart, by their probabilities, its spread what they differ by too and what a
+second effect beside them may do; and where something unknown is missing that of the plain model, as uncertain
+as unknown physics has made it.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,8 +16,11 @@ from dataclasses import replace
 import numpy as np
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
-from fem.mismatch.selection.model_selection import ModelSelection
+from fem.mismatch.selection.detection import statistic_p
+from fem.mismatch.selection.forward_selection import added_gains
+from fem.mismatch.selection.model_selection import ModelSelection, NullCase
 from fem.mismatch.selection.refinement import Refit
+from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.thresholds import (
     ABOVE_NOISE_SHARE,
     HELD_OUT_FLOOR,
@@ -85,19 +89,37 @@ def borne_out(
 
 
 def undetected_spread(found: ModelSelection, p_value: float) -> float:
-    """Relative spread of E by effects that may be there though none was detected.
+    """Relative spread of E by effects that may be there though none was detected."""
+    known = [one for one in found.ranking if one.linear_fits]
+    return _spread_of_some([(one.gain, one.linear_fits[0].modulus_change) for one in known], p_value)
+
+
+def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> float:
+    """Relative spread of E by a second effect that may be there beside the named one, and is not named.
+
+    p is that of sound recordings whose best effect adds as much.
+    """
+    best_of: dict[str, tuple[float, float]] = {}
+    for gain, one in added_gains(linear, named):
+        own = (null_case.excess_gain(one, gain), one.modulus_change)
+        best_of[one.name] = max(best_of.get(one.name, own), own)
+    known = list(best_of.values())
+    most = max((gain for gain, _ in known), default=0.0)
+    return _spread_of_some(known, statistic_p("best single", most / null_case.compliance_ratio))
+
+
+def _spread_of_some(known: Sequence[tuple[float, float]], p_value: float) -> float:
+    """Relative spread of E by one of several effects, given the gain of each and the change of E with it.
 
     On sound fruit p is uniform; with an effect its density is taken as x p^(x - 1), x = P_EXPONENT (Sellke,
     Bayarri and Berger 2001, The American Statistician 55, 62-71). At even odds beforehand that is the
     probability of some effect; which one, their gains say.
     """
-    known = [one for one in found.ranking if one.linear_fits]
     if not known:
         return 0.0
     density_ratio = P_EXPONENT * max(p_value, LEAST_P) ** (P_EXPONENT - 1)
-    gain = np.array([one.gain for one in known])
+    gain, change = np.array(known).T
     weight = np.exp((gain - gain.max()) / TEMPERATURE)
-    change = np.array([one.linear_fits[0].modulus_change for one in known])
     return float(np.sqrt(density_ratio / (1 + density_ratio) * (weight @ change**2) / weight.sum()))
 
 
@@ -109,12 +131,12 @@ def reported_modulus(
     undetected: float = 0.0,
     proof: HeldOut | None = None,
 ) -> Modulus:
-    """E as the module's docstring says. `undetected`: of undetected_spread; `proof`: of the plain model."""
-    if verdict == NONE:
-        return _widened(plain, undetected)
+    """E as the module's docstring says. `undetected`: of undetected_spread, or second_spread beside a name;
+    `proof`: of the plain model.
+    """
     if verdict == UNKNOWN:
         return _widened(plain, unknown_spread(proof))
-    return _of_names(verdict, ranking, plain)
+    return _widened(plain if verdict == NONE else _of_names(verdict, ranking, plain), undetected)
 
 
 def unknown_spread(proof: HeldOut | None) -> float:

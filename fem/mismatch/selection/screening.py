@@ -243,8 +243,13 @@ def _linear_fit(
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
-        modulus_change=0.0 if wrong else float((1 + null.amounts[0]) / max(1 + fit.amounts[0], 0.5)) - 1,
+        modulus_change=0.0 if wrong else modulus_change(null, fit),
     )
+
+
+def modulus_change(before: Fit, after: Fit) -> float:
+    """Relative change of E from one fit to another: both count 1/E from the same; at most double."""
+    return float((1 + before.amounts[0]) / max(1 + after.amounts[0], 0.5)) - 1
 
 
 def violates_sign_constraint(
