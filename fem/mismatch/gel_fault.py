@@ -91,6 +91,18 @@ class GelFault:
             return 0.0
         return measured.evidence if self.flesh_gain(forward) > 0 else 0.0
 
+    def evidence_beside(
+        self, forward: ForwardModel, known: Sequence[tuple["GelFault", Mapping[str, float]]]
+    ) -> float:
+        """That of the relation with other faults of the gel undone first: one law that bends or lags the
+        relation shows in part as another.
+        """
+        records: Sequence[GelRecord] = gel_records(forward)
+        for fault, parameters in known:
+            records = [fault.law.undone(record, parameters) for record in records]
+        fitted = self._fitted(forward, records)
+        return 0.0 if fitted is None or fitted.evidence < LEAST_EVIDENCE else fitted.evidence
+
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,
         and what they lack themselves would change it.
@@ -129,12 +141,13 @@ class GelFault:
 
     def measured(self, forward: ForwardModel) -> RelationFit | None:
         """The law's parameters by force against displacement; kept for the case."""
-        return forward.memoised(("gel relation", self.spec.name), partial(self._measured, forward))
+        key = ("gel relation", self.spec.name)
+        return forward.memoised(key, lambda: self._fitted(forward, gel_records(forward)))
 
-    def _measured(self, forward: ForwardModel) -> RelationFit | None:
+    def _fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
         budget = forward.base.case.budget
         return fit_law(
-            gel_records(forward),
+            records,
             self.law,
             start={**{name: 0.1 * self.prior_sd[name] for name in self.amounts}, **self.others},
             prior_sd=self.prior_sd,

@@ -9,8 +9,9 @@ from plain_model import plain_forward_model
 
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
 from fem.mismatch.evidence.gel_relation import GelRecord, gel_records
-from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.selection.forward_selection import direct_evidence
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -206,3 +207,28 @@ def test_a_warming_gel_is_measured_where_it_touches_nothing():
 
 def test_a_drift_of_the_force_alone_is_no_warming():
     assert thermal_drift.still_pads([still(0.0, 0.3), still(0.0, 0.3, seed=1)]) is None
+
+
+def test_a_bent_reading_undone_leaves_nothing_to_another_fault_of_the_gel():
+    """A reading too high at the peak is in part a loop's; beside the bend no loop is seen."""
+    forward = forward_of(bent(0.35))
+    bend, loop = sensor_nonlinear.EFFECT, gel_hysteresis.EFFECT
+    assert measured_evidence(loop, forward) > LEAST_EVIDENCE
+    own = measured(bend, forward)
+    assert loop.evidence_beside(forward, [(bend, own)]) == 0.0
+    assert direct_evidence(forward, (bend, loop), (own, {})) == bend.direct_evidence(forward) > 0
+
+
+def test_a_loop_beside_a_bend_is_seen_as_much_as_alone():
+    """Bend after loop: undoing the bend leaves the loop as it is without one."""
+    two = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
+    bend = sensor_nonlinear.EFFECT
+    beside = gel_hysteresis.EFFECT.evidence_beside(two, [(bend, {"a": -0.3})])
+    one = measured_evidence(gel_hysteresis.EFFECT, forward_of(looped(0.1)))
+    assert beside == pytest.approx(one, rel=0.25)
+
+
+def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
+    found = effect.measured(forward)
+    assert found is not None
+    return found.evidence

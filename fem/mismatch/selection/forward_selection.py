@@ -1,8 +1,12 @@
 """Forward selection: which other signature adds most to an effect that has been refitted."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from fem.mismatch.effect import Effect, SeenDirectly
 from fem.mismatch.evidence.discrepancy_prior import retained_columns
+from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import (
     LinearFit,
@@ -10,6 +14,24 @@ from fem.mismatch.selection.screening import (
     modulus_change,
     violates_sign_constraint,
 )
+
+
+def direct_evidence(
+    forward: ForwardModel, effects: Sequence[Effect], parameters: Sequence[Mapping[str, float]]
+) -> float:
+    """What the recordings show directly of effects with these parameters, each beside those before it.
+
+    The parameters of the last do not matter.
+    """
+    total = 0.0
+    faults: list[tuple[GelFault, Mapping[str, float]]] = []
+    for effect, own in zip(effects, parameters, strict=True):
+        if isinstance(effect, GelFault):
+            total += effect.evidence_beside(forward, faults) if faults else effect.direct_evidence(forward)
+            faults.append((effect, own))
+        elif isinstance(effect, SeenDirectly):
+            total += effect.direct_evidence(forward)
+    return total
 
 
 def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
@@ -27,13 +49,19 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free)
+    shown = direct_evidence(known.forward, known.effects, known.parameters)
+    beside = {
+        effect.spec.name: direct_evidence(known.forward, (*known.effects, effect), (*known.parameters, {}))
+        - shown
+        for effect in {one.name: one.effect for one in others if one.direct}.values()
+    }
     found: list[tuple[float, LinearFit]] = []
     for one in others:
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
-            gain = fit.log_evidence - before.log_evidence + one.direct
+            gain = fit.log_evidence - before.log_evidence + beside.get(one.name, 0.0)
             change = modulus_change(before, fit)
             found.append((gain, replace(one, amounts=amounts, modulus_change=change)))
     return sorted(found, key=lambda pair: -pair[0])

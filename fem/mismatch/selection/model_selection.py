@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic
-from fem.mismatch.selection.forward_selection import added_gains
+from fem.mismatch.selection.forward_selection import added_gains, direct_evidence
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import OfPad
@@ -252,9 +252,7 @@ def _gain(linear: LinearRound, again: Refit, null_case: NullCase) -> float:
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    direct = sum(
-        effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
-    )
+    direct = direct_evidence(again.forward, again.effects, again.parameters)
     return moved + min(auxiliary_log_likelihood, max(moved, 0.0)) + direct - null_case.in_full(again.effects)
 
 
