@@ -1,5 +1,7 @@
 """What an answer says of E with an effect in place: its spread carries that of the effect's parameters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from injected_mismatch import injected_case, linear_and_refitted
@@ -55,6 +57,20 @@ def test_intervals_stay_within_what_makes_sense():
     assert _ninety(2.0, 1.0, bounded, scale=0.5) == (0.355, 1.5)
 
 
+def test_two_inferences_of_E_that_disagree_leave_it_as_uncertain_as_their_scatter(thick_skin):
+    """The evidence's 1/E moved by a fifth: E of 1 and of 1/1.2 lie ln(1.2) / 2 from their mean."""
+    before = modulus_with(thick_skin)
+    fit = thick_skin.fit
+    agreed = thick_skin.forward.places / (thick_skin.forward.compliance * before.at.value) - 1
+    sds = []
+    for share in (1.0, 1.2):
+        amounts = fit.amounts.copy()
+        amounts[0] = (1 + agreed) * share - 1
+        sds.append(modulus_with(replace(thick_skin, fit=replace(fit, amounts=amounts))).known.sd)
+    more = np.sqrt(sds[1] ** 2 - sds[0] ** 2) / before.at.value
+    assert more == pytest.approx(np.log(1.2) / 2, rel=1e-6)
+
+
 @pytest.mark.parametrize("name", ["jaws", "thick_skin"])
 def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     again = request.getfixturevalue(name)
@@ -62,7 +78,9 @@ def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     change = asked(again, 0.02)
     assert found.change[0] == pytest.approx(change, rel=0.1)
     own = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])
-    expected = np.hypot(found.at.sd, found.at.value * abs(change) * own)
+    other = again.forward.places / (again.forward.compliance * (1 + again.fit.amounts[0]))
+    apart = np.log(found.at.value / other) / 2
+    expected = found.at.value * np.linalg.norm([found.at.sd / found.at.value, change * own, apart])
     assert found.known.sd == pytest.approx(expected, rel=0.1)
     assert found.known.sd > 1.2 * found.at.sd
     assert found.known.value == found.at.value

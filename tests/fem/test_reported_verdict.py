@@ -81,7 +81,7 @@ def test_where_nothing_is_missing_E_is_the_plain_models() -> None:
 
 
 def fitted(name: str, gain: float, change: float) -> Hypothesis:
-    linear = SimpleNamespace(modulus_change=change)
+    linear = SimpleNamespace(modulus_spread=change)
     return Hypothesis(name=name, gain=gain, probability=0.1, linear_fits=(linear,), refit=None)  # type: ignore[arg-type]
 
 
@@ -111,7 +111,7 @@ def test_a_second_effect_beside_a_name_widens_E_too() -> None:
 def test_a_second_effects_p_is_that_of_sound_recordings_whose_best_effect_adds_as_much(monkeypatch) -> None:
     """Two signatures of one effect count once, the better; by hand as above."""
     added = [(6.0, "pit_size", 0.06), (5.0, "pit_size", 0.5), (1.0, "skin", -0.02)]
-    fits = [(gain, SimpleNamespace(name=name, modulus_change=change)) for gain, name, change in added]
+    fits = [(gain, SimpleNamespace(name=name, modulus_spread=change)) for gain, name, change in added]
     monkeypatch.setattr(reported_verdict, "added_gains", lambda *_: fits)
     null_case = SimpleNamespace(compliance_ratio=2.0, excess_gain=lambda _, gain: gain - 0.5)
     p = statistic_p("best single", 5.5 / 2.0)

@@ -11,7 +11,7 @@ from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,
-    modulus_change,
+    modulus_spread_of,
     violates_sign_constraint,
 )
 
@@ -38,7 +38,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     """Signatures of other effects, linearised about the refitted model: ln evidence added, and the fit.
 
     Greatest first, without those that violate a sign constraint. The refitted effect's own parameters stay
-    free along their slopes; `modulus_change` of the fit is that of E beside the refitted effect.
+    free along their slopes; `modulus_spread` of the fit is that of E beside the refitted effect.
     """
     mine = {effect.spec.name for effect in known.effects}
     others = [one for one in linear.linear_fits if one.effect.spec.name not in mine]
@@ -62,6 +62,6 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
             gain = fit.log_evidence - before.log_evidence + beside.get(one.name, 0.0)
-            change = modulus_change(before, fit)
-            found.append((gain, replace(one, amounts=amounts, modulus_change=change)))
+            spread = modulus_spread_of(before, fit)
+            found.append((gain, replace(one, amounts=amounts, modulus_spread=spread)))
     return sorted(found, key=lambda pair: -pair[0])

@@ -2,7 +2,8 @@
 
 Both by grading's own inference (fem.estimation.joint_inference), linear about the prior's pit: what the pit,
 the pads' places and the surface may be off by is marginalised with an effect as without. With an effect in
-place E is known no better than the effect: what its parameters are off by is in its spread.
+place E is known no better than the effect: what its parameters are off by is in its spread, and so is how far
+that inference and the finder's own evidence disagree.
 """
 
 from collections.abc import Sequence
@@ -124,7 +125,9 @@ class ModulusWith:
 
 
 def modulus_with(again: Refit) -> ModulusWith:
-    """What the parameters are off by (their covariance, the model's error) is in the modulus' spread."""
+    """What the parameters are off by (their covariance, the model's error) is in the modulus' spread, and
+    what the two inferences of E differ by.
+    """
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
     plain, *changed = _moduli(
         again.forward, responses, _without(again.forward.base.case.budget, again.effects)
@@ -134,13 +137,25 @@ def modulus_with(again: Refit) -> ModulusWith:
     change = np.array(
         [np.log(one.value / plain.value) / step for one, (step, _) in zip(changed, again.ahead, strict=True)]
     )
-    spread = float(np.sqrt(change @ laws @ change))
+    spread = float(np.hypot(np.sqrt(change @ laws @ change), _apart(again, plain)))
     return ModulusWith(
         at=plain,
         known=replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread))),
         sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
         change=change,
     )
+
+
+def _apart(again: Refit, modulus: Modulus) -> float:
+    """Half of what E differs by, relative, from that of the finder's own evidence with the same explanation:
+    the standard deviation of two values about their mean.
+
+    Both are of the same recordings and weigh them otherwise: what the model lacks moves them apart.
+    """
+    compliance = again.forward.compliance * (1 + float(again.fit.amounts[0]))
+    if compliance <= 0:
+        return 0.0
+    return abs(float(np.log(modulus.value * compliance / again.forward.places))) / 2
 
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:

@@ -91,7 +91,7 @@ def borne_out(
 def undetected_spread(found: ModelSelection, p_value: float) -> float:
     """Relative spread of E by effects that may be there though none was detected."""
     known = [one for one in found.ranking if one.linear_fits]
-    return _spread_of_some([(one.gain, one.linear_fits[0].modulus_change) for one in known], p_value)
+    return _spread_of_some([(one.gain, one.linear_fits[0].modulus_spread) for one in known], p_value)
 
 
 def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> float:
@@ -101,7 +101,7 @@ def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> flo
     """
     best_of: dict[str, tuple[float, float]] = {}
     for gain, one in added_gains(linear, named):
-        own = (null_case.excess_gain(one, gain), one.modulus_change)
+        own = (null_case.excess_gain(one, gain), one.modulus_spread)
         best_of[one.name] = max(best_of.get(one.name, own), own)
     known = list(best_of.values())
     most = max((gain for gain, _ in known), default=0.0)
@@ -109,7 +109,7 @@ def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> flo
 
 
 def _spread_of_some(known: Sequence[tuple[float, float]], p_value: float) -> float:
-    """Relative spread of E by one of several effects, given the gain of each and the change of E with it.
+    """Relative spread of E by one of several effects, given the gain of each and the spread of E with it.
 
     On sound fruit p is uniform; with an effect its density is taken as x p^(x - 1), x = P_EXPONENT (Sellke,
     Bayarri and Berger 2001, The American Statistician 55, 62-71). At even odds beforehand that is the
@@ -118,9 +118,9 @@ def _spread_of_some(known: Sequence[tuple[float, float]], p_value: float) -> flo
     if not known:
         return 0.0
     density_ratio = P_EXPONENT * max(p_value, LEAST_P) ** (P_EXPONENT - 1)
-    gain, change = np.array(known).T
+    gain, spread = np.array(known).T
     weight = np.exp((gain - gain.max()) / TEMPERATURE)
-    return float(np.sqrt(density_ratio / (1 + density_ratio) * (weight @ change**2) / weight.sum()))
+    return float(np.sqrt(density_ratio / (1 + density_ratio) * (weight @ spread**2) / weight.sum()))
 
 
 def reported_modulus(

@@ -35,7 +35,8 @@ class LinearFit:
     """One signature of one effect among the columns of a case, fitted with the nuisances.
 
     `gain`: ln evidence over that of the nuisances, `auxiliary_log_likelihood` (fem.mismatch.effect) included,
-    of which `direct` counts whatever the motion says. `modulus_change`: relative, of E by the fit.
+    of which `direct` counts whatever the motion says. `modulus_spread`: relative, what the effect may do to
+    E (`modulus_spread_of`).
     """
 
     effect: Effect
@@ -45,7 +46,7 @@ class LinearFit:
     gain: float
     auxiliary_log_likelihood: float
     chi2_drop: float
-    modulus_change: float
+    modulus_spread: float
     direct: float = 0.0
 
     @property
@@ -243,13 +244,17 @@ def _linear_fit(
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
-        modulus_change=0.0 if wrong else modulus_change(null, fit),
+        modulus_spread=0.0 if wrong else modulus_spread_of(null, fit),
     )
 
 
-def modulus_change(before: Fit, after: Fit) -> float:
-    """Relative change of E from one fit to another: both count 1/E from the same; at most double."""
-    return float((1 + before.amounts[0]) / max(1 + after.amounts[0], 0.5)) - 1
+def modulus_spread_of(before: Fit, after: Fit) -> float:
+    """Root mean square of the relative change of E from one fit to another that has an effect too: of its
+    mean, and of what E is known less well by. Both count 1/E from the same; the mean at most doubles.
+    """
+    changed = max(1 + after.amounts[0], 0.5)
+    more = max(after.covariance[0, 0] - before.covariance[0, 0], 0.0)
+    return float(np.hypot((1 + before.amounts[0]) / changed - 1, np.sqrt(more) / changed))
 
 
 def violates_sign_constraint(
