@@ -91,7 +91,7 @@ class GelFault:
             return 0.0
         return measured.evidence if self.flesh_gain(forward) > 0 else 0.0
 
-    def evidence_beside(
+    def conditional_evidence(
         self, forward: ForwardModel, known: Sequence[tuple["GelFault", Mapping[str, float]]]
     ) -> float:
         """That of the relation with other faults of the gel undone first: one law that bends or lags the

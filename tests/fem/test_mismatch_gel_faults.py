@@ -215,7 +215,7 @@ def test_a_bent_reading_undone_leaves_nothing_to_another_fault_of_the_gel():
     bend, loop = sensor_nonlinear.EFFECT, gel_hysteresis.EFFECT
     assert measured_evidence(loop, forward) > LEAST_EVIDENCE
     own = measured(bend, forward)
-    assert loop.evidence_beside(forward, [(bend, own)]) == 0.0
+    assert loop.conditional_evidence(forward, [(bend, own)]) == 0.0
     assert direct_evidence(forward, (bend, loop), (own, {})) == bend.direct_evidence(forward) > 0
 
 
@@ -223,9 +223,9 @@ def test_a_loop_beside_a_bend_is_seen_as_much_as_alone():
     """Bend after loop: undoing the bend leaves the loop as it is without one."""
     two = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
     bend = sensor_nonlinear.EFFECT
-    beside = gel_hysteresis.EFFECT.evidence_beside(two, [(bend, {"a": -0.3})])
+    conditional = gel_hysteresis.EFFECT.conditional_evidence(two, [(bend, {"a": -0.3})])
     one = measured_evidence(gel_hysteresis.EFFECT, forward_of(looped(0.1)))
-    assert beside == pytest.approx(one, rel=0.25)
+    assert conditional == pytest.approx(one, rel=0.25)
 
 
 def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:

@@ -116,8 +116,8 @@ def test_a_second_effects_p_is_that_of_sound_recordings_whose_best_effect_adds_a
     null_case = SimpleNamespace(compliance_ratio=2.0, excess_gain=lambda _, gain: gain - 0.5)
     p = statistic_p("best single", 5.5 / 2.0)
     ratio = P_EXPONENT * p ** (P_EXPONENT - 1)
-    odds = math.exp(5.0 / TEMPERATURE)
-    mean = (odds * 0.06**2 + 0.02**2) / (1 + odds)
+    likelier = math.exp(5.0 / TEMPERATURE)
+    mean = (likelier * 0.06**2 + 0.02**2) / (1 + likelier)
     found = reported_verdict.second_spread(None, None, null_case)  # type: ignore[arg-type]
     assert found == pytest.approx(math.sqrt(ratio / (1 + ratio) * mean))
 

@@ -27,7 +27,9 @@ def direct_evidence(
     faults: list[tuple[GelFault, Mapping[str, float]]] = []
     for effect, own in zip(effects, parameters, strict=True):
         if isinstance(effect, GelFault):
-            total += effect.evidence_beside(forward, faults) if faults else effect.direct_evidence(forward)
+            total += (
+                effect.conditional_evidence(forward, faults) if faults else effect.direct_evidence(forward)
+            )
             faults.append((effect, own))
         elif isinstance(effect, SeenDirectly):
             total += effect.direct_evidence(forward)
@@ -50,7 +52,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free)
     shown = direct_evidence(known.forward, known.effects, known.parameters)
-    beside = {
+    conditional = {
         effect.spec.name: direct_evidence(known.forward, (*known.effects, effect), (*known.parameters, {}))
         - shown
         for effect in {one.name: one.effect for one in others if one.direct}.values()
@@ -61,7 +63,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
         fit = products.fit([*free, *own])
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
-            gain = fit.log_evidence - before.log_evidence + beside.get(one.name, 0.0)
+            gain = fit.log_evidence - before.log_evidence + conditional.get(one.name, 0.0)
             spread = modulus_spread_of(before, fit)
             found.append((gain, replace(one, amounts=amounts, modulus_spread=spread)))
     return sorted(found, key=lambda pair: -pair[0])
