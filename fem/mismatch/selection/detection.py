@@ -51,13 +51,7 @@ def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
 
 def statistic_p(name: str, value: float) -> float:
     """What share of sound recordings of other fruits have a greater value of one statistic."""
-    known = null_reference()
-    column = STATISTICS.index(name)
-    row = np.ones((1, len(STATISTICS)))
-    row[0, column] = value
-    mean, spread, freedom = _of_another_fruit(_scaled(known.statistics), known.fruits)
-    z = (_scaled(row)[0, column] - mean[column]) / spread[column]
-    return float(stdtr(freedom, -z))
+    return p_values({**dict.fromkeys(STATISTICS, 1.0), name: value})[1][name]
 
 
 def p_values_against(

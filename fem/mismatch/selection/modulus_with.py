@@ -150,7 +150,8 @@ def _apart(again: Refit, modulus: Modulus) -> float:
     """Half of what E differs by, relative, from that of the finder's own evidence with the same explanation:
     the standard deviation of two values about their mean.
 
-    Both are of the same recordings and weigh them otherwise: what the model lacks moves them apart.
+    Both are of the same recordings and model and weigh them otherwise: what the model lacks moves them apart.
+    That they agree proves nothing, so that this only ever widens an error bar.
     """
     compliance = again.forward.compliance * (1 + float(again.fit.amounts[0]))
     if compliance <= 0:
