@@ -29,7 +29,7 @@ import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.procedure import detection, plain_forward_model
+from fem.mismatch.procedure import detected, plain_forward_model
 from fem.mismatch.selection.detection import p_values_against
 from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
@@ -70,7 +70,8 @@ OF_QUANTILES = """\
 def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = None) -> dict[str, Any]:
     """The statistics of one case, and how much of every effect seems to be there, the nearest first.
 
-    Of its first `grasps` recordings (None: of all).
+    Of the plain model that p is of (fem.mismatch.procedure.detected; by the null reference of before), and
+    of its first `grasps` recordings (None: of all).
     `without`: effects whose seeming amount (fem.mismatch.evidence.discrepancy_prior) is left out of the
     plain model.
     """
@@ -80,9 +81,9 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         forward, _ = plain_forward_model(replace(handed, grasps=handed.grasps[:grasps]))
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, EFFECTS, without_discrepancy_of=without)
-    _, _, statistics = detection(linear, recorded, forward.compliance_ratio)
+    found = detected(linear, recorded, forward.compliance_ratio)
     shown: dict[str, dict[str, Any]] = {}
-    for one in sorted(linear.linear_fits, key=lambda own: -own.gain):
+    for one in sorted(found.linear.linear_fits, key=lambda own: -own.gain):
         shown.setdefault(
             one.name,
             {
@@ -93,7 +94,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         )
     return {
         "case": f"{folder.parent.name}/{folder.name}",
-        **statistics,
+        **found.statistics,
         "softness": forward.compliance_ratio,
         "tried": [effect.spec.name for effect in EFFECTS],
         "shown": shown,

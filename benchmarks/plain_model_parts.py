@@ -24,7 +24,7 @@ from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_lar
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT
 from fem.mismatch.evidence.withheld_response import WITHHELD, leave_withheld, withheld_response
 from fem.mismatch.model.forward_model import ForwardModel, MemoTable
-from fem.mismatch.procedure import detection, plain_forward_model
+from fem.mismatch.procedure import detected, plain_forward_model
 from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
@@ -39,18 +39,18 @@ def linear_line(forward: ForwardModel) -> str:
     """p-value, statistics, shares, and the gain and amounts of the effects that gain most."""
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, EFFECTS)
-    p_value, _, statistics = detection(linear, recorded, forward.compliance_ratio)
+    found = detected(linear, recorded, forward.compliance_ratio)
     best = ", ".join(
         f"{one.name} {one.gain:.1f} nats ({', '.join(f'{x:.3g}' for x in one.amounts)})"
         for one in linear.best[:SHOWN]
     )
-    said = " ".join(f"{name} {value:.3f}" for name, value in statistics.items())
-    found = {
+    said = " ".join(f"{name} {value:.3f}" for name, value in found.statistics.items())
+    amounts = {
         name: share for name in SHARES if (share := linear.products.amount_of(name, linear.null)) is not None
     }
-    shares = ", ".join(f"{name} {value:.2f} +- {sd:.2f}" for name, (value, sd) in found.items())
+    shares = ", ".join(f"{name} {value:.2f} +- {sd:.2f}" for name, (value, sd) in amounts.items())
     modulus = 1 / (forward.compliance * (1 + float(linear.null.amounts[0])))
-    return f"p {p_value:.3f}, E {modulus:.4g} MPa, {said}; {shares or 'no shares'}: {best}"
+    return f"p {found.p_value:.3f}, E {modulus:.4g} MPa, {said}; {shares or 'no shares'}: {best}"
 
 
 def added_um(forward: ForwardModel) -> list[float]:

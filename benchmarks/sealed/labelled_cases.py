@@ -3,9 +3,10 @@
     python benchmarks/sealed/labelled_cases.py FOLDER --salt WORDS [--law linear|neo-hookean] [--count N]
     python benchmarks/sealed/labelled_cases.py FOLDER --revealed NUMBER...
 
-Writes the first N sound cases of that law (both) from any words as salt, or the proof's own cases of these
-numbers by today's samples/, and answers.json, as benchmarks/mismatch.py reads them; those that are there are
-left alone. A case of linear flesh takes some minutes of one core, one of Neo-Hookean flesh four to eight.
+Writes the first N (10) sound cases of that law (both) from any words as salt, or the proof's own cases of
+these numbers by today's samples/, and answers.json, as benchmarks/mismatch.py reads them; those that are
+there are left alone. A case of linear flesh takes some minutes of one core, one of Neo-Hookean flesh four to
+eight.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from sealing import SALT, read_salt
 from samples.mismatch.nulls import LAWS
 from samples.sample_failure import NotInEquilibrium
 
+SOUND_COUNT = 10
 DRAWN = 60
 """Sound cases drawn, of which the first are taken; another number draws others."""
 
@@ -39,12 +41,16 @@ def main() -> None:
     source.add_argument("--salt")
     source.add_argument("--revealed", type=int, nargs="+", metavar="NUMBER")
     parser.add_argument("--law", choices=LAWS)
-    parser.add_argument("--count", type=int, default=10)
+    parser.add_argument("--count", type=int)
     chosen = parser.parse_args()
     if chosen.revealed:
+        if chosen.law is not None or chosen.count is not None:
+            parser.error(
+                "--law and --count choose among sound cases of a salt: leave them out with --revealed"
+            )
         write_cases(chosen.folder, revealed_cases(chosen.revealed))
     else:
-        write_cases(chosen.folder, sound_cases(chosen.salt, chosen.law)[: chosen.count])
+        write_cases(chosen.folder, sound_cases(chosen.salt, chosen.law)[: chosen.count or SOUND_COUNT])
 
 
 def sound_cases(salt: str, law: str | None) -> list[SealedCase]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,8 +72,7 @@ def explain(
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
-        p_value, each, _ = detection(linear, recorded, forward.compliance_ratio)
-        detected = p_value < DETECTION_P
+        detection = detected(linear, recorded, forward.compliance_ratio)
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
         null_case = NullCase(
@@ -81,7 +80,9 @@ def explain(
             most_chi2=count * LEFT_AT_MOST,
             compliance_ratio=forward.compliance_ratio,
         )
-        linear, found = select_likelier_model(forward, linear, detected=detected, null_case=null_case)
+        linear, found = select_likelier_model(
+            forward, linear, detected=detection.mismatch, null_case=null_case
+        )
     null = (linear.products, linear.nuisances)
     with stage("proof"):
         found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))
@@ -89,7 +90,11 @@ def explain(
         after = null if best is None else _model_of(best)
         ranking = candidates(found, linear)
         proof = held_out(forward, recorded, null, after)
-        unseen = undetected_spread(found, p_value) if best is None else second_spread(linear, best, null_case)
+        unseen = (
+            undetected_spread(found, detection.p_value)
+            if best is None
+            else second_spread(linear, best, null_case)
+        )
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -98,9 +103,9 @@ def explain(
         plan = planned_grasp(forward, linear, found)
         fixed = next_grasp(found.verdict, grasps=len(recorded))
     return Explanation(
-        detected=detected,
-        p_value=p_value,
-        statistics=each,
+        detected=detection.mismatch,
+        p_value=detection.p_value,
+        statistics=detection.p_values,
         where=place.where if best is None else _where(place.where, best),
         when=place.when,
         component=place.component,
@@ -221,21 +226,36 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
     return float(np.median([fit.compliance for fit in fits]))
 
 
-def detection(
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Is there a mismatch: the p-value, each statistic's own, the statistics, and the round they are of."""
+
+    p_value: float
+    p_values: dict[str, float]
+    statistics: dict[str, float]
+    linear: LinearRound
+
+    @property
+    def mismatch(self) -> bool:
+        """Whether there is one."""
+        return self.p_value < DETECTION_P
+
+
+def detected(
     linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float, *, kept: float = 1.0
-) -> tuple[float, dict[str, float], dict[str, float]]:
-    """The p-value, each statistic's own, and the statistics; `kept`: share of the frames, of thinned ones.
+) -> Detection:
+    """Of the plain model; `kept`: share of the frames, of thinned ones.
 
     Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
     effect may choose the plain model against which it is tested.
     """
-    rounds = [linear] if linear.other is None else [linear, linear.other]
     found = []
-    for one in rounds:
+    for one in [linear] if linear.other is None else [linear, linear.other]:
         statistics = detection_statistics(one, recorded, compliance_ratio)
         statistics["what is left"] *= kept
-        found.append((*p_values(statistics), statistics))
-    return max(found, key=lambda one: one[0])
+        p_value, each = p_values(statistics)
+        found.append(Detection(p_value=p_value, p_values=each, statistics=statistics, linear=one))
+    return max(found, key=lambda one: one.p_value)
 
 
 def detection_statistics(

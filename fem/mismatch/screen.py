@@ -50,11 +50,11 @@ from fem.mismatch.model.inner_changes import LEADING, OfInnerChange, inner_chang
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
-from fem.mismatch.procedure import detection, plain_fits
+from fem.mismatch.procedure import detected, plain_fits
 from fem.mismatch.selection.detection import null_gain
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
-from fem.mismatch.thresholds import DETECTION_P, EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
+from fem.mismatch.thresholds import EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 INNER = frozenset((*PIT, *SURFACE, POISSON_RATIO))
@@ -133,15 +133,14 @@ def screen(
     numbers = np.array([one.own.shape[1] for one in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
-    p_value, _, statistics = detection(linear, recorded, forward.compliance_ratio, kept=share)
-    found = p_value < DETECTION_P
+    found = detected(linear, recorded, forward.compliance_ratio, kept=share)
     return Screened(
-        p_value=p_value,
-        names=suggested(linear, forward.compliance_ratio) if found else (),
-        statistics=statistics,
+        p_value=found.p_value,
+        names=suggested(linear, forward.compliance_ratio) if found.mismatch else (),
+        statistics=found.statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        large_deformation=None if found else linear.large_deformation,
+        large_deformation=None if found.mismatch else linear.large_deformation,
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 

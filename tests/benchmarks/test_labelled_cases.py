@@ -27,6 +27,16 @@ def test_a_number_that_the_proof_does_not_have_is_said():
         labelled_cases.revealed_cases([7, 999])
 
 
+def test_what_chooses_among_sound_cases_is_no_way_to_choose_revealed_ones(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "sys.argv", ["labelled_cases.py", str(tmp_path / "new"), "--revealed", "7", "--count", "3"]
+    )
+    with pytest.raises(SystemExit):
+        labelled_cases.main()
+    assert "leave them out with --revealed" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
 def test_cases_that_are_there_are_left_alone_and_one_without_balance_costs_no_other(tmp_path, monkeypatch):
     def simulated(case, folder):
         if case.case_id == cases[1].case_id:

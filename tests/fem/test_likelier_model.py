@@ -104,9 +104,10 @@ def test_p_is_that_of_the_round_which_recordings_contradict_less(monkeypatch):
     monkeypatch.setattr(procedure, "detection_statistics", statistics)
     monkeypatch.setattr(procedure, "p_values", lambda own: (-own["best single"] / 1000, own))
     first = linear_round(LARGELY, other=linear_round(LITTLE))
-    p_value, _, own = procedure.detection(first, [], 1.0, kept=0.5)
-    assert (p_value, own["best single"], own["what is left"]) == (0.13, LITTLE, 0.5)
-    assert procedure.detection(linear_round(LARGELY), [], 1.0)[0] == 0.1
+    found = procedure.detected(first, [], 1.0, kept=0.5)
+    assert (found.p_value, found.linear.null.log_evidence) == (0.13, LITTLE)
+    assert found.statistics == {"best single": LITTLE, "what is left": 0.5}
+    assert procedure.detected(linear_round(LARGELY), [], 1.0).p_value == 0.1
 
 
 def test_an_amount_that_is_less_than_means_anything_violates_its_sign():

@@ -13,12 +13,14 @@ NULL_CASE = NullCase(chi2=1000.0, most_chi2=1500.0, compliance_ratio=1.0)
 
 def said(*, before: float, after: float, gain: float, direct: float = 0.0) -> str | tuple[str, ...]:
     """The verdict where the plain model leaves chi-square `before`, and the one effect tried `after`."""
+    effect = SimpleNamespace(direct_evidence=lambda _: direct)
+    fit = SimpleNamespace(chi2=after)
     only = Hypothesis(
         name="skin",
         gain=gain,
         probability=1.0,
-        linear_fits=(SimpleNamespace(direct=direct),),  # type: ignore[arg-type]
-        refit=SimpleNamespace(fit=SimpleNamespace(chi2=after)),  # type: ignore[arg-type]
+        linear_fits=(),
+        refit=SimpleNamespace(fit=fit, forward=None, effects=(effect,), parameters=({},)),  # type: ignore[arg-type]
     )
     return verdict_of(SimpleNamespace(null=SimpleNamespace(chi2=before)), (only,), NULL_CASE)  # type: ignore[arg-type]
 

@@ -325,7 +325,7 @@ def verdict_of(
     if first is None or first.refit is None or first.gain <= null_case.least:
         return UNKNOWN
     before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
-    direct = sum(one.direct for one in first.linear_fits)
+    direct = direct_evidence(first.refit.forward, first.refit.effects, first.refit.parameters)
     excess = CLEAR_EXCESS if first.gain > CLEAR_GAIN else UNKNOWN_EXCESS
     if direct < CLEAR_GAIN and after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
         return UNKNOWN
