@@ -227,7 +227,7 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Detection:
+class CaseDetection:
     """Is there a mismatch: the p-value, each statistic's own, the statistics, and the round they are of."""
 
     p_value: float
@@ -243,7 +243,7 @@ class Detection:
 
 def detected(
     linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float, *, kept: float = 1.0
-) -> Detection:
+) -> CaseDetection:
     """Of the plain model; `kept`: share of the frames, of thinned ones.
 
     Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
@@ -254,7 +254,7 @@ def detected(
         statistics = detection_statistics(one, recorded, compliance_ratio)
         statistics["what is left"] *= kept
         p_value, each = p_values(statistics)
-        found.append(Detection(p_value=p_value, p_values=each, statistics=statistics, linear=one))
+        found.append(CaseDetection(p_value=p_value, p_values=each, statistics=statistics, linear=one))
     return max(found, key=lambda one: one.p_value)
 
 

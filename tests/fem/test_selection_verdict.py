@@ -13,7 +13,7 @@ NULL_CASE = NullCase(chi2=1000.0, most_chi2=1500.0, compliance_ratio=1.0)
 
 def said(*, before: float, after: float, gain: float, direct: float = 0.0) -> str | tuple[str, ...]:
     """The verdict where the plain model leaves chi-square `before`, and the one effect tried `after`."""
-    effect = SimpleNamespace(direct_evidence=lambda _: direct)
+    effect = SimpleNamespace(direct_evidence=lambda _: direct, measured_sd=lambda _: {})
     fit = SimpleNamespace(chi2=after)
     only = Hypothesis(
         name="skin",
