@@ -12,10 +12,10 @@ from fem.mismatch.effect_spec import DiscrepancyPrior
 from fem.mismatch.evidence.discrepancy_prior import (
     discrepancy_columns,
     discrepancy_spread,
-    retained_columns,
 )
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.signature_variant import ONE_WAY
 
 SHAPE = (4, 12, 3)

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
-from fem.mismatch.evidence.discrepancy_prior import retained_columns
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
@@ -20,6 +19,7 @@ from fem.mismatch.evidence.large_deformation import (
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearRound, screened
 
 POSE_ERROR = next(effect for effect in EFFECTS if effect.spec.name == "pose_error")

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fem.mismatch.effect import Effect, SeenDirectly
-from fem.mismatch.evidence.discrepancy_prior import retained_columns
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit
+from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,

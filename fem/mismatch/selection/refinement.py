@@ -16,11 +16,12 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
-from fem.mismatch.evidence.discrepancy_prior import retained_columns, trades_with_modulus
+from fem.mismatch.evidence.discrepancy_prior import trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
 from fem.mismatch.thresholds import BEATEN_SHARE, LAST_ROUND_GAIN, OTHER_START_SHARE
