@@ -13,11 +13,11 @@ from pipeline.batch.opening import read_mat
 
 @pytest.fixture(scope="module")
 def two_fruits(tmp_path_factory):
-    """The tiny shipped batch, copied with `drupe sample` and graded with `drupe grade`."""
+    """The tiny shipped batch, copied with `drupe sample` and graded without the screen."""
     folder = tmp_path_factory.mktemp("two") / "batch"
     sampled = drupe_alone("sample", folder, "--name", "two-fruits")
     assert sampled.status == 0, sampled.err
-    return folder, drupe_alone("grade", folder)
+    return folder, drupe("grade", "--no-screen", folder)
 
 
 @pytest.mark.slow
