@@ -18,8 +18,13 @@ FRUIT = 3
 
 @pytest.fixture(scope="module")
 def screened(tmp_path_factory):
+    """A batch of one fruit and its results."""
+    return graded(tmp_path_factory.mktemp("screened") / "batch", 1)
+
+
+def graded(folder, count):
     """The batch, its left pad a gain too high in every recording, and its results."""
-    batch = ready_batch(tmp_path_factory.mktemp("screened") / "batch", FRUIT)
+    batch = ready_batch(folder, count)
     for fruit in sorted((batch / "fruits").iterdir()):
         second = SHIPPED / "fruits" / fruit.name / "grasps" / "grasp-2.h5"
         shutil.copyfile(second, fruit / "grasps" / "grasp-2.h5")
@@ -32,8 +37,10 @@ def screened(tmp_path_factory):
     return batch, done
 
 
-def test_the_pad_is_at_fault_in_the_whole_batch_and_that_is_said_once(screened):
-    batch, done = screened
+@pytest.mark.proof
+def test_the_pad_is_at_fault_in_the_whole_batch_and_that_is_said_once(tmp_path):
+    """On numbers alone: tests/pipeline/test_batch_faults.py."""
+    batch, done = graded(tmp_path / "batch", FRUIT)
     (fault,) = json.loads((batch / "results" / "batch.json").read_text())["faults"]
     assert (fault["effect"], fault["fruit"]) == ("sensor_gain", FRUIT)
     assert done.out.count("fault of the whole batch: ") == 1
@@ -58,7 +65,7 @@ def test_every_fruit_has_a_p_its_time_and_the_amount_of_the_gain(screened):
 def test_a_second_run_screens_nothing_and_says_the_same(screened):
     batch, first = screened
     again = drupe("grade", batch, "--jobs", "1")
-    assert f"{FRUIT} of {FRUIT} fruit unchanged" in again.err
+    assert "1 of 1 fruit unchanged" in again.err
     assert ": screen" not in again.err
     assert again.out == first.out
 
