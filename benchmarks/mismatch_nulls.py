@@ -4,10 +4,10 @@
         [--without EFFECT ...] [--grasps K]
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
-records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
-those that are there are left alone. --write replaces null_reference.csv and null_quantiles.csv in
-fem/mismatch/selection by the rows in JSONL; with --add they are put to the fruits that stand there, and of
-two quantiles the greater is taken.
+records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL,
+with its p-value by the reference as it stands; those that are there are left alone. --write replaces
+null_reference.csv and null_quantiles.csv in fem/mismatch/selection by the rows in JSONL; with --add they are
+put to the fruits that stand there, and of two quantiles the greater is taken.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
 into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
@@ -95,6 +95,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     return {
         "case": f"{folder.parent.name}/{folder.name}",
         **found.statistics,
+        "p": found.p_value,
         "softness": forward.compliance_ratio,
         "tried": [effect.spec.name for effect in EFFECTS],
         "shown": shown,
@@ -219,6 +220,7 @@ def main() -> None:
                 file.write(json.dumps(row) + "\n")
             print(
                 row["case"],
+                f"p {row['p']:.3f}",
                 *(f"{one} {row[one]:.4g}" for one in STATISTICS),
                 next(iter(row["shown"].items())),
                 flush=True,
