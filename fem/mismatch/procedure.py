@@ -244,7 +244,7 @@ class CaseDetection:
 def detected(
     linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float, *, kept: float = 1.0
 ) -> CaseDetection:
-    """Of the plain model; `kept`: share of the frames, of thinned ones.
+    """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones.
 
     Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
     effect may choose the plain model against which it is tested.
