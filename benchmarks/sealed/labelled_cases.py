@@ -27,6 +27,7 @@ from samples.mismatch.nulls import LAWS
 from samples.sample_failure import NotInEquilibrium
 
 SOUND_COUNT = 10
+"""Sound cases written unless another number is asked for: an hour of one core (set by hand)."""
 DRAWN = 60
 """Sound cases drawn, of which the first are taken; another number draws others."""
 
@@ -50,7 +51,8 @@ def main() -> None:
             )
         write_cases(chosen.folder, revealed_cases(chosen.revealed))
     else:
-        write_cases(chosen.folder, sound_cases(chosen.salt, chosen.law)[: chosen.count or SOUND_COUNT])
+        count = SOUND_COUNT if chosen.count is None else chosen.count
+        write_cases(chosen.folder, sound_cases(chosen.salt, chosen.law)[:count])
 
 
 def sound_cases(salt: str, law: str | None) -> list[SealedCase]:

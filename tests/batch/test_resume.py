@@ -11,7 +11,7 @@ import time
 import pandas as pd
 import psutil
 import pytest
-from sample_batches import drupe, first_fruit
+from sample_batches import SHIPPED, drupe, first_fruit
 
 pytestmark = pytest.mark.slow
 
@@ -55,6 +55,10 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
 
     one = pd.read_csv(batch / "results" / "ranking.csv", index_col="fruit_id")
     assert len(one) == 2
+    assert one["E_MPa"].is_monotonic_increasing
+    answers = json.loads((SHIPPED / "answers.json").read_text())["fruits"]
+    true_MPa = [answers[name]["E_MPa"] for name in one.index]
+    assert one["E_MPa"].to_numpy() == pytest.approx(true_MPa, rel=0.08)
     assert ": screen" not in again.err
     assert one[["screen", "mismatch"]].isna().all(axis=None)
     (interrupted,) = one.index.difference(list(finished))
