@@ -10,8 +10,7 @@ null_reference.csv and null_quantiles.csv in fem/mismatch/selection by the rows 
 put to the fruits that stand there, and of two quantiles the greater is taken.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
-into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
-holds for fewer.
+into a JSONL of its own; their p-values, printed at the end, say how far the reference holds for fewer.
 """
 
 import argparse
@@ -30,7 +29,6 @@ import numpy as np
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.procedure import detected, plain_forward_model
-from fem.mismatch.selection.detection import p_values_against
 from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
     STATISTICS,
@@ -127,14 +125,6 @@ def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
 
-def _p_among_others(row: dict[str, Any]) -> float:
-    """Of the bank without the row's own fruit, which is the bank's number as its name says."""
-    known = null_reference()
-    others = known.fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
-    statistics = {name: row[name] for name in STATISTICS}
-    return p_values_against(statistics, known.statistics[others], known.fruits[others])[0]
-
-
 def files_of(
     rows: list[dict[str, Any]], written: date, *, known: NullReference | None = None
 ) -> dict[str, str]:
@@ -226,7 +216,7 @@ def main() -> None:
                 flush=True,
             )
     if chosen.grasps is not None:
-        p = [_p_among_others(row) for row in known]
+        p = [row["p"] for row in known]
         print(
             f"p: {sum(x < DETECTION_P for x in p)} of {len(p)} below {DETECTION_P}, median {np.median(p):.2g}"
         )

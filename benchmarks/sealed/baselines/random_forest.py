@@ -4,6 +4,7 @@ Features: linear gains of all effects, detection statistics, shares of the analy
 bank cases alone, never on sealed ones; how good it is there is told by cross-validation over fruits.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,9 @@ TREES, FOLDS = 400, 5
 """Trees of the forest, parts of the cross-validation (usual numbers)."""
 CLOSE = 0.5
 """Share of the greatest probability from which a second name is in the verdict (set by hand)."""
+
+# Of few cases most names are there once, which scikit-learn warns of in every tree.
+warnings.filterwarnings("ignore", "The number of unique classes", UserWarning)
 
 
 class Forest:
