@@ -6,8 +6,8 @@
 FOLDER holds one folder per case and answers.json, or is one case with answers.json beside it. One JSON line
 per case is kept beside the CSV as soon as the case is done: a run that was stopped goes on where it was.
 Ablations: whole (the default), load-only (no hold, no unloading), no-grasp-4 (the fruit never turned),
-effect-left-out (the true effect is not in the catalogue: right is "unknown", or an effect that is kin to
-it), noise-2, noise-4, noise-8 (that many times the noise).
+effect-left-out (the true effect is not in the catalogue: right is "unknown"; sound cases are passed over),
+noise-2, noise-4, noise-8 (that many times the noise).
 """
 
 import argparse
@@ -24,7 +24,7 @@ from mismatch_score import score
 from mismatch_summary import summary, table
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.result import UNKNOWN
+from fem.mismatch.result import NONE, UNKNOWN
 from pipeline.batch.cache import code_version
 from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -141,6 +141,8 @@ def main() -> None:
         keep = nullcontext(chosen.work / folder.name) if chosen.work else tempfile.TemporaryDirectory()
         with keep as work:
             for ablation in chosen.ablation:
+                if ablation == LEFT_OUT and truth["effect"] == NONE:
+                    continue
                 key = (folder.resolve().parent.name, folder.resolve().name, ablation)
                 if key not in done:
                     row = dict(zip(("folder", "case", "ablation"), key, strict=True))

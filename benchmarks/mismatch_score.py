@@ -18,6 +18,7 @@ def score(found: Explanation, truth: dict[str, Any]) -> dict[str, Any]:
     verdict = [joined(one) for one in ([found.verdict] if isinstance(found.verdict, str) else found.verdict)]
     order = [joined(one.effect) for one in found.ranking if one.effect != NONE]
     named = name not in (NONE, UNKNOWN)
+    says_a_name = found.detected and verdict != [UNKNOWN]
     parts = name.split("+")
     own = next((one for one in found.ranking if joined(one.effect) == name and one.refitted), None)
     E = float(truth["E_MPa"])
@@ -26,13 +27,11 @@ def score(found: Explanation, truth: dict[str, Any]) -> dict[str, Any]:
         "truth": name,
         "p_value": found.p_value,
         "detected": found.detected,
-        "right_first": (found.detected and verdict != [UNKNOWN] and order[:1] == [name])
-        if named
-        else verdict == [name],
-        "right_in_two": found.detected and name in order[:2] if named else None,
+        "right_first": (says_a_name and order[:1] == [name]) if named else verdict == [name],
+        "right_in_two": says_a_name and name in order[:2] if named else None,
         "in_set": name in verdict,
         "set_size": len(verdict),
-        "family_right": _family(order, parts) if named and found.detected else (False if named else None),
+        "family_right": _family(order, parts) if named and says_a_name else (False if named else None),
         "one_of_two": any(part in one.split("+") for part in parts for one in verdict)
         if len(parts) > 1
         else None,

@@ -6,9 +6,14 @@ and the plain model's nuisances (their priors; not the model's own seeming amoun
     sd^2 = [(N DESIGN_EFFECT + L)^-1] of the signature,      L = 0 for 1/E and for the signature
 
 (Kay 1993, Fundamentals of Statistical Signal Processing, chapter 3). What a recording has to itself (places,
-approaches, smooth errors of a patch) is eliminated in N already. Pit and Poisson's ratio are nuisances with
-the category's spread themselves, so that their bounds are that spread at the least. Of several ways to show
-the one that is seen best counts, of two pads their mean.
+approaches, smooth errors of a patch) is eliminated in N already.
+
+DESIGN_EFFECT thins the markers' motion alone. Sums of force and pads at rest count in full in N, so that here
+they count DESIGN_EFFECT times as much as they tell, and what is eliminated has a prior tighter by its root:
+the bound is too small for what is seen by the balance, by 3.2 for a pad's gain and 2.3 for a drift on one
+fruit of the tests. Pit and Poisson's ratio are nuisances with the category's spread themselves, so that their
+bounds are that spread at the least. Of several ways to show the one that is seen best counts, of two pads
+their mean.
 """
 
 import numpy as np

@@ -55,10 +55,8 @@ class Scored:
 
     @property
     def covered(self) -> bool:
-        """Whether the verdict holds the truth; of two also as parts of what it holds."""
-        parts = set(self.truth.split("+"))
-        said = {part for one in self.verdict for part in one.split("+")}
-        return self.truth in self.verdict or (self.kind == "pair" and parts <= said)
+        """Whether the verdict, one explanation or several that cannot be told apart, holds the truth."""
+        return self.truth in self.verdict
 
     @property
     def both_named(self) -> bool:

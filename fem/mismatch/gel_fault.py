@@ -100,17 +100,21 @@ class GelFault:
         records: Sequence[GelRecord] = gel_records(forward)
         for fault, parameters in known:
             records = [fault.law.undone(record, parameters) for record in records]
-        fitted = self._fitted(forward, records)
+        fitted = self.fitted(forward, records)
         return 0.0 if fitted is None or fitted.evidence < LEAST_EVIDENCE else fitted.evidence
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,
         and what they lack themselves would change it.
         """
+        return {name: HELD * sd for name, sd in self.relation_sd(forward).items()}
+
+    def relation_sd(self, forward: ForwardModel) -> dict[str, float]:
+        """Standard deviation of each parameter as the relation has it, on the scale searched."""
         measured = self.measured(forward)
         assert measured is not None, "asked only where it is seen"
         return {
-            spec.name: HELD * measured.sd[spec.name] / (measured.values[spec.name] if spec.log else 1.0)
+            spec.name: measured.sd[spec.name] / (measured.values[spec.name] if spec.log else 1.0)
             for spec in self.spec.searched
         }
 
@@ -142,9 +146,10 @@ class GelFault:
     def measured(self, forward: ForwardModel) -> RelationFit | None:
         """The law's parameters by force against displacement; kept for the case."""
         key = ("gel relation", self.spec.name)
-        return forward.memoised(key, lambda: self._fitted(forward, gel_records(forward)))
+        return forward.memoised(key, lambda: self.fitted(forward, gel_records(forward)))
 
-    def _fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
+    def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
+        """The law's parameters by these records; None where they say nothing of it."""
         budget = forward.base.case.budget
         return fit_law(
             records,

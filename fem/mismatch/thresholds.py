@@ -30,8 +30,8 @@ BEATEN_SHARE = 0.7
 """A refit that even with what its slopes promise gains less than such a share of another is given up. Set by
 hand, below 1 for what the slopes do not tell."""
 LAST_ROUND_GAIN = 0.3
-"""ln evidence; a round of a refit that gains less is the last. A tenth of what makes two explanations
-unlike (3, as EQUAL_PROBABILITY)."""
+"""ln evidence; a round of a refit that gains less is the last. A fifteenth of what makes two explanations
+unlike (TEMPERATURE * ln 20 = 4.5, EQUAL_PROBABILITY)."""
 OTHER_START_SHARE = 0.8
 """Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
 nothing, and the search ends nearer to the truth from there (`benchmarks/mismatch.py`, pose_error)."""

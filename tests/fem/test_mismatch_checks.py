@@ -14,7 +14,7 @@ LINEAR = 0.5 * FORCE
 CREPT = LINEAR + np.array([0.0, 0.0, 0.0, 0.1, 0.2, 0.2, 0.2])
 
 
-def of(given: np.ndarray, after: np.ndarray) -> dict:
+def of(given: np.ndarray, after: np.ndarray, lag1: float = 0.0) -> dict:
     trace = GraspTrace(
         grasp="grasp-1",
         time_s=np.arange(7.0),
@@ -25,7 +25,7 @@ def of(given: np.ndarray, after: np.ndarray) -> dict:
         after_mm=after,
     )
     tracks = SimpleNamespace(
-        sd_mm=np.full(25, 0.004), lag1=np.zeros(25), episode=np.zeros((7, 25), dtype=int)
+        sd_mm=np.full(25, 0.004), lag1=np.full(25, lag1), episode=np.zeros((7, 25), dtype=int)
     )
     found = checks([trace], [SimpleNamespace(tracks=tracks)], rng=np.random.default_rng(0))
     return {one.name.removeprefix("grasp-1: "): one for one in found}
@@ -44,6 +44,11 @@ def test_creep_and_loop_of_a_trace_that_creeps_under_a_load_that_stands_still():
 def test_the_spread_is_that_of_the_mean_of_the_markers():
     sd = of(CREPT, CREPT)["creep in the hold"].sd
     assert sd == pytest.approx(np.sqrt(2) * 0.004 / 5, rel=0.25)
+
+
+def test_noise_that_changes_slowly_moves_neighbouring_frames_together():
+    sd = of(CREPT, CREPT, lag1=0.8)["creep in the hold"].sd
+    assert sd == pytest.approx(np.sqrt(2 * (1 - 0.8)) * 0.004 / 5, rel=0.25)
 
 
 def test_what_a_recording_lacks_is_not_asked():

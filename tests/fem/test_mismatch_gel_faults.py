@@ -1,19 +1,25 @@
 """Faults of a gel that show in force against its own displacement: what is injected comes back."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, GEL_N_PER_MM, TIME_S, Altered, Recording, injected_case
 from plain_model import plain_forward_model
 
+from fem.mismatch import gel_fault
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
-from fem.mismatch.evidence.gel_relation import GelRecord, gel_records
+from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.forward_selection import direct_evidence
-from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
+from fem.mismatch.selection.refinement import refit
+from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
+from fem.mismatch.thresholds import PAIR_GAIN
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
 ALL = (*FAULTS, thermal_drift.EFFECT)
@@ -197,16 +203,43 @@ def still(strain: float, N: float, *, linear: bool = False, seed: int = 0) -> Ge
     )  # fmt: skip
 
 
-def test_a_warming_gel_is_measured_where_it_touches_nothing():
-    found = thermal_drift.still_pads([still(1e-3, 0.3), still(1e-3, 0.3, seed=1)])
+def warmed(monkeypatch, *records: GelRecord) -> RelationFit | None:
+    """What the effect measures of a case with these records."""
+    monkeypatch.setattr(gel_fault, "gel_records", lambda _: records)
+    return thermal_drift.EFFECT.measured(SimpleNamespace(memoised=lambda _, compute: compute()))
+
+
+def test_a_warming_gel_is_measured_where_it_touches_nothing(monkeypatch):
+    found = warmed(monkeypatch, still(1e-3, 0.3), still(1e-3, 0.3, seed=1))
     assert found is not None
     assert found.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
     assert found.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
     assert found.evidence > 100
 
 
-def test_a_drift_of_the_force_alone_is_no_warming():
-    assert thermal_drift.still_pads([still(0.0, 0.3), still(0.0, 0.3, seed=1)]) is None
+def test_a_drift_of_the_force_alone_is_no_warming(monkeypatch):
+    assert warmed(monkeypatch, still(0.0, 0.3), still(0.0, 0.3, seed=1)) is None
+
+
+def test_a_bent_reading_is_no_warming_and_no_two_faults():
+    forward = forward_of(bent(0.35))
+    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    linear = screened(forward, recorded, ALL)
+    assert thermal_drift.EFFECT.direct_evidence(forward) == 0.0
+    assert linear.best[0].name == "sensor_nonlinear"
+    assert linear.pairs[0][0] < linear.best[0].gain + PAIR_GAIN
+
+
+def test_what_the_relation_leaves_open_is_in_the_error_bar():
+    """Little creep whose time is hardly known: its relation's standard deviation is reported."""
+    forward, effect = forward_of(crept(0.06, 1.0)), gel_creep.EFFECT
+    linear = screened(forward, [GraspEquations.of(forward, one) for one in forward.base.grasps], (effect,))
+    again = refit(forward, linear, linear.linear_fits[:1])
+    own = dict(zip((spec.name for spec in effect.spec.searched), modulus_with(again).sd, strict=True))
+    relation = effect.relation_sd(forward)
+    assert relation["creep_tau_s"] > 0.2
+    assert all(own[name] >= relation[name] for name in relation)
+    assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * own["creep_tau_s"]
 
 
 def test_a_bent_reading_undone_leaves_nothing_to_another_fault_of_the_gel():

@@ -183,7 +183,7 @@ def proof_of(again: object) -> HeldOut:
 def test_of_names_that_cannot_be_told_apart_only_those_that_predict_stand() -> None:
     found, worse = borne_out(selection(("skin", "slip"), skin="bad", slip="good"), proof_of)
     assert (found.verdict, worse) == ("slip", ("skin",))
-    assert found.ranking[0].name == "slip"
+    assert [(one.name, one.probability) for one in found.ranking] == [("slip", 1.0), ("skin", 0.0)]
 
 
 def test_where_no_name_predicts_the_verdict_is_unknown() -> None:

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from fem.estimation.coloured_noise import variance_inflation
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
-from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
+from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit
 from fem.mismatch.gel_fault import GelFault, drift_between
 from fem.mismatch.model.forward_model import ForwardModel
 
@@ -115,8 +115,9 @@ def _outward(record: GelRecord) -> Float[np.ndarray, "n 3"]:
 class ThermalDrift(GelFault):
     """Measured where nothing touches, in place of force against displacement."""
 
-    def _measured(self, forward: ForwardModel) -> RelationFit | None:
-        return still_pads(gel_records(forward))
+    def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
+        """Both rates, by `still_pads`."""
+        return still_pads(records)
 
 
 def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:

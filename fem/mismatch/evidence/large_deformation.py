@@ -21,8 +21,8 @@ to do, and of flesh that deforms largely, as all real flesh does. One of the two
 hand: sound fruit of simulators of the first kind have within 0.03 of none where any is allowed, Neo-Hookean
 ones 0.5 to 0.9 (docs/validation.md); an eighth of it takes a fifth off a skin (open-07)."""
 CLEAR = 3.0
-"""ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1, as
-EQUAL_PROBABILITY of fem.mismatch.thresholds."""
+"""ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1. Both
+hold the same effects, so that TEMPERATURE of fem.mismatch.thresholds does not enter."""
 
 
 def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:

@@ -1,8 +1,9 @@
 """Model selection: the short list of the screening refitted with full models, and the verdict.
 
-Probabilities are those of the refitted hypotheses and of none, by evidence divided by TEMPERATURE: models of
-different effects share errors. Hypotheses whose probability is within EQUAL_PROBABILITY of the best cannot
-be told apart. Two effects at once must add enough. Thresholds: fem.mismatch.thresholds.
+Probabilities are by evidence divided by TEMPERATURE, since models of different effects share errors; that of
+a hypothesis which was not refitted is by its linear evidence. Hypotheses whose probability is within
+EQUAL_PROBABILITY of the best cannot be told apart. Two effects at once must add enough. Thresholds:
+fem.mismatch.thresholds.
 """
 
 from collections.abc import Sequence

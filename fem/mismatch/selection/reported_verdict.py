@@ -62,8 +62,8 @@ def borne_out(
 ) -> tuple[ModelSelection, tuple[str, ...]]:
     """The selection with those names alone that recordings left out bear out, and the others.
 
-    The names that stand come first in the ranking; where none does, the verdict is "unknown". `proof_of`: the
-    held-out recordings by a refit.
+    The names that stand come first in the ranking, the others last and without a probability; where none
+    stands, the verdict is "unknown". `proof_of`: the held-out recordings by a refit.
     """
     if found.verdict in (NONE, UNKNOWN):
         return found, ()
@@ -80,7 +80,11 @@ def borne_out(
         return found, ()
     if not left:
         return replace(found, verdict=UNKNOWN), worse
-    ranking = tuple(sorted(found.ranking, key=lambda one: one.name in worse))
+    stands = sum(one.probability for one in found.ranking if one.name not in worse)
+    ranking = tuple(
+        replace(one, probability=0.0 if one.name in worse else one.probability / stands)
+        for one in sorted(found.ranking, key=lambda one: one.name in worse)
+    )
     first = [one for one in ranking if one.name in left and one.refit is not None]
     if not first:
         return replace(found, verdict=UNKNOWN), worse

@@ -22,6 +22,7 @@ from fem.mismatch.evidence.large_deformation import (
 )
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
+from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -178,16 +179,8 @@ def linear_round(
         both = (*a.columns, *b.columns)
         fit = products.fit([*own, *both])
         if not violates_sign_constraint(products, both, fit.amounts[-len(both) :]):
-            pairs.append(
-                (
-                    fit.log_evidence
-                    - null.log_evidence
-                    + a.auxiliary_log_likelihood
-                    + b.auxiliary_log_likelihood,
-                    a,
-                    b,
-                )
-            )
+            gain = fit.log_evidence - null.log_evidence + _auxiliary_of_pair(a, b)
+            pairs.append((gain, a, b))
     return LinearRound(
         products=products,
         nuisances=own,
@@ -216,6 +209,15 @@ def _auxiliary(
             forward, effect.start(forward, signature, amounts), signature.variant
         )
     return said, effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
+
+
+def _auxiliary_of_pair(a: LinearFit, b: LinearFit) -> float:
+    """What else is known of both. Of two faults of the gel the greater direct evidence counts: both are of
+    the same relation, which one fault alone bends for both.
+    """
+    both = a.auxiliary_log_likelihood + b.auxiliary_log_likelihood
+    of_one_relation = isinstance(a.effect, GelFault) and isinstance(b.effect, GelFault)
+    return both - min(a.direct, b.direct) if of_one_relation else both
 
 
 def _linear_fit(
