@@ -142,7 +142,9 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
-        verdict=verdict(alone),
+        verdict=verdict(
+            alone, waiting=batch.unfinished.total - batch.unfinished.done if batch.unfinished else 0
+        ),
         version=dict(batch.versions).get("drupe", ""),
     )
 

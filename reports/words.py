@@ -177,8 +177,11 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def verdict(fruits: tuple[FruitEntry, ...]) -> str:
-    """The batch in one sentence: how many are graded, the softest and the firmest, how many are not."""
+def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
+    """The batch in one sentence: how many are graded, the softest and the firmest, how many are not.
+
+    `waiting`: fruit of an unfinished run that are not done.
+    """
     graded = [fruit for fruit in ranked(fruits) if fruit.E_MPa is not None and fruit.ok]
     failed = sum(not fruit.ok for fruit in fruits)
     if not graded:
@@ -186,9 +189,10 @@ def verdict(fruits: tuple[FruitEntry, ...]) -> str:
             return say("The one fruit could not be graded.") if fruits else say("The batch holds no fruits.")
         return say("None of the {total} fruits could be graded.", total=len(fruits))
     lead = say("All {total} fruits graded", total=len(fruits))
-    if failed:
-        lead = say("{count} of {total} fruits graded", count=len(graded), total=len(fruits))
-    if len(fruits) == 1:
+    total = len(fruits) + waiting
+    if failed or waiting:
+        lead = say("{count} of {total} fruits graded", count=len(graded), total=total)
+    if total == 1:
         lead = say("The one fruit is graded")
     softest, firmest = graded[0], graded[-1]
     if softest is firmest:

@@ -269,6 +269,7 @@ def test_verdicts_that_are_no_effect_have_words_of_their_own():
     for verdict in ("none", "unknown"):
         page = explain_html(entry(verdict=(verdict,), effects={}))
         assert VERDICTS[verdict].advice in page
+        assert "flesh, E</dt><dd>0.315" in page
 
 
 def test_an_effect_without_words_is_told_by_its_name():

@@ -39,6 +39,11 @@ def test_what_is_not_known_is_a_dash(value: float | None) -> None:
     assert number(value) == percent(value) == with_sd(value, 0.1) == "–"
 
 
+def test_fruit_that_wait_in_an_unfinished_run_are_counted():
+    done = FruitEntry(fruit_id="a", ok=True, outcome="graded", E_MPa=0.4)
+    assert verdict((done,), waiting=3).startswith("1 of 4 fruits graded: a has E")
+
+
 def test_a_doubt_about_E_stands_before_the_warnings():
     doubted = FruitEntry(
         fruit_id="a", ok=True, outcome="graded", E_MPa=0.4, doubts=("grasp-1: a gain.",), warnings=("dim",)
