@@ -3,7 +3,7 @@
 import os
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -360,11 +360,14 @@ class Results:
         """Begins the list of what is written here."""
         claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
 
-    def in_the_way(self) -> Iterator[Path]:
-        """What stands where the batch's own results would be written, and is not drupe's."""
+    def in_the_way(self, tables: Iterable[Path] = ()) -> Iterator[Path]:
+        """What stands where the batch's own results would be written, and is not drupe's. `tables`: those of
+        `tables_on_request` that are asked for.
+        """
         yield from strange_list(self.root)
-        if not self._made_by_an_earlier_version():
-            yield from (path for path in self.files if _stands(path) and not is_ours(path))
+        vouched = self.files if self._made_by_an_earlier_version() else ()
+        written = (*self.files, self.run, *tables)
+        yield from (path for path in written if path not in vouched and _stands(path) and not is_ours(path))
 
     def inputs_inside(self) -> Iterator[Path]:
         """What shows that this is a batch or a case, and no folder of results."""

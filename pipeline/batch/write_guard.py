@@ -43,12 +43,16 @@ def require_temporary_apart(place: Path, batch: BatchFolder) -> None:
     _require_outside(place, _trees(batch), "set TMPDIR to another folder.")
 
 
-def require_free(results: Results, fruits: Iterable[FruitResults], option: str) -> None:
-    """Raises BatchRefused with every file in the way of the results that drupe did not write."""
+def require_free(
+    results: Results, fruits: Iterable[FruitResults], option: str, *, tables: Iterable[Path] = ()
+) -> None:
+    """Raises BatchRefused with every file in the way of the results that drupe did not write. `tables`: those
+    beside the ranking that are asked for.
+    """
     own = list(fruits)
     folders = dict.fromkeys(folder for fruit in own for folder in (fruit.root.parent, fruit.root))
     found = [path for path in folders if path.is_symlink()] or [
-        *results.in_the_way(),
+        *results.in_the_way(tables),
         *(path for fruit in own for path in fruit.in_the_way()),
     ]
     if found:

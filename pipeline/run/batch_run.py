@@ -30,6 +30,11 @@ class ReportOptions:
     parquet: bool = False
     language: str = ENGLISH
 
+    def tables(self, results: Results) -> tuple[Path, ...]:
+        """The tables beside the ranking that are asked for."""
+        asked = (results.ranking_excel, self.excel is not None), (results.ranking_parquet, self.parquet)
+        return tuple(path for path, wanted in asked if wanted)
+
     def require_parts(self) -> None:
         """Raises BatchRefused where what is asked for cannot be written here."""
         if self.excel is not None and self.excel not in EXCEL_DIALECTS:
@@ -65,7 +70,7 @@ class BatchRun:
 
     def require_ours(self) -> None:
         """Raises BatchRefused where the results hold files of others, or another batch's."""
-        require_free(self.results, self.fruits, "--out")
+        require_free(self.results, self.fruits, "--out", tables=self.options.tables(self.results))
         require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
 
     def write_provenance(

@@ -56,6 +56,7 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     run.write_provenance(outcomes, status, finding, faults)
     if run.chart is not None and own:
         update_chart(run.chart, own)
+    _write_tables(entry, run)
     return status, entry
 
 
@@ -127,6 +128,7 @@ class ReportSoFar:
         )
         with suppress(NotWritten):
             _write(entry, run)
+            _write_tables(entry, run)
         return entry
 
 
@@ -158,12 +160,18 @@ def _write(entry: BatchEntry, run: BatchRun) -> None:
     """ranking.csv and report.html; raises NotWritten."""
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
+    page = report_html(entry, provenance=run.options.checksums, language=run.options.language)
+    write_whole(run.results.report, page)
+
+
+def _write_tables(entry: BatchEntry, run: BatchRun) -> None:
+    """The tables that are asked for, after all else: one that cannot be replaced costs nothing more. Raises
+    NotWritten.
+    """
     if run.options.excel is not None:
         write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
     if run.options.parquet:
         write_whole(run.results.ranking_parquet, ranking_parquet(entry))
-    page = report_html(entry, provenance=run.options.checksums, language=run.options.language)
-    write_whole(run.results.report, page)
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:

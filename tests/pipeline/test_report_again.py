@@ -1,15 +1,18 @@
 """Reports anew from what a run kept, and folders of results cleaned."""
 
 import csv
+import errno
 import json
 import shutil
 import subprocess
+from pathlib import Path
 
 import pandas as pd
 import pytest
 from graded_results import graded, results_of
 
 from pipeline.batch.layout import write_whole
+from pipeline.files.whole_file import NotWritten
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
@@ -101,6 +104,19 @@ def test_a_table_that_nobody_knows_is_refused_and_a_users_own_is_not_replaced(dr
     assert drupe("report", results).status == 0
     assert drupe("report", results, "--csv", "excel").status == 2
     assert (results / "ranking-excel.csv").read_text() == "mine"
+
+
+def test_a_table_that_cannot_be_replaced_costs_nothing_else(drupe, results, monkeypatch):
+    """As one that a spreadsheet saves while the run goes on."""
+    drupe("report", results)
+    before = {name: (results / name).stat().st_mtime_ns for name in ("report.html", "batch.json")}
+    monkeypatch.setattr("pipeline.run.reporting.ranking_excel", not_written)
+    assert drupe("report", results, "--csv", "excel").status == 2
+    assert all((results / name).stat().st_mtime_ns > then for name, then in before.items())
+
+
+def not_written(*_, **__):
+    raise NotWritten(Path("ranking-excel.csv"), OSError(errno.ENOSPC, "No space left on device"))
 
 
 def test_fruit_that_were_graded_without_a_row_are_in_the_report_and_stray_folders_are_not(
