@@ -15,7 +15,7 @@ import pytest
 from pipeline.batch.layout import BatchFolder, FruitResults, Results, write_whole
 from pipeline.batch.write_guard import require_results_apart
 from pipeline.cli import main
-from pipeline.files.manifest import NotOurs
+from pipeline.files.manifest import NotOurs, json_in
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
@@ -180,6 +180,22 @@ def test_a_strangers_file_among_the_results_is_refused_by_name(drupe, batch, tmp
     assert "move it away" in said
 
 
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [("ranking-excel.csv", ("--csv", "excel")), ("ranking.parquet", ("--parquet",)), (".run.json", ())],
+)
+def test_a_file_in_the_way_of_what_is_asked_for_is_found_before_fruit_are_worked_on(
+    drupe, batch, tmp_path, name, asked
+):
+    out = tmp_path / "out"
+    Results(out).claim()
+    write_whole(out / name, "drupe's")
+    (out / name).write_bytes(PRECIOUS)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out, *asked)
+    assert f"{out / name}: was changed since drupe wrote it" in said
+    assert asked == () or not list(Results(out).in_the_way())
+
+
 @pytest.mark.parametrize("name", ["batch.toml", "fruits.csv", "case.toml", "mat.json", "grasp-1.h5"])
 def test_a_folder_with_inputs_is_no_folder_of_results(drupe, batch, tmp_path, name):
     (tmp_path / "out").mkdir()
@@ -253,6 +269,18 @@ def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_repl
         path.write_text('{"format": ' + "[" * 50_000 if kind == "deep" else "my notes")
     said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
     assert f"{path}: was not written by drupe" in said or f"{path}: is a link" in said
+
+
+def test_what_drupe_wrote_is_read_whatever_its_size(tmp_path, monkeypatch):
+    """batch.json of a large batch, without which nobody knows whose results these are."""
+    monkeypatch.setattr("pipeline.files.manifest.MOST_BYTES", 1000)
+    results = Results(tmp_path)
+    results.claim()
+    content = {"format": "drupe-batch-result", "inputs": {f"photo-{k}.jpg": "0" * 64 for k in range(100)}}
+    write_whole(results.provenance, json.dumps(content))
+    assert json_in(results.provenance) == content
+    results.provenance.write_text(json.dumps({**content, "batch": "elsewhere"}))
+    assert json_in(results.provenance) is None
 
 
 def test_a_list_that_names_other_places_gives_no_right_to_them(drupe, batch, tmp_path):
