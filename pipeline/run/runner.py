@@ -191,7 +191,8 @@ class _Running:
 
     def news(self) -> list[str]:
         """The stages begun since the last call."""
-        lines = self.log.read_text().split("\n")[:-1] if self.log.exists() else []
+        said = self.log.read_text(encoding="utf-8", errors="replace") if self.log.exists() else ""
+        lines = said.split("\n")[:-1]
         stages = lines[self.reported :]
         self.reported += len(stages)
         return stages
@@ -266,7 +267,10 @@ def _fruit(parent: int, folder: Path, log: Path, packed: bytes) -> Any:
         work, task = pickle.loads(packed)
 
     def report(line: str) -> None:
-        with suppress(OSError), log.open("a") as file:  # a full disk costs the line, not the fruit
+        with (
+            suppress(OSError),  # a full disk costs the line, not the fruit
+            log.open("a", encoding="utf-8", errors="backslashreplace") as file,  # names may be no UTF-8
+        ):
             file.write(f"{line}\n")
 
     return work(task, report)

@@ -75,6 +75,19 @@ def test_a_process_killed_before_it_says_anything_costs_its_fruit_and_holds_up_n
         assert died
 
 
+def name_a_file(task, report):
+    report(f"photos: {task}")
+    return "done"
+
+
+def test_a_file_whose_name_is_not_utf_8_is_told_and_costs_no_fruit():
+    tasks = [("a", os.fsdecode(b"gr\xffasp")), ("b", "Grün")]
+    events = list(run_fruits(name_a_file, tasks, jobs=1, time_limit_s=60))
+    assert [event.result for event in events if isinstance(event, Finished)] == ["done", "done"]
+    stages = [event.stage for event in events if isinstance(event, Progressed)]
+    assert stages == ["photos: gr\\udcffasp", "photos: Grün"]
+
+
 PARENT = """
 import sys
 sys.path.insert(0, {tests!r})
