@@ -58,7 +58,7 @@ HEADERS = {
 class PageServer:
     """A page that changes, and the report beside it; used as a context.
 
-    `port` 0: any free one. Raises BatchRefused where the port is taken.
+    `port` 0: any free one. Raises BatchRefused where the port is taken, or the server does not start.
     """
 
     def __init__(self, results: Results, *, port: int = 0, token: str | None = None) -> None:
@@ -101,11 +101,18 @@ class PageServer:
         self._page, self._version = page, self._version + 1
 
     def __enter__(self) -> Self:
-        """Listens."""
+        """Listens; raises BatchRefused where the server does not start."""
         self._thread.start()
         until = time.monotonic() + STARTS_WITHIN_S
         while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
             time.sleep(0.01)
+        if not self._server.started:
+            self.__exit__(None, None, None)
+            sentence = (
+                f"did not start within {STARTS_WITHIN_S:g} s; run the command again, or name another port "
+                "with --port."
+            )
+            raise BatchRefused([Problem("the page of drupe watch", sentence)])
         return self
 
     def __exit__(

@@ -87,3 +87,11 @@ def test_a_port_that_is_taken_is_said(server, tmp_path):
     taken = urlsplit(server.address).port
     with pytest.raises(BatchRefused, match=f"--port {taken}"):
         PageServer(Results(tmp_path / "other"), port=taken)
+
+
+def test_a_server_that_does_not_start_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr("uvicorn.Server.run", lambda *_, **__: None)
+    server = PageServer(Results(tmp_path / "results"))
+    with pytest.raises(BatchRefused, match="the page of drupe watch: did not start"):
+        server.__enter__()
+    assert server._socket.fileno() == -1
