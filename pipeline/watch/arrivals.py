@@ -1,11 +1,13 @@
 """What has arrived in the folder of a batch: which fruit are whole and at rest, and what others lack."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
-from pipeline.batch.layout import BatchFolder, FruitFolder
+from pipeline.batch.layout import PARTS, BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
@@ -14,6 +16,8 @@ OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
 depends on the fruit's own row alone."""
 TURN = 100
 """Graded fruit whose files one look looks at again, in turn: 0.5 ms each (benchmarks/many_fruit.py watch)."""
+MOST_FILES = 200_000
+"""Files of one fruit that a look goes through: as many as the frames that are read of one pad."""
 DESCRIPTION = "grasp.toml"
 """The file without which a folder of frames is no grasp yet."""
 
@@ -42,7 +46,7 @@ def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
         lacks.append("photos or fruit.ply")
     if not recorded:
         lacks.append("a recording in grasps/")
-    return Arrival(state=state_of(_files(folder.root)), missing=" and ".join(lacks))
+    return Arrival(state=state_of(islice(_files(folder), MOST_FILES)), missing=" and ".join(lacks))
 
 
 @dataclass(kw_only=True)
@@ -69,7 +73,7 @@ class Arrivals:
         """Looks into the folders of all `rows`, into those of fruit whose files are as they were `graded` in
         turn; the rows of fruit that lack nothing.
         """
-        before, self.of = self.of, {}
+        before, found = self.of, dict[str, Arrival]()
         as_graded = [name for name, one in before.items() if graded.get(name) == one.state]
         self.turn = self.turn + TURN if self.turn + TURN < len(as_graded) else 0
         passed_over = {*as_graded[: self.turn], *as_graded[self.turn + TURN :]}
@@ -78,10 +82,10 @@ class Arrivals:
             one = before[name] if name in passed_over else arrival(folder.fruit(name), row)
             if not one.state:
                 continue
-            self.of[name] = one
+            found[name] = one
             if self.since.get(name, ((), 0.0))[0] != one.state:
                 self.since[name] = one.state, self.clock()
-        self.expected = len(rows) - len(self.of)
+        self.of, self.expected = found, len(rows) - len(found)
         return tuple(row for row in rows if row.fruit_id in self.of and not self.of[row.fruit_id].missing)
 
     def at_rest(self, name: str) -> bool:
@@ -111,21 +115,25 @@ def state_of(files: Iterator[Path]) -> State:
     return tuple(sorted(found))
 
 
-def _files(root: Path) -> Iterator[Path]:
-    """Every file of a fruit's folder; of linked folders the files too, but no folder twice."""
-    waiting, seen = [root], set()
-    while waiting:
-        folder = waiting.pop()
-        try:
-            real = folder.resolve(strict=True)
-            if real in seen:
-                continue
-            seen.add(real)
-            inside = list(folder.iterdir())
-        except OSError:
+def _files(fruit: FruitFolder) -> Iterator[Path]:
+    """Files that may be inputs of a fruit: those in its folder, in its parts, and in grasps that are folders
+    of frames. Any of these may be a link, and so may a folder of frames in a grasp; no other is followed.
+    """
+    for place in (fruit.root, *(fruit.root / part for part in PARTS)):
+        yield from _inside(place)
+    for grasp in fruit.raw_grasp_folders():
+        if grasp.is_symlink() and not (grasp / DESCRIPTION).is_file():  # it may lead to a whole disk
             continue
-        for path in inside:
-            if path.is_dir():
-                waiting.append(path)
-            else:
-                yield path
+        for folder, folders, names in os.walk(grasp):
+            yield from (Path(folder, name) for name in names)
+            inner = (Path(folder, name) for name in folders)
+            yield from (path for place in inner if place.is_symlink() for path in _inside(place))
+
+
+def _inside(place: Path) -> list[Path]:
+    """What a folder holds but for folders; nothing where it is gone or cannot be read."""
+    try:
+        with os.scandir(place) as found:
+            return [Path(one.path) for one in found if not one.is_dir()]
+    except OSError:
+        return []
