@@ -10,7 +10,6 @@ from rich.console import Console
 from pipeline.batch.opening import Batch
 from pipeline.batch.records import FruitRecord
 from pipeline.exit_status import DONE, INTERRUPTED, USAGE
-from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.grading import InterruptedAtWork, grade, grade_newcomers, report_graded
@@ -31,7 +30,8 @@ class IncrementalRun:
     they are screened. `tell` is told when `working` or the ranking have changed, with the fruit that has
     ended. `clock` in seconds.
 
-    The methods raise BatchRefused and NotWritten as `grade` does. After Ctrl-C only `report` may be called.
+    The methods raise BatchRefused and NotWritten as `grade` does, and any other OSError where files are
+    out of reach. After Ctrl-C only `report` may be called.
     """
 
     out: Path
@@ -122,7 +122,7 @@ class IncrementalRun:
                 waiting=waiting,
             )
             ranking = IncrementalRanking(records, entry)
-        except (BatchRefused, NotWritten):
+        except (BatchRefused, OSError):
             self.working, self.refused = (), frozenset(batch.row_of.keys() - records.keys())
             if records:
                 self.batch, self.records, self.unreported = batch, records, True
@@ -195,7 +195,7 @@ class IncrementalRun:
                 ended=ended,
                 waiting=waiting,
             )
-        except (BatchRefused, NotWritten):
+        except (BatchRefused, OSError):
             refused = frozenset(newcomers) - self.records.keys()
             if len(refused) == len(newcomers):
                 self.records.update((name, held[name]) for name in held.keys() - self.records.keys())

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch
 from pipeline.files.whole_file import NotWritten
-from pipeline.problem import BatchRefused
+from pipeline.problem import BatchRefused, Problem
 from pipeline.run.incremental_run import IncrementalRun
 from pipeline.watch.arrivals import Arrivals, State, own_state
 from reports.kiosk_page import KioskEntry
@@ -87,15 +88,24 @@ class BatchWatch:
         )
 
     def run(self) -> int:
-        """Watches until nothing new has come for `idle_s`; the exit status of the last report."""
+        """Watches until nothing new has come for `idle_s`; the exit status of the last report. A fault that
+        ends it leaves ranking and report of what is done, as `stop` does after Ctrl-C.
+        """
+        try:
+            return self._run()
+        except Exception:
+            with suppress(Exception):  # the fault itself is raised
+                self.stop()
+            raise
+
+    def _run(self) -> int:
         self._begin_with_earlier_results()
         quiet_since, refused_at = self.clock(), -float("inf")
         before: object = None
         named: dict[str, str] = {}
         while True:
             began = self.clock()
-            own = own_state(BatchFolder(self.root))
-            batch, problems = self._opened()
+            own, batch, problems = self._opened()
             looked_s = self.clock() - began
             if batch is not None:
                 self.graded.looked(batch)
@@ -128,12 +138,16 @@ class BatchWatch:
             self._report()
         return self.graded.exit_status
 
-    def _opened(self) -> tuple[Batch | None, tuple[str, ...]]:
-        """The batch with the fruit that are whole, or why it cannot be graded."""
+    def _opened(self) -> tuple[State, Batch | None, tuple[str, ...]]:
+        """The batch's own files, and the batch with the fruit that are whole, or why it cannot be graded: it
+        may be out of reach for a moment, as one on a network drive.
+        """
+        own: State = ()
         try:
-            return open_batch(self.root, choose=self._whole), ()
-        except BatchRefused as refused:
-            return None, tuple(str(problem) for problem in refused.problems)
+            own = own_state(BatchFolder(self.root))
+            return own, open_batch(self.root, choose=self._whole), ()
+        except (BatchRefused, OSError) as fault:
+            return own, None, self._sentences(fault)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
@@ -163,14 +177,18 @@ class BatchWatch:
 
     def _begin_with_earlier_results(self) -> None:
         """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""
-        batch, _ = self._opened()
+        own, batch, _ = self._opened()
         if batch is None:
             return
         records = {row.fruit_id: Results(self.options.out).fruit(row.fruit_id).record for row in batch.rows}
-        there = {name: path.stat().st_mtime for name, path in records.items() if path.is_file()}
+        there = {}
+        for name, path in records.items():
+            with suppress(OSError):
+                if path.is_file():
+                    there[name] = path.stat().st_mtime
         if there:
             in_order = sorted(there, key=lambda name: there[name])
-            self._grade(batch, own_state(batch.folder), in_order)
+            self._grade(batch, own, in_order)
 
     def _grade(self, batch: Batch, own: State, chosen: list[str], *, compare_all: bool = False) -> bool:
         """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
@@ -195,7 +213,7 @@ class BatchWatch:
                     self._first_of_recent(name)
             else:
                 self.graded.grade_newcomers(so_far, chosen, waiting=waiting)
-        except (BatchRefused, NotWritten) as fault:
+        except (BatchRefused, OSError) as fault:
             self.own = None if anew else self.own
             for name in self.graded.ungraded:
                 self.tried.pop(name, None)  # as it was before it changed it is graded again, too
@@ -213,15 +231,23 @@ class BatchWatch:
         """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
         try:
             self.graded.report()
-        except (BatchRefused, NotWritten) as fault:
+        except (BatchRefused, OSError) as fault:
             self._refused(fault)
             return False
         return True
 
-    def _refused(self, fault: BatchRefused | NotWritten) -> None:
+    def _refused(self, fault: BatchRefused | OSError) -> None:
         """Tells why nothing could be graded or written."""
-        problems = fault.problems if isinstance(fault, BatchRefused) else [fault]
-        self._tell(tuple(str(problem) for problem in problems))
+        self._tell(self._sentences(fault))
+
+    def _sentences(self, fault: BatchRefused | OSError) -> tuple[str, ...]:
+        """What is wrong, and what is done about it."""
+        if isinstance(fault, BatchRefused):
+            return tuple(map(str, fault.problems))
+        if isinstance(fault, NotWritten):
+            return (str(fault),)
+        sentence = f"cannot be worked on ({fault.strerror or fault}); it is tried again."
+        return (str(Problem(str(fault.filename or self.root), sentence)),)
 
     def _changed(self, ended: str | None) -> None:
         """The fruit at work or their ranking are others now; `ended`: the fruit that has ended."""

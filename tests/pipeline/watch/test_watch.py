@@ -1,10 +1,12 @@
 """`drupe watch`: fruit are graded as they arrive, and when they change."""
 
+import errno
 import shutil
 
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
+from pipeline.run import incremental_run
 from pipeline.watch import arrivals
 from reports.kiosk_page import kiosk_html
 
@@ -129,6 +131,53 @@ def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, m
         watch.run()
     assert watch.stop() == 0
     assert sorted(rows(batch)) == ["A", "B", "C", "D"]
+
+
+def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch, watched):
+    """As a network drive is that is mounted anew."""
+    away = batch.parent / "away"
+    status = watched(
+        *one_by_one(batch, "A"),
+        lambda: batch.rename(away),
+        *[lambda: None] * 4,
+        lambda: away.rename(batch),
+        *one_by_one(batch, "B"),
+    )
+    assert (status, watched.worked) == (0, ["A", "B"])
+    problems = [problem for entry in watched.shown for problem in entry.problems]
+    assert any(f"{batch}: cannot be worked on (No such file or directory)" in one for one in problems)
+    assert watched.shown[-1].problems == ()
+
+
+@pytest.mark.parametrize("where", ["grade", "grade_newcomers", "report_graded"])
+def test_so_is_a_file_that_cannot_be_reached_while_fruit_are_graded(batch, watched, monkeypatch, where):
+    work, faults = getattr(incremental_run, where), [OSError(errno.ESTALE, "Stale file handle", "a file")]
+
+    def once(*arguments, **named):
+        if faults:
+            raise faults.pop()
+        return work(*arguments, **named)
+
+    monkeypatch.setattr(incremental_run, where, once)
+    reports_take(monkeypatch, watched, 1.0)
+    status = watched(*one_by_one(batch, "A", "B"), *[lambda: None] * 40)
+    assert (status, sorted(set(watched.worked)), faults) == (0, ["A", "B"], [])
+    problems = [problem for entry in watched.shown for problem in entry.problems]
+    assert "a file: cannot be worked on (Stale file handle); it is tried again." in problems
+    assert sorted(rows(batch)) == ["A", "B"]
+
+
+def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+
+    def fault():
+        raise ValueError("of drupe")
+
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), fault)
+    with pytest.raises(ValueError, match="of drupe"):
+        watch.run()
+    assert watched.worked == ["A", "B"]
+    assert sorted(rows(batch)) == ["A", "B"]
 
 
 def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
