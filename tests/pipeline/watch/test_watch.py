@@ -173,11 +173,11 @@ def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, 
     def fault():
         raise ValueError("of drupe")
 
-    watch, _ = watched.begun(*one_by_one(batch, "A", "B"), fault)
+    watch, _ = watched.begun(*one_by_one(batch, "A", "B", "C"), fault)
     with pytest.raises(ValueError, match="of drupe"):
         watch.run()
-    assert watched.worked == ["A", "B"]
-    assert sorted(rows(batch)) == ["A", "B"]
+    assert watched.worked == ["A", "B", "C"]
+    assert sorted(rows(batch)) == ["A", "B", "C"]
 
 
 def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
