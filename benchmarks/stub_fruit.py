@@ -16,7 +16,7 @@ STAGES = ("mesh", "pit", "contact", "flesh", "modulus", "screen", "picture")
 def stub(task, report):
     """Copies of the graded fruit's record and pictures, after as long as is asked for."""
     from pipeline.batch.records import read_record, write_record
-    from pipeline.files.manifest import enter
+    from pipeline.files.manifest import enter, writing_alone
     from pipeline.run.fruit_work import keep_pictures
 
     for stage in STAGES:
@@ -27,8 +27,9 @@ def stub(task, report):
     graded = Path(os.environ[GRADED])
     for name in PICTURES:
         if (graded / name).is_file():
-            enter(task.results.root / name, (graded / name).read_bytes())
-            shutil.copyfile(graded / name, task.results.root / name)
+            with writing_alone(task.results.root):
+                enter(task.results.root / name, (graded / name).read_bytes())
+                shutil.copyfile(graded / name, task.results.root / name)
     record = drawn(read_record(graded / "record.json"), task.fruit_id, task.key)
     write_record(task.results.record, record)
     keep_pictures(task, record)

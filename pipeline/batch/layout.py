@@ -8,8 +8,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.files.manifest import claim, enter, is_claimed, is_ours, json_in, remove, strange_list
-from pipeline.files.whole_file import put, sweep
+from pipeline.files.manifest import (
+    LIST_LOCK,
+    claim,
+    enter,
+    is_claimed,
+    is_ours,
+    json_in,
+    remove,
+    strange_list,
+    writing_alone,
+)
+from pipeline.files.whole_file import MARK, put, sweep
 from recon.cameras.photos import photo_paths
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
@@ -286,8 +296,11 @@ class FruitResults:
         """One that kept no list: its record vouches for the files of a fruit, a killed run's stages too."""
         if is_claimed(self.root):
             return False
-        stages = self.cache.is_dir() and not self.cache.is_symlink() and any(self.cache.iterdir())
-        return _says(self.record, "drupe-fruit-record") or (stages and _holds_stages(self.cache))
+        if _says(self.record, "drupe-fruit-record"):
+            return True
+        if self.cache.is_symlink() or not self.cache.is_dir() or not _holds_stages(self.cache):
+            return False
+        return any(CACHE_FILE.fullmatch(path.name) for path in self.cache.iterdir())
 
     def sweep(self) -> None:
         """Removes unfinished files of killed runs."""
@@ -394,11 +407,13 @@ def write_whole(path: Path, content: bytes | str) -> None:
     """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
     In a folder of results (one with a list of what drupe wrote) the file goes on the list, and one that drupe
-    did not write is not replaced. Raises NotWritten. Bytes of a file's name that are no UTF-8 are escaped.
+    did not write is not replaced; of two processes that write there one waits. Raises NotWritten. Bytes of a
+    file's name that are no UTF-8 are escaped.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
-    enter(path, data)
-    put(path, data)
+    with writing_alone(path.parent):
+        enter(path, data)
+        put(path, data)
 
 
 def _stands(path: Path) -> bool:
@@ -412,7 +427,10 @@ def _says(path: Path, name: str) -> bool:
 
 
 def _holds_stages(cache: Path) -> bool:
-    """Whether nothing else is in it; also where there is no such folder."""
+    """Whether nothing else is in it but what a run leaves that was killed as it began the list; also where
+    there is no such folder.
+    """
     if not cache.is_dir():
         return not _stands(cache)
-    return all(CACHE_FILE.fullmatch(path.name) for path in cache.iterdir())
+    names = [path.name for path in cache.iterdir()]
+    return all(CACHE_FILE.fullmatch(one) or MARK in one or one == LIST_LOCK for one in names)

@@ -1,7 +1,8 @@
 """A results folder's list of the files that drupe wrote into it: nothing else in it is ever touched.
 
 `.written.json` holds, for each file, the SHA-256 of what was written. It is brought up to date before the
-file is, so that a run killed between the two leaves nothing that the next one does not know.
+file is, so that a run killed between the two leaves nothing that the next one does not know. Of two processes
+that write into one folder one waits for the other, by a lock on `.written.lock`.
 """
 
 import errno
@@ -9,15 +10,23 @@ import hashlib
 import json
 import os
 import stat
+import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
+from pipeline.files.lock_file import locked, open_lock
 from pipeline.files.whole_file import NotWritten, put
 from recon.plain_file import NotReadable, json_of, read_text
 
 MANIFEST = ".written.json"
+LIST_LOCK = ".written.lock"
+WAIT_S = 30.0
+"""Seconds that a process waits for another that writes into the same folder, which takes that less than one
+for each file: one that was stopped holds up nobody for good. Set by hand."""
+LOOK_S = 0.01
+"""Seconds between two looks whether it still writes."""
 FORMAT = "drupe-written"
 MOST_BYTES = 20_000_000
 """Of a JSON file or page that is not on the list of what drupe wrote: batch.json of 2000 fruit with 72 photos
@@ -71,9 +80,39 @@ def _json(path: Path, *, most_bytes: int) -> Any:
 
 
 def claim(folder: Path, *, vouched: Iterable[Path] = ()) -> None:
-    """Begins the list of `folder`, with the files of `vouched`, unless it has one."""
-    if not is_claimed(folder):
-        _write(folder, {path.name: [_hash(path)] for path in vouched if _is_plain(path)})
+    """Begins the list of `folder`, with the files of `vouched`, unless it has one. Raises NotWritten."""
+    if is_claimed(folder):
+        return
+    with suppress(OSError):  # what cannot be made is said where the list is written
+        folder.mkdir(parents=True, exist_ok=True)
+    with _alone(folder):
+        if not is_claimed(folder):
+            _write(folder, {path.name: [_hash(path)] for path in vouched if _is_plain(path)})
+
+
+@contextmanager
+def writing_alone(folder: Path) -> Iterator[None]:
+    """Inside the block no other process changes the files of `folder`, where it has a list; where the file
+    system has no locks, they are not kept apart. Not to be nested.
+    """
+    with _alone(folder) if is_claimed(folder) else nullcontext():
+        yield
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    try:
+        lock = open_lock(folder / LIST_LOCK)
+    except OSError:
+        lock = None
+    try:
+        until = time.monotonic() + WAIT_S
+        while lock is not None and not locked(lock) and time.monotonic() < until:
+            time.sleep(LOOK_S)
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
 
 
 def is_ours(path: Path) -> bool:
@@ -89,7 +128,9 @@ def was_ours(path: Path) -> bool:
 
 
 def enter(path: Path, data: bytes) -> None:
-    """Lists `data` as what is about to be written to `path`; raises NotOurs where a stranger's file is."""
+    """Lists `data` as what is about to be written to `path`, in a block of `writing_alone` that the writing
+    belongs to. Raises NotOurs where a stranger's file is.
+    """
     listed = _read(path.parent)
     if listed is None:
         return
@@ -105,8 +146,9 @@ def enter(path: Path, data: bytes) -> None:
 
 def remove(path: Path) -> None:
     """Removes `path` where it is ours; anything else stays."""
-    if is_ours(path):
-        path.unlink(missing_ok=True)
+    with writing_alone(path.parent):
+        if is_ours(path):
+            path.unlink(missing_ok=True)
 
 
 def _read(folder: Path) -> dict[str, list[str]] | None:

@@ -1,11 +1,11 @@
 """One run at a time writes into a results folder."""
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from pipeline.files.lock_file import is_at, locked, open_lock
 from pipeline.problem import BatchRefused, Problem
 
 LOCK = ".lock"
@@ -18,17 +18,31 @@ def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
     Where the file system has no locks, two runs are not kept apart.
     """
     try:
-        root.mkdir(parents=True, exist_ok=True)
-        lock = os.open(root / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        lock = _locked_file(root)
     except OSError as error:
         sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
         raise BatchRefused([Problem(str(root), sentence)]) from None
+    if lock is None:
+        sentence = f"another run is writing here; wait for it, or choose another {option}."
+        raise BatchRefused([Problem(str(root), sentence)])
     try:
-        if not _taken(lock):
-            sentence = f"another run is writing here; wait for it, or choose another {option}."
-            raise BatchRefused([Problem(str(root), sentence)])
         yield
     finally:
+        os.close(lock)
+
+
+def _locked_file(root: Path) -> int | None:
+    """The open lock of `root`; None where another run holds it. One that `drupe clean` removed before it was
+    locked keeps nobody out, and is made anew.
+    """
+    while True:
+        root.mkdir(parents=True, exist_ok=True)
+        lock = open_lock(root / LOCK)
+        if not locked(lock):
+            os.close(lock)
+            return None
+        if is_at(lock, root / LOCK):
+            return lock
         os.close(lock)
 
 
@@ -39,17 +53,6 @@ def is_held(root: Path) -> bool:
     except OSError:
         return False
     try:
-        return not _taken(lock)
+        return not locked(lock)
     finally:
         os.close(lock)
-
-
-def _taken(lock: int) -> bool:
-    """Takes the lock, unless another process holds it; a file system without locks has nobody to wait for."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-    return True

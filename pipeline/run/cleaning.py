@@ -1,13 +1,14 @@
 """`drupe clean`: removes what drupe wrote into a folder of results, and nothing else."""
 
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 
 from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
-from pipeline.files.manifest import MANIFEST, is_claimed, is_ours, json_in
+from pipeline.files.lock_file import is_lock_file
+from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours, json_in
 from pipeline.files.results_lock import LOCK, results_lock
 from pipeline.files.whole_file import MARK
 from pipeline.problem import BatchRefused, Problem
@@ -71,18 +72,23 @@ def _stages(cache: Path) -> Iterator[Path]:
 
 
 def _lists(results: Results, fruits: list[FruitResults]) -> None:
-    """The lists of what was written go last, and folders that are empty then."""
+    """The lists of what was written go last, and folders that are empty then. While the lock of the results
+    is held nobody else writes there, so it goes after all else.
+    """
     for fruit in fruits:
         for folder in (fruit.cache, fruit.root):
-            _emptied(folder)
+            _emptied(folder, LIST_LOCK)
     _emptied(results.root / "fruits")
-    (results.root / LOCK).unlink(missing_ok=True)
-    _emptied(results.root)
+    _emptied(results.root, LIST_LOCK, LOCK)
 
 
-def _emptied(folder: Path) -> None:
+def _emptied(folder: Path, *locks: str) -> None:
+    """Removes a folder that holds nothing but its list and empty `locks`, in this order."""
     if not folder.is_dir() or folder.is_symlink():
         return
-    if {path.name for path in folder.iterdir()} <= {MANIFEST}:
-        (folder / MANIFEST).unlink(missing_ok=True)
-        folder.rmdir()
+    left = {path.name for path in folder.iterdir()}
+    if left <= {MANIFEST, *locks} and all(is_lock_file(folder / one) for one in left - {MANIFEST}):
+        for name in (MANIFEST, *locks):
+            (folder / name).unlink(missing_ok=True)
+        with suppress(OSError):  # a run that begins there now
+            folder.rmdir()

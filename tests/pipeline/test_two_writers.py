@@ -1,0 +1,148 @@
+"""Two processes that write into the same results: one waits for the other, and nothing is lost."""
+
+import errno
+import fcntl
+import multiprocessing
+import os
+import signal
+import time
+
+import pytest
+
+from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.files.manifest import LIST_LOCK, writing_alone
+from pipeline.files.results_lock import LOCK, is_held, results_lock
+from pipeline.run.cleaning import clean
+
+SPAWN = multiprocessing.get_context("spawn")
+
+
+def write_all(root, which, refused):
+    """The files of a fruit, again and again."""
+    fruit = FruitResults(root)
+    fruit.claim()
+    for k in range(20):
+        for path in (fruit.record, fruit.fruit_ply, fruit.picture):
+            try:
+                write_whole(path, f"{which} {k}")
+            except OSError as error:
+                refused.put(str(error))
+    refused.put("")
+
+
+def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
+    refused = SPAWN.Queue()
+    workers = [SPAWN.Process(target=write_all, args=(tmp_path, which, refused)) for which in range(2)]
+    for one in workers:
+        one.start()
+    said = []
+    while said.count("") < 2:
+        said.append(refused.get(timeout=60))
+    for one in workers:
+        one.join()
+    assert said == ["", ""]
+    assert not list(FruitResults(tmp_path).in_the_way())
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("record.json", "fruit.ply", "mesh.png"),
+        *(".cache", ".written.json", LIST_LOCK),
+    }
+
+
+def hold(root, begun):
+    """Never lets go."""
+    with writing_alone(root):
+        begun.set()
+        time.sleep(600)
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that writes into a claimed folder and does not end."""
+    FruitResults(tmp_path).claim()
+    begun = SPAWN.Event()
+    process = SPAWN.Process(target=hold, args=(tmp_path, begun))
+    process.start()
+    assert begun.wait(60)
+    yield process
+    process.kill()
+    process.join()
+
+
+def test_one_that_was_killed_holds_up_nobody(tmp_path, holder):
+    os.kill(holder.pid, signal.SIGKILL)
+    holder.join()
+    began = time.monotonic()
+    write_whole(tmp_path / "record.json", "new")
+    assert time.monotonic() - began < 5
+    assert not list(FruitResults(tmp_path).in_the_way())
+
+
+def test_one_that_was_stopped_holds_up_nobody_for_good(tmp_path, holder, monkeypatch):
+    monkeypatch.setattr("pipeline.files.manifest.WAIT_S", 0.3)
+    os.kill(holder.pid, signal.SIGSTOP)
+    began = time.monotonic()
+    write_whole(tmp_path / "record.json", "new")
+    assert time.monotonic() - began >= 0.3
+    assert (tmp_path / "record.json").read_text() == "new"
+
+
+def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tmp_path, monkeypatch):
+    def none(*_):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    with monkeypatch.context() as without:
+        without.setattr(fcntl, "flock", none)
+        FruitResults(tmp_path).claim()
+        write_whole(tmp_path / "record.json", "first")
+    (tmp_path / LIST_LOCK).unlink()
+    (tmp_path / LIST_LOCK).mkdir()
+    write_whole(tmp_path / "record.json", "second")
+    assert (tmp_path / "record.json").read_text() == "second"
+
+
+@pytest.mark.parametrize("left", [LIST_LOCK, "..written.json.drupe-part-0a1b2c3d"])
+def test_a_run_killed_as_it_began_a_list_leaves_nothing_in_the_way(tmp_path, left):
+    fruit = FruitResults(tmp_path)
+    fruit.claim()
+    (fruit.cache / ".written.json").unlink()
+    (fruit.cache / LIST_LOCK).unlink()
+    (fruit.cache / left).touch()
+    assert not list(fruit.in_the_way())
+    fruit.claim()
+    assert (fruit.cache / ".written.json").is_file()
+
+
+def test_what_a_run_leaves_in_the_cache_vouches_for_no_file_of_others(tmp_path):
+    fruit = FruitResults(tmp_path)
+    fruit.cache.mkdir()
+    (fruit.cache / LIST_LOCK).touch()
+    fruit.fruit_ply.write_text("somebody else's")
+    assert list(fruit.in_the_way()) == [fruit.fruit_ply]
+
+
+def test_clean_leaves_a_lock_that_holds_a_users_words(tmp_path):
+    out = tmp_path / "out"
+    with results_lock(out):
+        Results(out).claim()
+    (out / LOCK).write_text("mine")
+    clean(out, everything=True, dry=False)
+    assert (out / LOCK).read_text() == "mine"
+    (out / LOCK).write_text("")
+    clean(out, everything=True, dry=False)
+    assert not out.exists()
+
+
+def test_a_lock_that_was_removed_before_it_was_taken_keeps_nobody_out(tmp_path, monkeypatch):
+    """`drupe clean` ends just as a run begins: the next run must meet the lock that this one holds."""
+    out, opened = tmp_path / "out", os.open
+
+    def removed_at_once(path, *arguments, **named):
+        lock = opened(path, *arguments, **named)
+        monkeypatch.setattr(os, "open", opened)
+        path.unlink()
+        return lock
+
+    monkeypatch.setattr(os, "open", removed_at_once)
+    with results_lock(out):
+        assert is_held(out)
+    assert not is_held(out)
