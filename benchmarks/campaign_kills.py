@@ -55,7 +55,7 @@ TRIES = 5
 """Runs until a kill hits: a process of a fruit is not there at every moment."""
 PATIENCE_S = 20.0
 """A killed command's processes are gone at once on Linux; half a second later elsewhere."""
-PRIVATE = {".written.json", ".lock"}
+PRIVATE = {".written.json", ".written.lock", ".lock"}
 """Beside the results: drupe's own list of what it wrote, and the lock."""
 Row = tuple[str, str, str]
 

@@ -30,7 +30,7 @@ from pipeline.diagnosis.diagnosis import finding
 from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
-from pipeline.files.manifest import MANIFEST, MOST_BYTES, json_in, remove
+from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, remove
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.scratch import scratch, temporary_files_in
 from pipeline.files.whole_file import put
@@ -169,7 +169,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
         require_free(results, [fruit], "--out")
     if former_batch(results) is not None:
         require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
-    lists = results.root / MANIFEST, fruit.root / MANIFEST
+    lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
     own = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):
         if target is not None:

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.batch.layout import BatchFolder, FruitFolder, FruitResults, write_whole
 from pipeline.batch.provenance import input_hashes
-from pipeline.files.manifest import MANIFEST
+from pipeline.files.manifest import LIST_LOCK, MANIFEST
 from pipeline.files.whole_file import put
 from pipeline.run.checking import check
 
@@ -51,7 +51,7 @@ def test_forgetting_keeps_what_the_stages_made(tmp_path):
         write_whole(path, "x")
     put(results.cache / "mesh.npz", b"x")
     results.forget()
-    left = {p.name for p in tmp_path.rglob("*") if p.is_file()} - {MANIFEST}
+    left = {p.name for p in tmp_path.rglob("*") if p.is_file()} - {MANIFEST, LIST_LOCK}
     assert left == {"mesh.npz"}
 
 
