@@ -7,6 +7,7 @@ import errno
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -69,12 +70,26 @@ def _root(
     pass
 
 
-COMMANDS = (
-    new, grade, watch, check, explain, report, history, convert, calibrate, sensor, mat, sample, schema,
-    clean, doctor,
-)  # fmt: skip
-for command in COMMANDS:
-    app.command()(command)
+COMMANDS: dict[Callable[..., None], str] = {
+    new: "Make a batch from folders of photos.",
+    grade: "Grade a batch: photos and grasps become ranking and report.",
+    watch: "Grade fruit as their files come in, and show the last one.",
+    check: "Say everything that is wrong with a batch, without computing.",
+    explain: "Say what the simulation leaves out of a fruit's recordings.",
+    report: "Make ranking and report anew from what a run kept.",
+    history: "Show how lots soften over days, and when they are ready.",
+    convert: "Turn frames, tables or another maker's files into a recording.",
+    calibrate: "Complete a sensor's description, or measure a rig's give.",
+    sensor: "Describe a sensor as it is sold.",
+    mat: "Write the marker mat to print, and its mat.json.",
+    sample: "Write a synthetic batch with known answers.",
+    schema: "Print the JSON schema of batch.toml, for editors.",
+    clean: "Remove what drupe keeps between runs; --all: results too.",
+    doctor: "Say whether this machine can grade.",
+}
+"""Commands, and what the list of them says of each in one line of 80 columns."""
+for command, in_short in COMMANDS.items():
+    app.command(short_help=in_short)(command)
 
 
 def _not_ours(error: Exception) -> str:
