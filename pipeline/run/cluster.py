@@ -2,28 +2,31 @@
 
 A fruit is a task; the worker that gets it works on it as a run on one machine would, in a process of its own
 (pipeline.run.cluster_worker), so that time limits, crashes and results are the same. Files lie on a file
-system that all machines share. dask.distributed and dask-jobqueue are imported here alone.
+system that all machines share. dask.distributed is imported here, in
+pipeline.run.worker_tasks and, with dask-jobqueue, in pipeline.run.slurm_jobs.
 """
 
 import logging
-import shutil
-import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from http import HTTPStatus
+from http.client import HTTPException
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, Self
+from urllib.error import HTTPError
+from urllib.request import ProxyHandler, build_opener
 
-import dask
-from distributed import Client, Future, KilledWorker, get_worker
-from distributed.core import Status
+from distributed import Client, Future, KilledWorker
 
 from pipeline.problem import BatchRefused, Problem
-from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit, fruit_here, unfit
+from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed
+from pipeline.run.slurm_jobs import MEMORY, SlurmJobs, slurm_jobs
+from pipeline.run.worker_tasks import BEGUN, fit_on_worker, fruit_on_worker
 
 CONNECT_S = 20.0
 """Seconds in which a scheduler must answer. Set by hand: on a busy login node it takes a few."""
@@ -33,23 +36,15 @@ LOOK_S = 0.1
 """Seconds that are waited for news."""
 COUNT_S = 1.0
 """Seconds after which workers are counted again."""
+WITHOUT_S = 300.0
+"""Seconds without a worker after which that is said, and said again. Set by hand: a worker starts within one
+minute, a job of Slurm may wait for hours."""
 AHEAD = 2
 """Fruit in the cluster for each worker: one that is worked on, one that waits, so that no worker waits for
 this process. More would only fill the scheduler's memory."""
-OWN_MIB = 500.0
-"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
-(benchmarks/cluster_speed.py), as much for its nanny, and as much again for what grows."""
-FAILURES = 3
-"""Workers that may be lost with a fruit before it is given up, where this process starts the scheduler;
-dask's own default, which applies elsewhere (`distributed.scheduler.allowed-failures`)."""
-MEMORY = "MEMORY"
-"""The resource (bytes) that a fruit asks for where workers declare it; the name of dask's own manual."""
-
-
-BEGUN = ""
-"""In the place of a stage: a worker begins with a fruit, for the first time or again."""
-WORKING = (Status.running, Status.paused, Status.closing_gracefully)
-"""A worker's states in which it goes on with its fruit."""
+LOADS = 3
+"""Times that no worker could load a fruit after which the run is refused. Set by hand: each finds a worker
+that is left out, or no cause."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,12 +55,29 @@ class ClusterPlace:
     workers: int = 0
 
 
+@dataclass
+class _Fruit:
+    """A fruit that the scheduler has, or gets as soon as it is there.
+
+    `workers`: the addresses it may go to (None: any); `memory`: whether it asks for the resource; `begun`:
+    how often a worker began with it; `given_up`: how often dask gave it up, or a worker could not load it.
+    """
+
+    order: FruitOrder
+    future: Future | None = None
+    workers: frozenset[str] | None = None
+    memory: bool = False
+    begun: int = 0
+    given_up: int = 0
+
+
 class Cluster:
     """Workers of dask.distributed.
 
     One that is lost with a fruit, or a scheduler that is killed and comes back at its address, costs nothing
-    but time: the fruit is begun again. `most`: so many fruit at once at most; `tell` gets sentences for
-    staff.
+    but time: the fruit is begun again. A worker that is not fit gets no more fruit, and the run is refused
+    where no other is there. `most`: so many fruit in the cluster at most, none of which then waits for a
+    worker; `tell` gets sentences for staff.
     """
 
     def __init__(
@@ -80,12 +92,13 @@ class Cluster:
         self._place, self._needs, self._time_limit_s = place, needs, time_limit_s
         self._tell, self._most = tell, most
         self._held = ExitStack()
+        self._slurm: SlurmJobs | None = None
         self._happened: SimpleQueue[tuple[str, Future | str]] = SimpleQueue()
-        self._orders: dict[str, FruitOrder] = {}
-        self._futures: dict[str, Future] = {}
-        self._tries: dict[str, int] = {}
+        self._fruits: dict[str, _Fruit] = {}
         self._workers: dict[str, Any] = {}
+        self._unfit: set[str] = set()
         self._counted_s = -float("inf")
+        self._without_s = self._said_s = time.monotonic()
         self._topic = f"drupe-{uuid.uuid4().hex}"
 
     def __enter__(self) -> Self:
@@ -93,8 +106,9 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in our own words
         with ExitStack() as held:
             if self._place.address is None:
-                cluster = held.enter_context(_slurm(self._place.workers, self._needs.per_fruit_MiB))
-                self._address = str(cluster.scheduler_address)
+                jobs = slurm_jobs(self._place.workers, self._needs.per_fruit_MiB, self._tell)
+                self._slurm = held.enter_context(jobs)
+                self._address = str(self._slurm.cluster.scheduler_address)
             else:
                 self._address = self._place.address
             self._connect()
@@ -103,10 +117,8 @@ class Cluster:
             self._require_fit()
             self._tell(f"cluster at {self._address}: {_counted(len(self._workers))}; {self._dashboard()}")
             if not self._workers:
-                start = (
-                    "Slurm" if self._place.address is None else f"dask worker {self._address} --nthreads 1"
-                )
-                self._tell(f"waiting for workers ({start})")
+                self._tell(f"waiting for workers ({self._start()})")
+            self._without_s = self._said_s = time.monotonic()
             self._held = held.pop_all()
         return self
 
@@ -124,87 +136,131 @@ class Cluster:
 
     def room(self) -> int:
         """How many more fruit it takes now."""
-        if time.monotonic() - self._counted_s > COUNT_S:
-            self._count()
-        most = AHEAD * self.at_once if self._most is None else min(AHEAD * self.at_once, self._most)
-        return most - len(self._orders)
+        self._look()
+        ahead = AHEAD * self.at_once
+        return (ahead if self._most is None else min(ahead, self._most)) - len(self._fruits)
 
     def begin(self, fruit_id: str, packed: bytes) -> None:
         """Hands a fruit to the scheduler."""
+        self._look()
         order = FruitOrder(
             fruit_id=fruit_id, packed=packed, time_limit_s=self._time_limit_s, needs=self._needs
         )
-        self._orders[fruit_id], self._tries[fruit_id] = order, 0
-        with suppress(OSError):  # the scheduler is gone, which `happened` finds
-            self._submit(order)
+        self._fruits[fruit_id] = _Fruit(order)
+        self._submit(self._fruits[fruit_id])
 
     def happened(self) -> Iterator[Event]:
         """Stages and endings since the last call."""
-        if self._client.status != "running":
-            self._rejoin()
+        self._look()
         with suppress(Empty):
             yield from self._events(*self._happened.get(timeout=LOOK_S))
             while True:
                 yield from self._events(*self._happened.get_nowait())
 
+    def _look(self) -> None:
+        """Joins the scheduler again where it was lost; counts workers, and goes by that, now and then."""
+        if not self._joined():
+            self._rejoin()
+        if time.monotonic() - self._counted_s > COUNT_S:
+            self._count()
+            self._move_on()
+            self._say_without()
+            if self._slurm is not None:
+                self._slurm.look()
+
+    def _joined(self) -> bool:
+        """Whether the scheduler has what it was given. A client that lost it comes back by itself within
+        CONNECT_S, on another connection, without its fruit and without news of their stages.
+        """
+        return self._client.status == "running" and self._client.scheduler_comm is self._connection
+
     def _events(self, fruit_id: str, news: Future | str) -> Iterator[Event]:
-        if fruit_id not in self._orders:
+        fruit = self._fruits.get(fruit_id)
+        if fruit is None:
             return
         if news == BEGUN:
-            self._tries[fruit_id] += 1
+            fruit.begun += 1
         elif isinstance(news, str):
             yield Progressed(fruit_id, news)
-        elif news is self._futures.get(fruit_id) and (ending := self._ending(fruit_id, news)) is not None:
-            del self._orders[fruit_id], self._futures[fruit_id], self._tries[fruit_id]
+        elif news is fruit.future and (ending := self._ending(fruit_id, fruit, news)) is not None:
+            del self._fruits[fruit_id]
             yield ending
 
-    def _ending(self, fruit_id: str, future: Future) -> Event | None:
-        """How a fruit ended; None where it was begun again, or will be. Raises BatchRefused for a worker that
-        is not fit.
+    def _ending(self, fruit_id: str, fruit: _Fruit, future: Future) -> Event | None:
+        """How a fruit ended; None where it was begun again, or will be. Raises BatchRefused where no worker
+        is fit.
         """
         try:
             ended = future.result(timeout=CONNECT_S)
         except KilledWorker as killed:
-            tries = self._tries[fruit_id]
-            if tries > killed.allowed_failures:
-                how = f"{_counted(tries)} lost with it, the last {killed.last_worker.address}"
-                return Died(fruit_id, None, how)
+            fruit.given_up += 1
+            if max(fruit.begun, fruit.given_up) > killed.allowed_failures:
+                lost = max(fruit.begun, killed.allowed_failures + 1)
+                return Died(
+                    fruit_id, None, f"{_counted(lost)} lost with it, the last {killed.last_worker.address}"
+                )
             ended = None  # dask also blames those that only waited for a worker that was lost
-        except (ImportError, AttributeError) as error:
-            raise _refused(self._address, f"a worker {_cannot_load(error)}") from None
         except Exception as error:  # noqa: BLE001 - dask's own, of which there are many kinds
-            if self._client.status == "running" and future.status == "error":
+            if not (self._joined() and future.status == "error"):
+                ended = None
+            elif isinstance(error, (ImportError, AttributeError)):
+                self._not_loaded(fruit, error)
+                ended = None
+            else:
                 return Finished(fruit_id, error)
-            ended = None
         if isinstance(ended, Unfit):
-            raise _refused(self._address, f"a worker {ended.sentence}")
+            self._count()
+            self._leave_out({ended.worker: ended.sentence})
+            ended = None
         if ended is None:
-            self._again(fruit_id)
-            return None
-        return ended  # type: ignore[no-any-return]  # what `_on_worker` returns
+            self._submit(fruit)
+        return ended  # type: ignore[no-any-return]  # what `fruit_on_worker` returns
 
-    def _again(self, fruit_id: str) -> None:
-        """Begins a fruit again whose result was lost on its way; with the scheduler gone, `_rejoin` does."""
-        if self._client.status == "running":
-            with suppress(OSError):
-                self._submit(self._orders[fruit_id])
+    def _not_loaded(self, fruit: _Fruit, error: Exception) -> None:
+        """Finds the worker that could not load a fruit, which the error does not name."""
+        fruit.given_up += 1
+        self._count()
+        self._require_fit()
+        if fruit.given_up > LOADS or not self._unfit:
+            raise _refused(self._address, f"a worker {_cannot_load(error)}")
 
-    def _submit(self, order: FruitOrder) -> None:
-        future = self._client.submit(
-            _on_worker,
-            order,
-            self._topic,
-            key=f"fruit-{uuid.uuid4().hex}",
-            pure=False,
-            resources=self._resources(),
-        )
-        self._futures[order.fruit_id] = future
-        future.add_done_callback(lambda done: self._happened.put((order.fruit_id, done)))
-
-    def _resources(self) -> dict[str, float] | None:
-        """Memory, where workers declare it."""
+    def _submit(self, fruit: _Fruit) -> None:
+        """Gives a fruit to the scheduler, for workers that are fit; where that is gone, `_rejoin` does."""
+        fruit.workers = frozenset(self._workers) if self._unfit and self._workers else None
         declared = any(MEMORY in worker["resources"] for worker in self._workers.values())
-        return {MEMORY: self._needs.per_fruit_MiB * 2**20} if declared or not self._place.address else None
+        fruit.memory = declared or (self._slurm is not None and not self._workers)
+        try:
+            future = self._client.submit(
+                fruit_on_worker,
+                fruit.order,
+                self._topic,
+                key=f"fruit-{uuid.uuid4().hex}",
+                pure=False,
+                workers=None if fruit.workers is None else sorted(fruit.workers),
+                resources={MEMORY: self._needs.per_fruit_MiB * 2**20} if fruit.memory else None,
+            )
+            future.add_done_callback(lambda done: self._happened.put((fruit.order.fruit_id, done)))
+            fruit.future = future
+        except OSError:
+            return
+        except Exception:
+            if self._joined():
+                raise
+
+    def _move_on(self) -> None:
+        """Gives fruit to other workers that wait for some which are gone."""
+        for fruit in self._fruits.values():
+            takers = (address for address in self._workers if self._may_go(fruit, address))
+            if self._workers and (fruit.future is None or next(takers, None) is None):
+                stuck = fruit.future
+                self._submit(fruit)
+                with suppress(Exception):
+                    self._client.cancel([stuck], force=True)
+
+    def _may_go(self, fruit: _Fruit, address: str) -> bool:
+        """Whether dask gives the fruit to a worker."""
+        allowed = fruit.workers is None or address in fruit.workers
+        return allowed and (not fruit.memory or MEMORY in self._workers[address]["resources"])
 
     def _connect(self) -> None:
         """Raises BatchRefused where no scheduler answers."""
@@ -214,7 +270,9 @@ class Cluster:
             why = f"no scheduler of dask answers there ({str(error) or type(error).__name__})"
             sentence = f"{why}; start one with `dask scheduler`, and name the address that it prints."
             raise _refused(self._address, sentence) from None
-        self._client.subscribe_topic(self._topic, self._stage_begun)
+        self._connection = self._client.scheduler_comm
+        with suppress(Exception):  # it is gone again, which `_joined` tells
+            self._client.subscribe_topic(self._topic, self._stage_begun)
 
     def _stage_begun(self, event: tuple[float, Any]) -> None:
         """A worker's news of a stage, on the client's own thread."""
@@ -223,14 +281,15 @@ class Cluster:
 
     def _disconnect(self) -> None:
         with suppress(Exception):
-            self._client.cancel(list(self._futures.values()), force=True)
+            futures = [fruit.future for fruit in self._fruits.values() if fruit.future is not None]
+            self._client.cancel(futures, force=True)
         with suppress(Exception):
             self._client.close(timeout=CONNECT_S)
 
     def _rejoin(self) -> None:
         """Waits for a scheduler that is gone, and hands it every fruit that has not ended."""
         self._tell(
-            f"the scheduler at {self._address} is gone; {len(self._orders)} fruit wait for it to come back "
+            f"the scheduler at {self._address} is gone; {len(self._fruits)} fruit wait for it to come back "
             f"(until {BACK_S / 60:.0f} min have passed)"
         )
         end_s = time.monotonic() + BACK_S
@@ -245,80 +304,98 @@ class Cluster:
                     sentence = "the scheduler went away; finished fruit are kept, the same command goes on."
                     raise _refused(self._address, sentence) from None
                 time.sleep(LOOK_S)
-        self._futures.clear()
+        self._unfit.clear()  # a worker that was started again may have the same address
         self._count()
         self._tell(f"the scheduler is back, with {_counted(len(self._workers))}")
-        for order in self._orders.values():
-            with suppress(OSError):
-                self._submit(order)
+        for fruit in self._fruits.values():
+            fruit.future = None
+            self._submit(fruit)
 
     def _count(self) -> None:
-        """Asks the scheduler for its workers; where it does not answer, they stay those of before."""
-        with suppress(OSError):
-            self._workers = dict(self._client.scheduler_info(n_workers=-1)["workers"])
+        """Asks the scheduler for its workers; where it does not answer, they stay those of before. Raises
+        BatchRefused where none declares memory enough.
+        """
         self._counted_s = time.monotonic()
+        with suppress(Exception):  # no answer, or a client that is closed, which `_joined` tells
+            there = self._client.scheduler_info(n_workers=-1)["workers"]
+            self._workers = {address: one for address, one in there.items() if address not in self._unfit}
+        need = self._needs.per_fruit_MiB * 2**20
+        self._leave_out(
+            {
+                address: f"declares {MEMORY}={declared:.0f} (bytes), and one fruit needs {need:.0f}."
+                for address, worker in self._workers.items()
+                if (declared := worker["resources"].get(MEMORY, need)) < need
+            }
+        )
+
+    def _leave_out(self, sentences: dict[str, str]) -> None:
+        """Gives no more fruit to workers that are not fit, by address, and says so; raises BatchRefused where
+        no other is there.
+        """
+        found = {address: why for address, why in sentences.items() if address not in self._unfit}
+        self._unfit |= set(found)
+        for address in sentences:
+            self._workers.pop(address, None)
+        if sentences and not self._workers:
+            raise BatchRefused(_problems(sentences))
+        for problem in _problems(found):
+            self._tell(f"left out: {problem}")
+
+    def _say_without(self) -> None:
+        """Says now and then that there is no worker."""
+        now_s = time.monotonic()
+        if self._workers:
+            self._without_s = self._said_s = now_s
+        elif now_s - self._said_s > WITHOUT_S:
+            self._said_s = now_s
+            minutes = (now_s - self._without_s) / 60
+            self._tell(f"no worker for {minutes:.0f} min; {len(self._fruits)} fruit wait ({self._start()})")
+
+    def _start(self) -> str:
+        """What starts workers."""
+        if self._slurm is None:
+            return f"dask worker {self._address} --nthreads 1"
+        return f"Slurm: {self._slurm.refusal}" if self._slurm.refusal else "Slurm; `squeue` shows its jobs"
 
     def _dashboard(self) -> str:
-        """Where its dashboard is; one without bokeh has none."""
-        served = "dashboard" in self._client.scheduler_info(n_workers=0)["services"]
-        return f"dashboard {self._client.dashboard_link}" if served else "it has no dashboard"
+        """Where its dashboard is; one without bokeh, or with --no-dashboard, has none."""
+        link = self._client.dashboard_link or ""
+        try:
+            build_opener(ProxyHandler({})).open(link, timeout=CONNECT_S).close()
+        except HTTPError as error:
+            if error.code == HTTPStatus.NOT_FOUND:
+                return "it has no dashboard"
+        except (OSError, ValueError, HTTPException):
+            pass  # it can be there for others
+        return f"dashboard {link}" if link else "it has no dashboard"
 
     def _require_fit(self) -> None:
-        """Raises BatchRefused with what is wrong with the workers that are there; one that comes later is
-        asked when it gets its first fruit.
+        """Asks the workers that are there whether they are fit; one that comes later is asked when it gets
+        its first fruit. Raises BatchRefused with what is wrong where none is.
         """
-        said: dict[str, list[str]] = {}
-        with suppress(OSError):
-            answers = self._client.run(_fit, self._needs, on_error="return")
-            for address, answer in answers.items():
-                why = answer if isinstance(answer, str) else _cannot_load(answer)
-                if why:
-                    said.setdefault(why, []).append(address)
-        declared = [w["resources"][MEMORY] for w in self._workers.values() if MEMORY in w["resources"]]
-        if declared and max(declared) < self._needs.per_fruit_MiB * 2**20:
-            need = f"{self._needs.per_fruit_MiB * 2**20:.0f}"
-            said[f"declares {MEMORY}={max(declared):.0f} (bytes), and one fruit needs {need}."] = [
-                str(next(iter(self._workers)))
-            ]
-        if said:
-            raise BatchRefused(
-                Problem(
-                    f"worker {where[0]}" if len(where) == 1 else f"{len(where)} workers ({where[0]}, ...)",
-                    why,
-                )
-                for why, where in said.items()
-            )
+        answers = {}
+        with suppress(Exception):  # of a client that is closed, which `_joined` tells
+            answers = self._client.run(fit_on_worker, self._needs, on_error="return")
+        said = {address: _sentence(answer) for address, answer in answers.items()}
+        self._leave_out({address: why for address, why in said.items() if why})
 
 
-def _on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
-    """On a worker: one fruit, whose stages go to the run that asked for it."""
-    worker = get_worker()
-    key = worker.get_current_task()
-    most_MiB = _most_MiB(worker)
-    if why := unfit(order.needs, threads=worker.state.nthreads, most_MiB=most_MiB):
-        return Unfit(f"({worker.address}) {why}")
-
-    def wanted() -> bool:
-        """Until the run takes the fruit back or is gone, or the worker has lost its scheduler."""
-        task = worker.state.tasks.get(key)
-        return worker.status in WORKING and task is not None and task.state == "executing"
-
-    def tell(stage: str) -> None:
-        worker.log_event(topic, (order.fruit_id, stage))
-
-    tell(BEGUN)
-    return fruit_here(order, tell=tell, wanted=wanted, most_MiB=most_MiB)
+def _sentence(answer: Any) -> str:
+    """A worker's answer to `fit_on_worker`; empty where it went away meanwhile."""
+    if isinstance(answer, str):
+        return answer
+    return "" if isinstance(answer, OSError) else _cannot_load(answer)
 
 
-def _fit(needs: RunNeeds, dask_worker: Any) -> str:
-    """On a worker: why it cannot work for the run."""
-    return unfit(needs, threads=dask_worker.state.nthreads, most_MiB=_most_MiB(dask_worker))
-
-
-def _most_MiB(worker: Any) -> float | None:
-    """Memory that a worker may use; None: it has no limit."""
-    limit = worker.memory_manager.memory_limit
-    return limit / 2**20 if limit else None
+def _problems(sentences: dict[str, str]) -> list[Problem]:
+    """What is wrong with workers, those of one sentence together."""
+    said: dict[str, list[str]] = {}
+    for address, why in sentences.items():
+        said.setdefault(why, []).append(address)
+    return [
+        Problem(f"worker {where[0]}" if len(where) == 1 else f"{len(where)} workers ({where[0]}, ...)", why)
+        for why, where in said.items()
+    ]
 
 
 def _cannot_load(error: Any) -> str:
@@ -335,29 +412,3 @@ def _counted(workers: int) -> str:
 
 def _refused(place: str, sentence: str) -> BatchRefused:
     return BatchRefused([Problem(place, sentence)])
-
-
-def _slurm(workers: int, per_fruit_MiB: float) -> Any:
-    """A scheduler in this process and `workers` jobs of Slurm, replaced as they end; queue, account and time
-    are those of dask-jobqueue's own settings (~/.config/dask/jobqueue.yaml). Raises BatchRefused.
-    """
-    if shutil.which("sbatch") is None:
-        raise _refused("--slurm", "found no sbatch; run this where jobs are submitted, or use --scheduler.")
-    from dask_jobqueue import SLURMCluster
-
-    dask.config.set({"distributed.scheduler.allowed-failures": FAILURES})
-    memory_MiB = per_fruit_MiB + OWN_MIB
-    try:
-        cluster = SLURMCluster(
-            cores=1,
-            processes=1,
-            memory=f"{memory_MiB:.0f} MiB",
-            job_name="drupe",
-            python=sys.executable,
-            job_script_prologue=["export PYTHONSAFEPATH=1"],
-            worker_extra_args=["--resources", f"{MEMORY}={memory_MiB * 2**20:.0f}"],
-        )
-    except (OSError, ValueError, RuntimeError) as error:
-        raise _refused("--slurm", f"Slurm cannot be used ({error}).") from None
-    cluster.adapt(minimum=workers, maximum=workers)
-    return cluster

@@ -14,7 +14,11 @@ from pipeline.batch.cache import ROOMS, code_version, file_hash
 from pipeline.files.manifest import json_in
 from pipeline.problem import BatchRefused
 from pipeline.run.runner import LocalPool
-from pipeline.run.scheduling import Event, Progressed
+from pipeline.run.scheduling import Event, Progressed, not_begun
+
+OWN_MIB = 500.0
+"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
+(benchmarks/cluster_speed.py), as much for its nanny, and as much again for what grows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +51,10 @@ class FruitOrder:
 
 @dataclass(frozen=True)
 class Unfit:
-    """Why a worker cannot work for the run."""
+    """Why a worker (its address; empty: not known) cannot work for the run."""
 
     sentence: str
+    worker: str = ""
 
 
 def python_version() -> str:
@@ -58,15 +63,16 @@ def python_version() -> str:
 
 
 def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
-    """Why a worker with so many threads and so much memory (None: no limit) cannot work for the run, as a
-    sentence; empty where it can.
+    """Why a worker with so many threads, which leaves so much memory to a fruit (None: no limit), cannot work
+    for the run, as a sentence; empty where it can.
     """
     if threads != 1:
         return f"has {threads} threads, expected 1, one fruit at a time; start it with --nthreads 1."
     if most_MiB is not None and most_MiB < needs.per_fruit_MiB:
         return (
-            f"may use {most_MiB:.0f} MiB of memory, and one fruit needs about {needs.per_fruit_MiB:.0f} MiB; "
-            "start it with a larger --memory-limit, or fewer workers on the machine."
+            f"leaves a fruit {most_MiB:.0f} MiB of memory, and one needs about {needs.per_fruit_MiB:.0f} MiB;"
+            f" start it with --memory-limit {needs.per_fruit_MiB + OWN_MIB:.0f}MiB or more, or fewer workers "
+            "on the machine."
         )
     return _not_the_same(needs)
 
@@ -110,14 +116,18 @@ def fruit_here(
 ) -> Event | Unfit | None:
     """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
 
-    `tell` gets its stages; it is stopped, and None returned, when it is no longer `wanted`.
+    `tell` gets its stages; it is stopped, and None returned, when it is no longer `wanted`. `most_MiB`: what
+    the fruit's process may hold.
     """
     # A nanny starts its worker as a daemon of multiprocessing, which must have no processes of its own lest
     # they outlive it. A fruit's does not: it ends with its parent (pipeline.run.runner).
     multiprocessing.current_process().daemon = False
     try:
         with LocalPool(jobs=1, time_limit_s=order.time_limit_s, most_MiB=most_MiB) as pool:
-            pool.begin(order.fruit_id, order.packed)
+            try:
+                pool.begin(order.fruit_id, order.packed)
+            except OSError as error:
+                return not_begun(order.fruit_id, error)
             while wanted():
                 for event in pool.happened():
                     if not isinstance(event, Progressed):

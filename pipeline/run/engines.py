@@ -82,5 +82,5 @@ def cluster_of(
         needs=needs,
         time_limit_s=time_limit_s,
         tell=tell,
-        most=place.jobs,
+        most=None if place.slurm else place.jobs,
     )

@@ -39,6 +39,11 @@ class TimedOut:
     fruit_id: str
 
 
+def not_begun(fruit_id: str, error: OSError) -> Died:
+    """The ending of a fruit whose process could not be made, or died before it had been told its task."""
+    return Died(fruit_id, None, f"it could not be begun: {error.strerror or error}")
+
+
 Event = Progressed | Finished | Died | TimedOut
 Report = Callable[[str], None]
 Work = Callable[[Any, Report], Any]
@@ -94,8 +99,8 @@ def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Gene
                 try:
                     engine.begin(fruit_id, pickle.dumps((work, task)))
                     begun += 1
-                except OSError:  # killed before it had been told its task, or no process can be made
-                    yield Died(fruit_id, None)
+                except OSError as error:
+                    yield not_begun(fruit_id, error)
             if all_begun and not begun:
                 return
             for event in engine.happened():

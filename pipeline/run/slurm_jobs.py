@@ -1,0 +1,157 @@
+"""Workers of dask.distributed as jobs of Slurm (dask-jobqueue), with a scheduler in this process."""
+
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import dask
+from distributed.core import Status
+
+from pipeline.problem import BatchRefused, Problem
+from pipeline.run.cluster_worker import OWN_MIB
+
+MEMORY = "MEMORY"
+"""The resource (bytes) that a fruit asks for where workers declare it; the name of dask's own manual."""
+ANSWER_S = 60.0
+"""Seconds in which sbatch must take or refuse the first jobs; later ones are not waited for. Set by hand: a
+busy controller of Slurm answers in some ten."""
+AGAIN_S = 60.0
+"""Seconds after which jobs that sbatch refused are asked for again. Set by hand: a job's place in the queue
+is seldom free sooner."""
+
+
+class SlurmJobs:
+    """Jobs of one worker each; `refusal` is what sbatch said when it last refused one, or empty."""
+
+    def __init__(self) -> None:
+        self.refusal = ""
+        self.cluster: Any = None
+        self.answers: SimpleQueue[str] = SimpleQueue()
+        self._refused: list[Any] = []
+        self._asked_s = -float("inf")
+
+    async def ask(self, job: Any, submit: Callable[[], Any]) -> None:
+        """Submits one job; one that is refused is kept, and asked for again by `look`."""
+        self._asked_s = time.monotonic()
+        try:
+            await submit()
+            words = ""
+        except (OSError, RuntimeError, ValueError) as error:
+            words = _words(error)
+            self._refused.append(job)
+            self.refusal = words
+            job.status = Status.running  # else dask takes it for a fault of its own, and logs a traceback
+        self.answers.put(words)
+
+    def look(self) -> None:
+        """Asks again for the jobs that were refused, now and then."""
+        if self._refused and time.monotonic() - self._asked_s > AGAIN_S:
+            self._asked_s = time.monotonic()
+            self.cluster.loop.add_callback(self._ask_again)
+
+    async def _ask_again(self) -> None:
+        refused, self._refused, self.refusal = self._refused, [], ""
+        for job in refused:
+            if self.cluster.status == Status.running and job.name in self.cluster.worker_spec:
+                await job.start()
+
+
+@contextmanager
+def slurm_jobs(workers: int, per_fruit_MiB: float, tell: Callable[[str], None]) -> Iterator[SlurmJobs]:
+    """A scheduler in this process and `workers` jobs of Slurm, replaced as they end; queue, account and time
+    are those of dask-jobqueue's own settings (~/.config/dask/jobqueue.yaml).
+
+    Raises BatchRefused where Slurm takes none of the jobs, with what sbatch said.
+    """
+    if shutil.which("sbatch") is None:
+        raise _refused("found no sbatch; run this where jobs are submitted, or use --scheduler.")
+    jobqueue = _jobqueue()
+    memory_MiB, jobs = per_fruit_MiB + OWN_MIB, SlurmJobs()
+    try:
+        cluster = jobqueue.SLURMCluster(
+            job_cls=_job_class(jobqueue, jobs),
+            cores=1,
+            processes=1,
+            memory=f"{memory_MiB:.0f} MiB",
+            job_name="drupe",
+            python=sys.executable,
+            job_script_prologue=[*_configured("job-script-prologue"), "export PYTHONSAFEPATH=1"],
+            worker_extra_args=[
+                *_configured("worker-extra-args"),
+                "--resources",
+                f"{MEMORY}={memory_MiB * 2**20:.0f}",
+            ],
+        )
+    except (OSError, ValueError, RuntimeError) as error:
+        raise _refused(f"Slurm cannot be used ({error}).") from None
+    with cluster:
+        jobs.cluster = cluster
+        cluster.adapt(minimum=workers, maximum=workers)
+        taken, refused = _first_answers(jobs.answers, workers)
+        if refused and not taken:
+            raise _refused(f"sbatch takes no job ({jobs.refusal}); see ~/.config/dask/jobqueue.yaml.")
+        if refused:
+            tell(
+                f"Slurm took {taken} of {workers} jobs ({jobs.refusal}); the others are asked for again "
+                f"every {AGAIN_S:.0f} s"
+            )
+        yield jobs
+
+
+def _first_answers(answers: SimpleQueue[str], workers: int) -> tuple[int, int]:
+    """How many of the first jobs were taken, and how many refused."""
+    taken, refused, end_s = 0, 0, time.monotonic() + ANSWER_S
+    while taken + refused < workers:
+        try:
+            words = answers.get(timeout=max(0.0, end_s - time.monotonic()))
+        except Empty:
+            break
+        taken, refused = taken + (not words), refused + bool(words)
+    return taken, refused
+
+
+def _jobqueue() -> Any:
+    """dask_jobqueue, whose import changes what Ctrl-C does: it would end the run with nothing written."""
+    ctrl_c = signal.getsignal(signal.SIGINT)
+    try:
+        import dask_jobqueue
+    finally:
+        if ctrl_c is not None:
+            signal.signal(signal.SIGINT, ctrl_c)
+    return dask_jobqueue
+
+
+def _job_class(jobqueue: Any, jobs: SlurmJobs) -> type:
+    """dask-jobqueue's job, whose refusals are kept, with its memory limit to the byte."""
+
+    class Job(jobqueue.SLURMCluster.job_cls):  # type: ignore[misc]  # a class of no known type
+        @property
+        def worker_process_memory(self) -> str:
+            """Bytes: dask-jobqueue's own would round to two digits of GiB, and so below a fruit's need."""
+            return f"{self.worker_memory}B"
+
+        async def start(self) -> None:
+            """Submits it."""
+            await jobs.ask(self, super().start)
+
+    return Job
+
+
+def _configured(name: str) -> list[str]:
+    """A list of dask-jobqueue's settings."""
+    return dask.config.get(f"jobqueue.slurm.{name}", None) or []
+
+
+def _words(error: Exception) -> str:
+    """What sbatch said, on one line."""
+    said = str(error).partition("stderr:\n")[2].strip() or str(error)
+    return " ".join(said.split())
+
+
+def _refused(sentence: str) -> BatchRefused:
+    return BatchRefused([Problem("--slurm", sentence)])
