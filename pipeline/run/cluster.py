@@ -7,6 +7,7 @@ pipeline.run.worker_tasks and, with dask-jobqueue, in pipeline.run.slurm_jobs.
 """
 
 import logging
+import pickle
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed
 from pipeline.run.slurm_jobs import MEMORY, SlurmJobs, slurm_jobs
-from pipeline.run.worker_tasks import BEGUN, fit_on_worker, fruit_on_worker
+from pipeline.run.worker_tasks import BEGUN, fit_on_worker, packed_fruit
 
 CONNECT_S = 20.0
 """Seconds in which a scheduler must answer. Set by hand: on a busy login node it takes a few."""
@@ -231,9 +232,8 @@ class Cluster:
         fruit.memory = declared or (self._slurm is not None and not self._workers)
         try:
             future = self._client.submit(
-                fruit_on_worker,
-                fruit.order,
-                self._topic,
+                pickle.loads,
+                packed_fruit(fruit.order, self._topic),
                 key=f"fruit-{uuid.uuid4().hex}",
                 pure=False,
                 workers=None if fruit.workers is None else sorted(fruit.workers),

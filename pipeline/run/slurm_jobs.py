@@ -139,6 +139,11 @@ def _job_class(jobqueue: Any, jobs: SlurmJobs) -> type:
             """Submits it."""
             await jobs.ask(self, super().start)
 
+        async def close(self) -> None:
+            """Takes it back; dask wants to see that it is closed."""
+            await super().close()
+            self.status = Status.closed
+
     return Job
 
 

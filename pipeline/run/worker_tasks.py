@@ -1,6 +1,7 @@
 """What a worker of dask.distributed is asked to do: to say whether it is fit, and to work on a fruit."""
 
-from dataclasses import replace
+import pickle
+from dataclasses import dataclass, replace
 from typing import Any
 
 from distributed import get_worker
@@ -13,6 +14,24 @@ BEGUN = ""
 """In the place of a stage: a worker begins with a fruit, for the first time or again."""
 WORKING = (Status.running, Status.paused, Status.closing_gracefully)
 """A worker's states in which it goes on with its fruit."""
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A fruit that is begun where this is unpickled."""
+
+    order: FruitOrder
+    topic: str
+
+    def __reduce__(self) -> tuple:
+        return fruit_on_worker, (self.order, self.topic)
+
+
+def packed_fruit(order: FruitOrder, topic: str) -> bytes:
+    """A fruit for a worker, whose task is `pickle.loads`: every worker has that, and one that cannot load
+    drupe fails in the task. What dask itself cannot unpickle ends the worker without a word.
+    """
+    return pickle.dumps(_Call(order, topic))
 
 
 def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:

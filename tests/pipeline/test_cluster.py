@@ -4,7 +4,9 @@ Apart from the other tests (`pytest -n 0 -m cluster`): they start and kill a doz
 seconds, which a machine that is busy with other tests does not keep.
 """
 
+import importlib.util
 import io
+import json
 import os
 import re
 import signal
@@ -20,28 +22,35 @@ import dask
 import psutil
 import pytest
 from cluster_work import graded_unless_it_dies, needs_of, patient, work
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 from rich.console import Console
 
 from pipeline.batch.records import read_record
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
 from pipeline.run.cluster import Cluster, ClusterPlace
+from pipeline.run.cluster_worker import OWN_MIB
 from pipeline.run.engines import WorkPlace
 from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
+from pipeline.run.slurm_jobs import _jobqueue, slurm_jobs
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
 pytestmark = [pytest.mark.slow, pytest.mark.cluster]
+PATHS = os.pathsep.join(map(str, (Path(__file__).parents[2], Path(__file__).parent)))
+"""What workers find: the drupe that is tested, and the work of these tests."""
 
 
 @pytest.fixture(scope="module")
 def address():
-    """A scheduler with two workers of one thread, of which one fruit may take one along and not two."""
+    """A scheduler with two workers of one thread, of which one fruit may take one along and not two.
+
+    Of the 800 MiB of a worker 500 are its own, and 300 its fruit's.
+    """
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1}),
         LocalCluster(
-            n_workers=2, threads_per_worker=1, memory_limit="300 MiB", dashboard_address=":0"
+            n_workers=2, threads_per_worker=1, memory_limit="800 MiB", dashboard_address=":0"
         ) as workers,
     ):
         yield workers.scheduler_address
@@ -66,7 +75,7 @@ def ran(address, tmp_path_factory):
         "always": f"take-every-worker-along {folder / 'always'}",
         "also fine": "also fine",
     }  # fmt: skip
-    events = list(run_on(engine(address, folder, said=said, time_limit_s=8.0), work, tasks.items()))
+    events = list(run_on(engine(address, folder, said=said, time_limit_s=20.0), work, tasks.items()))
     return events, {one.fruit_id: one for one in events if not isinstance(one, Progressed)}, said
 
 
@@ -102,7 +111,9 @@ def test_a_fruit_that_takes_every_worker_along_is_given_up(ran):
 
 
 def test_workers_and_dashboard_are_said(ran, address):
-    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; dashboard http://")
+    has = importlib.util.find_spec("bokeh") is not None
+    dashboard = "dashboard http://" if has else "it has no dashboard"
+    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; {dashboard}")
 
 
 def test_leaving_early_ends_what_is_running(address, tmp_path):
@@ -121,10 +132,45 @@ def test_a_run_whose_folder_the_workers_do_not_see_is_refused(address, tmp_path)
     assert "results as this command does: OUT must lie on a file system" in str(refused.value)
 
 
-def test_a_worker_that_comes_later_is_asked_too(address, tmp_path, monkeypatch):
+def test_workers_that_come_later_are_asked_too(address, tmp_path, monkeypatch):
     monkeypatch.setattr(Cluster, "_require_fit", lambda self: None)
-    with pytest.raises(BatchRefused, match=r"a worker .* whose source or numerical libraries differ"):
+    with pytest.raises(BatchRefused, match=r"worker.* whose source or numerical libraries differ"):
         list(run_on(engine(address, tmp_path, code="another"), work, [("a", "fine")]))
+
+
+def test_one_that_comes_later_and_is_not_fit_is_left_out_and_nothing_is_lost(address, tmp_path, monkeypatch):
+    """It has two threads; the run goes on with the others, also after that one is gone."""
+    monkeypatch.setattr(Cluster, "_require_fit", lambda self: None)
+    worker = ("distributed.cli.dask_worker", address, "--nthreads", "2", "--no-dashboard")
+    tasks, said = [(name, "fine") for name in "abcdefgh"], []
+    with started(tmp_path, *worker), Client(address, set_as_default=False) as client:
+        client.wait_for_workers(3, timeout=60)
+        ended = [
+            one.fruit_id
+            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(one, Finished) and one.result[0] == "fine"
+        ]
+    assert sorted(ended) == list("abcdefgh")
+    assert len([line for line in said if "has 2 threads, expected 1" in line]) == 1
+    assert any(line.startswith("left out: worker tcp://") for line in said)
+
+
+def test_a_client_that_lost_its_scheduler_and_came_back_gives_up_what_takes_workers_along(address, tmp_path):
+    """News of what begins come to it again, and fruit that ended before are not begun again."""
+    mark = tmp_path / "mark"
+    cluster = engine(address, tmp_path)
+    tasks = [("fine", "fine"), ("always", f"take-every-worker-along {mark}")]
+    with closing(run_on(cluster, work, tasks)) as events:
+        ended = [first := next(events)]
+        client, before = cluster._client, cluster._client.scheduler_comm
+        client.loop.add_callback(before.comm.abort)
+        wait_until(lambda: client.status == "running" and client.scheduler_comm is not before)
+        ended += events
+    assert isinstance(first, Progressed)
+    assert cluster._client is not client
+    endings = {one.fruit_id: one for one in ended if not isinstance(one, Progressed)}
+    assert isinstance(endings["fine"], Finished)
+    assert isinstance(endings["always"], Died)
 
 
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
@@ -172,7 +218,7 @@ def free_port():
 def started(folder, *arguments):
     """A part of dask's in a process of its own, killed with all that it started."""
     command = [sys.executable, "-m", *arguments]
-    path = {"PYTHONPATH": str(Path(__file__).parent)}
+    path = {"PYTHONPATH": PATHS}
     with subprocess.Popen(command, env=os.environ | path, stderr=subprocess.DEVNULL, cwd=folder) as process:
         try:
             yield process
@@ -241,26 +287,110 @@ def slurm(tmp_path, monkeypatch):
     for name in ("sbatch", "scancel"):
         (folder / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", PATHS)
     monkeypatch.chdir(tmp_path)
-    yield folder
-    for job in (folder / "jobs").read_text().split():
+    _jobqueue()  # its import sets what is configured
+    with dask.config.set({"jobqueue.slurm.scheduler-options": {"dashboard_address": ":0"}}):
+        yield folder
+    jobs = folder / "jobs"
+    for job in jobs.read_text().split() if jobs.exists() else ():
         with suppress(ProcessLookupError):
             os.killpg(int(job), signal.SIGKILL)
 
 
 def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, tmp_path):
     place = ClusterPlace(address=None, workers=1)
-    engine = Cluster(place, needs=needs_of(tmp_path), time_limit_s=60.0, tell=print)
-    anywhere = dask.config.set({"jobqueue.slurm.scheduler-options": {"dashboard_address": ":0"}})
-    with anywhere:
+    needs = needs_of(tmp_path, per_fruit_MiB=300.0)
+    engine = Cluster(place, needs=needs, time_limit_s=60.0, tell=print)
+    configured = {
+        "jobqueue.slurm.job-script-prologue": ["module() { :; }", "module load python"],
+        "jobqueue.slurm.worker-extra-args": ["--lifetime", "1h"],
+    }
+    with dask.config.set(configured):
         events = list(run_on(engine, work, [("a", "fine")]))
     (ended,) = (one for one in events if isinstance(one, Finished))
     assert ended.result[0] == "fine"
     script = (slurm / "script").read_text()
+    assert "module load python\nexport PYTHONSAFEPATH=1" in script  # what is configured stays
+    assert "--nanny --death-timeout 60 --lifetime 1h --resources" in script
     assert "#SBATCH -J drupe" in script
     assert "#SBATCH --cpus-per-task=1" in script
-    assert "#SBATCH --mem=600M" in script  # 100 of the fruit, 500 of the worker
+    assert "#SBATCH --mem=800M" in script  # 300 of the fruit, 500 of the worker
     assert "export PYTHONSAFEPATH=1" in script
-    assert "--nthreads 1 --memory-limit 600.00MiB" in script
-    assert "--resources MEMORY=629145600" in script
+    assert "--nthreads 1 --memory-limit 838860800B" in script
+    assert "--resources MEMORY=838860800" in script
+
+
+@pytest.mark.parametrize("per_fruit_MiB", [600.0, 1000.0, 1500.0])
+def test_a_job_of_slurm_has_memory_for_its_fruit_and_its_worker(slurm, tmp_path, per_fruit_MiB):
+    """Neither Slurm's limit nor the worker's is below the sum."""
+    with slurm_jobs(1, per_fruit_MiB, print):
+        script = (slurm / "script").read_text()
+    number, unit = re.search(r"#SBATCH --mem=(\d+)([MG])", script).groups()
+    limit_MiB = int(re.search(r"--memory-limit (\d+)B", script)[1]) / 2**20
+    assert int(number) * {"M": 1, "G": 1024}[unit] >= limit_MiB >= per_fruit_MiB + OWN_MIB
+
+
+REFUSES = """#!/bin/sh
+echo "sbatch: error: invalid partition specified: normal" >&2
+exit 1
+"""
+TAKES_ONE = """#!/bin/sh
+mkdir {folder}/taken 2>/dev/null && exec echo "Submitted batch job 1"
+echo "sbatch: error: QOSMaxSubmitJobPerUserLimit" >&2
+exit 1
+"""
+
+
+def test_a_run_whose_jobs_slurm_refuses_is_refused_with_its_words(slurm, tmp_path, capfd):
+    (slurm / "sbatch").write_text(REFUSES)
+    with (
+        pytest.raises(
+            BatchRefused, match=r"^--slurm: sbatch takes no job \(sbatch: error: invalid partition"
+        ),
+        slurm_jobs(3, 100.0, print),
+    ):
+        pass
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_jobs_that_are_refused_while_others_are_taken_are_asked_for_again(slurm, tmp_path, monkeypatch):
+    (slurm / "sbatch").write_text(TAKES_ONE.format(folder=slurm))
+    (slurm / "scancel").write_text("#!/bin/sh\n")
+    monkeypatch.setattr("pipeline.run.slurm_jobs.AGAIN_S", 0.0)
+    said = []
+    with slurm_jobs(2, 100.0, said.append) as jobs:
+        refused = "Slurm took 1 of 2 jobs (sbatch: error: QOSMaxSubmitJobPerUserLimit); the others are asked"
+        assert said[0].startswith(refused)
+        assert jobs.refusal == "sbatch: error: QOSMaxSubmitJobPerUserLimit"
+        (slurm / "taken").rmdir()
+        jobs.look()
+        wait_until(lambda: (slurm / "taken").exists() and not jobs.refusal)
+
+
+COMMAND = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pipeline.cli import main
+main()
+"""
+
+
+def test_ctrl_c_ends_a_run_on_slurm_as_any_other(slurm, tmp_path, monkeypatch):
+    (slurm / "sbatch").write_text('#!/bin/sh\necho "Submitted batch job 1"\n')  # a job that waits for ever
+    (slurm / "scancel").write_text("#!/bin/sh\n")
+    monkeypatch.setenv("DASK_JOBQUEUE__SLURM__SCHEDULER_OPTIONS__DASHBOARD_ADDRESS", ":0")
+    directions, faces = ball(2)
+    (tmp_path / "fruits" / "A" / "grasps").mkdir(parents=True)
+    write_mesh(tmp_path / "fruits" / "A" / "fruit.ply", 28 * directions, faces)
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text("fruit_id\nA\n")
+    command = [sys.executable, "-c", COMMAND, "grade", str(tmp_path), "--slurm", "--jobs", "1"]
+    log = tmp_path / "log"
+    with log.open("w") as said, subprocess.Popen(command, stdout=said, stderr=said) as run:
+        wait_until(lambda: "waiting for workers" in log.read_text())
+        run.send_signal(signal.SIGINT)
+        assert run.wait(60) == 130
+    assert "Traceback" not in log.read_text()
+    written = json.loads((tmp_path / "results" / "batch.json").read_text())
+    assert written["exit_status"] == 130

@@ -3,7 +3,10 @@
 import pytest
 from cluster_work import needs_of
 
-from pipeline.run.cluster_worker import unfit
+from pipeline.run import runner
+from pipeline.run.cluster_worker import FruitOrder, fruit_here, unfit
+from pipeline.run.runner import run_fruits
+from pipeline.run.scheduling import Died
 
 
 def said(needs, *, threads=1, most_MiB=None):
@@ -51,5 +54,16 @@ def test_threads_and_memory_are_named_with_what_to_start_it_with(tmp_path):
         "has 8 threads, expected 1, one fruit at a time; start it with --nthreads 1."
     )
     assert said(needs_of(tmp_path), most_MiB=99.0).startswith(
-        "may use 99 MiB of memory, and one fruit needs about 100 MiB; start it with a larger --memory-limit"
+        "leaves a fruit 99 MiB of memory, and one needs about 100 MiB; start it with --memory-limit 600MiB or"
     )
+
+
+def test_a_fruit_whose_process_cannot_be_made_ends_alike_here_and_on_a_worker(tmp_path, monkeypatch):
+    def refused(*_):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(runner, "_started", refused)
+    order = FruitOrder(fruit_id="a", packed=b"", time_limit_s=9.0, needs=needs_of(tmp_path))
+    ended = Died("a", None, "it could not be begun: Resource temporarily unavailable")
+    assert fruit_here(order, tell=print, wanted=lambda: True, most_MiB=None) == ended
+    assert list(run_fruits(print, [("a", 1)], jobs=1, time_limit_s=9.0)) == [ended]
