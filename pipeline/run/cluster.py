@@ -358,7 +358,7 @@ class Cluster:
         return f"Slurm: {self._slurm.refusal}" if self._slurm.refusal else "Slurm; `squeue` shows its jobs"
 
     def _dashboard(self) -> str:
-        """Where its dashboard is; one without bokeh, or with --no-dashboard, has none."""
+        """Where its dashboard is: without bokeh a page that says what to install; --no-dashboard, none."""
         link = self._client.dashboard_link or ""
         try:
             build_opener(ProxyHandler({})).open(link, timeout=CONNECT_S).close()

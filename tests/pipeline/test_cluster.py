@@ -4,7 +4,6 @@ Apart from the other tests (`pytest -n 0 -m cluster`): they start and kill a doz
 seconds, which a machine that is busy with other tests does not keep.
 """
 
-import importlib.util
 import io
 import json
 import os
@@ -111,9 +110,7 @@ def test_a_fruit_that_takes_every_worker_along_is_given_up(ran):
 
 
 def test_workers_and_dashboard_are_said(ran, address):
-    has = importlib.util.find_spec("bokeh") is not None
-    dashboard = "dashboard http://" if has else "it has no dashboard"
-    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; {dashboard}")
+    assert ran[2][0].startswith(f"cluster at {address}: 2 workers; dashboard http://")
 
 
 def test_leaving_early_ends_what_is_running(address, tmp_path):

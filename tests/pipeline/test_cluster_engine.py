@@ -26,8 +26,8 @@ class GivenFruit:
     def __init__(self, fruit_id, options):
         self.fruit_id, self.options, self.status = fruit_id, options, "pending"
 
-    def add_done_callback(self, told):
-        self.told = told
+    def add_done_callback(self, callback):
+        self.callback = callback
 
     def result(self, timeout):
         if isinstance(self.ended, Exception):
@@ -36,7 +36,7 @@ class GivenFruit:
 
     def end(self, ended):
         self.ended, self.status = ended, "error" if isinstance(ended, Exception) else "finished"
-        self.told(self)
+        self.callback(self)
 
 
 class Scheduler:
@@ -58,9 +58,9 @@ class Connected:
         self.scheduler, self.status, self.scheduler_comm = scheduler, "running", object()
         self.dashboard_link, self.topics, self.cancelled = scheduler.link, [], []
 
-    def subscribe_topic(self, topic, told):
+    def subscribe_topic(self, topic, callback):
         self.topics.append(topic)
-        self.told = told
+        self.callback = callback
 
     def scheduler_info(self, n_workers):
         return {"workers": dict(self.scheduler.workers)} if self.status == "running" else {}
@@ -145,7 +145,7 @@ def test_one_that_came_back_by_itself_hears_of_stages_again(engine, scheduler):
         scheduler.clients[0].scheduler_comm = object()
         happened(one)
         assert scheduler.clients[1].topics == scheduler.clients[0].topics != []
-        scheduler.clients[1].told((0.0, ("peach", "modulus")))
+        scheduler.clients[1].callback((0.0, ("peach", "modulus")))
         assert happened(one) == [Progressed("peach", "modulus")]
         assert len(scheduler.given) == 2
 
@@ -157,7 +157,7 @@ def test_a_fruit_that_dask_gives_up_is_given_up_after_a_few_times_at_most(engine
     with engine() as one:
         one.begin("peach", b"")
         for _ in range(begun):
-            scheduler.clients[0].told((0.0, ("peach", BEGUN)))
+            scheduler.clients[0].callback((0.0, ("peach", BEGUN)))
         for _ in range(ends - 1):
             scheduler.given[-1].end(killed)
             assert happened(one) == []
