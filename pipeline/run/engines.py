@@ -1,6 +1,7 @@
 """What a run's fruit are worked on by: this machine, or a cluster that is asked for."""
 
 import importlib.util
+import re
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,6 +13,9 @@ from pipeline.run.batch_run import BatchRun
 from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Engine
 from pipeline.safe_start import elsewhere
+
+ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
+"""A scheduler's: host and port, the protocol before them or not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +44,11 @@ class WorkPlace:
             raise BatchRefused([Problem("--slurm", sentence)])
         if self.slurm and self.jobs is None:
             raise BatchRefused([Problem("--slurm", "needs --jobs: how many jobs Slurm is asked for.")])
+        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+            sentence = (
+                f'found "{self.scheduler}"; expected the address that `dask scheduler` prints, with its port.'
+            )
+            raise BatchRefused([Problem("--scheduler", sentence)])
         wanted = () if self.here else ("distributed", *(("dask_jobqueue",) if self.slurm else ()))
         if any(importlib.util.find_spec(name) is None for name in wanted):
             sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."

@@ -78,6 +78,10 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     [
         ({"slurm": True, "scheduler": "tcp://a:1", "jobs": 2}, "--slurm: is given together with --scheduler"),
         ({"slurm": True}, "--slurm: needs --jobs: how many jobs Slurm is asked for."),
+        (
+            {"scheduler": "node1"},
+            '--scheduler: found "node1"; expected the address that `dask scheduler` prints',
+        ),
     ],
 )
 def test_what_contradicts_itself_is_refused(asked, sentence):
