@@ -65,7 +65,9 @@ class Batch:
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """As much of a batch as could be read, and every problem of the batch as a whole."""
+    """As much of a batch as could be read, and every problem of the batch as a whole. `without_scale`: no
+    photographed fruit has one, which is among them.
+    """
 
     folder: BatchFolder
     settings: Settings | None
@@ -73,6 +75,7 @@ class Survey:
     mat: Mat | None
     category: PitPrior | None
     prior: PitPrior | None
+    without_scale: bool
     problems: tuple[Problem, ...]
 
 
@@ -111,6 +114,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     folder = BatchFolder(root)
     problems: list[Problem] = []
     mat = category = prior = None
+    unscaled: list[Problem] = []
     rows: tuple[FruitRow, ...] | None = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
@@ -126,7 +130,8 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
         lies = folder.mat.exists() or folder.mat.is_symlink()
         mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
         if rows and not lies:
-            problems += _without_scale(folder, rows)
+            unscaled = _without_scale(folder, rows)
+            problems += unscaled
     if settings is not None:
         category, prior, wrong = _read_priors(folder, settings, rows)
         problems += wrong
@@ -147,6 +152,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
         mat=mat,
         category=category,
         prior=prior,
+        without_scale=bool(unscaled),
         problems=tuple(problems),
     )
 

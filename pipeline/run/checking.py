@@ -360,7 +360,8 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
 
 def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
     """What is wrong with a fruit's photos and their scale."""
-    if not batch.folder.mat.exists() and row.height_mm is None and "height_mm" not in row.unreadable:
+    no_height = row.height_mm is None and "height_mm" not in row.unreadable
+    if no_height and not batch.folder.mat.exists() and not batch.without_scale:
         yield _at(
             row,
             batch.folder.table,

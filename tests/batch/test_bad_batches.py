@@ -73,6 +73,9 @@ def test_no_height_and_no_mat(batch):
         mesh.unlink()
         (mesh.parent / "photos").mkdir()
     assert "fruits.csv: no fruit has a height_mm and the batch has no mat.json" in refused(batch)
+    checked = drupe("check", batch)
+    assert (checked.out + checked.err).count("height_mm and") == 1, "said once, not of every fruit again"
+    assert "has no height_mm," not in checked.out + checked.err
 
 
 @pytest.mark.slow
