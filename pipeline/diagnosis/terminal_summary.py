@@ -48,7 +48,10 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
-        residuals = zip(("without", "with", "noise"), found.rms, strict=True)
+        names = ("without", "with", "noise")
+        residuals = list(zip(names, found.rms, strict=True))
+        if found.verdict == ("none",):
+            residuals = [("model", residuals[0][1]), residuals[2]]
         line(
             "held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in residuals)
         )
