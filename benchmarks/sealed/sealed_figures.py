@@ -1,13 +1,14 @@
 """Diagrams of the sealed proof: reliability, and psychometric curves. PNG and SVG."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from psychometric import fitted_curve
 from sealed_report import SEEN, STIMULI, name_probabilities
-from sealed_scores import Scored
+from sealed_scores import Scored, scored
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -16,11 +17,14 @@ SIZE_INCHES = (8.0, 3.6)
 """Of each figure: two panels side by side."""
 
 
-def draw_figures(folder: Path, ablation: str, cases: Sequence[Scored]) -> None:
-    """Write reliability-ABLATION and psychometric-ABLATION."""
+def draw_figures(folder: Path, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> None:
+    """Write reliability-ABLATION and psychometric-ABLATION of each alteration that has answers."""
     folder.mkdir(parents=True, exist_ok=True)
-    _reliability(folder / f"reliability-{ablation}", cases)
-    _curves(folder / f"psychometric-{ablation}", [one for one in cases if one.kind == "single"])
+    answered = [row for row in rows if "failure" not in row]
+    for ablation in dict.fromkeys(str(row["ablation"]) for row in answered):
+        cases = [scored(row, labels[row["case"]]) for row in answered if row["ablation"] == ablation]
+        _reliability(folder / f"reliability-{ablation}", cases)
+        _curves(folder / f"psychometric-{ablation}", [one for one in cases if one.kind == "single"])
 
 
 def _reliability(path: Path, cases: Sequence[Scored]) -> None:

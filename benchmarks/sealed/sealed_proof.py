@@ -166,7 +166,11 @@ def check(chosen: argparse.Namespace) -> int:
         "\n".join([*said, *broken, f"{len(labels) - len(broken)} of {len(labels)} labels are as sealed", ""])
     )
     bank = [json.loads(line) for line in chosen.bank.read_text().splitlines()] if chosen.bank else []
-    print("\n".join(report(rows, labels, bank=bank, figures=chosen.figures)))
+    print("\n".join(report(rows, labels, bank=bank)))
+    if chosen.figures is not None:
+        from sealed_figures import draw_figures  # Matplotlib, which nothing else here needs
+
+        draw_figures(chosen.figures, rows, labels)
     return int(bool(broken) or ordered is False)
 
 

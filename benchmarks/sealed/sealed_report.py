@@ -1,9 +1,8 @@
-"""What the sealed proof comes to, as lines of text; diagrams where a folder for them is named."""
+"""What the sealed proof comes to, as lines of text."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,6 @@ def report(
     labels: Mapping[str, Any],
     *,
     bank: Sequence[Mapping[str, Any]] = (),
-    figures: Path | None = None,
 ) -> list[str]:
     """Every table, of each alteration of the cases by itself."""
     lines: list[str] = []
@@ -45,10 +43,6 @@ def report(
             *(baseline_table(cases, lost=len(lost), bank=bank) if ablation == "whole" else []),
             "",
         ]
-        if figures is not None and cases:
-            from sealed_figures import draw_figures
-
-            draw_figures(figures, ablation, cases)
     return lines
 
 

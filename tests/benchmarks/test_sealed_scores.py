@@ -6,6 +6,7 @@ from sealed_truths import label, put_on_path, row
 
 put_on_path()
 from psychometric import fitted_curve  # noqa: E402
+from sealed_figures import draw_figures  # noqa: E402
 from sealed_report import report  # noqa: E402
 from sealed_scores import interval, parameter_rows, scored, signal_over_noise  # noqa: E402
 
@@ -117,7 +118,7 @@ def test_a_curve_of_cases_all_seen_is_finite_and_marked():
 
 
 def test_diagrams_are_drawn(tmp_path):
-    report([own for _, own in CASES.values()], LABELS, figures=tmp_path)
+    draw_figures(tmp_path, [own for _, own in CASES.values()], LABELS)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "psychometric-whole.png", "psychometric-whole.svg", "reliability-whole.png", "reliability-whole.svg",
     ]  # fmt: skip
