@@ -10,7 +10,8 @@ null_reference.csv and null_quantiles.csv in fem/mismatch/selection by the rows 
 put to the fruits that stand there, and of two quantiles the greater is taken.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
-into a JSONL of its own; their p-values, printed at the end, say how far the reference holds for fewer.
+into a JSONL of its own; their p-values, printed at the end, say how far the reference holds for fewer. Cases
+are to be of fruit that are not in the reference, which would else be held against themselves.
 """
 
 import argparse

@@ -184,12 +184,14 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
     """
     graded = [fruit for fruit in ranked(fruits) if fruit.E_MPa is not None and fruit.ok]
     failed = sum(not fruit.ok for fruit in fruits)
+    total = len(fruits) + waiting
+    if waiting and not graded:
+        return say("{count} of {total} fruits graded", count=0, total=total) + "."
     if not graded:
         if len(fruits) < 2:
             return say("The one fruit could not be graded.") if fruits else say("The batch holds no fruits.")
         return say("None of the {total} fruits could be graded.", total=len(fruits))
     lead = say("All {total} fruits graded", total=len(fruits))
-    total = len(fruits) + waiting
     if failed or waiting:
         lead = say("{count} of {total} fruits graded", count=len(graded), total=total)
     if total == 1:

@@ -66,7 +66,7 @@ class Batch:
 @dataclass(frozen=True, kw_only=True)
 class Survey:
     """As much of a batch as could be read, and every problem of the batch as a whole. `without_scale`: no
-    photographed fruit has one, which is among them.
+    photographed fruit has a scale, and that is one of the problems.
     """
 
     folder: BatchFolder

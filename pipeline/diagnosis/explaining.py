@@ -99,7 +99,7 @@ def explain(
             require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
             if wanted.out is not None and not Results(wanted.out).provenance.is_file():
-                report(f"{wanted.out} holds no results of drupe grade: the fruit is worked on from its files")
+                report(f"{wanted.out} holds no results of drupe grade: all stages are computed anew")
         with results_lock(held, option=option), _said_plainly():
             case.task.results.claim()
             case.task.results.sweep()

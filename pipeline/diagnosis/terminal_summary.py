@@ -48,13 +48,9 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
-        names = ("without", "with", "noise")
-        residuals = list(zip(names, found.rms, strict=True))
-        if found.verdict == ("none",):
-            residuals = [("model", residuals[0][1]), residuals[2]]
-        line(
-            "held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in residuals)
-        )
+        without, with_it, noise = map(number, found.rms)
+        model = without if found.verdict == ("none",) else f"without {without}, with {with_it}"
+        line(f"held-out recordings, residual: {model}, noise {noise}")
     if found.next_grasp:
         line(f"record next: {found.next_grasp}")
     for note in found.notes:

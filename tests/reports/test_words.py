@@ -42,6 +42,8 @@ def test_what_is_not_known_is_a_dash(value: float | None) -> None:
 def test_fruit_that_wait_in_an_unfinished_run_are_counted():
     done = FruitEntry(fruit_id="a", ok=True, outcome="graded", E_MPa=0.4)
     assert verdict((done,), waiting=3).startswith("1 of 4 fruits graded: a has E")
+    lost = FruitEntry(fruit_id="b", ok=False, outcome="no-fruit")
+    assert verdict((lost,), waiting=3) == "0 of 4 fruits graded."
 
 
 def test_a_doubt_about_E_stands_before_the_warnings():

@@ -212,8 +212,9 @@ def _auxiliary(
 
 
 def _auxiliary_of_pair(a: LinearFit, b: LinearFit) -> float:
-    """What else is known of both. Of two faults of the gel the greater direct evidence counts: both are of
-    the same relation, which one fault alone bends for both.
+    """What else is known of both. Of two faults of the gel the greater direct evidence counts: one alone
+    shows in part as another. What a second one adds is known once the first is refitted
+    (fem.mismatch.selection.forward_selection.direct_evidence).
     """
     both = a.auxiliary_log_likelihood + b.auxiliary_log_likelihood
     of_one_relation = isinstance(a.effect, GelFault) and isinstance(b.effect, GelFault)
