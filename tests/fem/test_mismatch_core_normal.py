@@ -18,6 +18,7 @@ from fem.mismatch.model.marker_equations import (
     MarkerEquations,
 )
 from fem.mismatch.model.observation_delta import ARM_MM
+from fem.mismatch.selection.cross_validation import noise_left_mm2
 
 COMPLIANCE, SCALE_SD = 4.0, 0.004
 
@@ -104,6 +105,19 @@ def test_what_is_left_is_what_least_squares_on_every_unknown_leaves(seed):
     np.testing.assert_allclose(
         equations().weighed(field)[touching].ravel(), weight * expected, atol=2e-6 * weight.max()
     )
+
+
+def test_noise_leaves_what_the_dense_projection_of_its_covariance_leaves():
+    one = recording().tracks
+    touching, weight, columns, prior = dense()
+    normal = (columns * weight) @ columns.T + np.diag(prior)
+    left = np.eye(len(weight)) - columns.T @ (np.linalg.pinv(normal, rcond=1e-13) @ (columns * weight))
+    frame, marker, way = np.nonzero(touching[:, :, None] & np.ones(3, dtype=bool))
+    alike = (marker[:, None] == marker) & (way[:, None] == way)
+    covariance = alike * one.lag1.mean() ** np.abs(frame[:, None] - frame) * one.sd_mm[marker] ** 2
+    expected = np.einsum("ij,jk,ik->", left, covariance, left, optimize=True)
+    assert expected < 0.97 * np.trace(covariance)
+    assert noise_left_mm2(equations(), np.random.default_rng(1)) == pytest.approx(expected, rel=0.02)
 
 
 def test_products_are_symmetric_and_no_field_counts_less_than_nothing():

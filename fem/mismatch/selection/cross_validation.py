@@ -4,11 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fem.estimation.coloured_noise import drawn_coloured_noise
 from fem.estimation.compliance_fit import about_episode_mean
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.result import HeldOut
+
+NOISE_DRAWS = 8
+"""Draws of the markers' noise, by which what it leaves is known to a percent (some thousand numbers each)."""
 
 
 def held_out(
@@ -20,7 +25,8 @@ def held_out(
     """Each recording in turn left out of both fits, and predicted; None where there is only one.
 
     Residual of the markers' motion over the response, root mean square: as forces are proportional to
-    displacements, the normalised force residual. `noise_rms`: the same by the sensors' noise alone.
+    displacements, the normalised force residual. `noise_rms`: the same by the markers' noise alone, of which
+    places, scales and motions take their part as well.
     """
     count = len(recorded)
     if count < 2:
@@ -30,15 +36,20 @@ def held_out(
         for products, columns in (before, after)
     ]
     whole = sum(_size(forward, one) for one in recorded)
-    noise = sum(
-        float((one.markers.tracks.sd_mm**2 * (3 * (one.markers.tracks.episode >= 0)).sum(axis=0)).sum())
-        for one in recorded
-    )
+    rng = np.random.default_rng(0)
+    noise = sum(noise_left_mm2(one.markers, rng) for one in recorded)
     return HeldOut(
         rms_before=float(np.sqrt(lost[0] / whole)),
         rms_after=float(np.sqrt(lost[1] / whole)),
         noise_rms=float(np.sqrt(noise / whole)),
     )
+
+
+def noise_left_mm2(markers: MarkerEquations, rng: np.random.Generator) -> float:
+    """Residual sum of squares of the markers' noise alone: the mean over NOISE_DRAWS."""
+    tracks = markers.tracks
+    drawn = drawn_coloured_noise((NOISE_DRAWS, *tracks.position_mm.shape), float(tracks.lag1.mean()), rng)
+    return float(np.mean([(markers.residual(tracks.sd_mm[:, None] * noise) ** 2).sum() for noise in drawn]))
 
 
 def predictive(products: GramMatrix, columns: Sequence[int]) -> float | None:
