@@ -19,7 +19,7 @@ import csv
 import io
 import json
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -37,7 +37,7 @@ from fem.mismatch.selection.null_reference import (
     NullReference,
     null_reference,
 )
-from fem.mismatch.selection.screening import screened
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.thresholds import DETECTION_P
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
@@ -95,10 +95,31 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         "case": f"{folder.parent.name}/{folder.name}",
         **found.statistics,
         "p": found.p_value,
+        "balance": balance_left(found.linear, recorded),
         "softness": forward.compliance_ratio,
         "tried": [effect.spec.name for effect in EFFECTS],
         "shown": shown,
     }
+
+
+def balance_left(linear: LinearRound, recorded: Sequence[GraspEquations]) -> float:
+    """Squares that the plain model leaves of the balance of forces, over the noise it counts with, a number.
+
+    Of W r (fem.mismatch.model.marker_equations) the balance's part is the residual times inverse variance.
+    """
+    products, fit = linear.products, linear.null
+    squares, count = 0.0, 0
+    for k, one in enumerate(recorded):
+        if one.balance is None:
+            continue
+        amounts = dict(zip(fit.chosen, fit.amounts, strict=True))
+        rows = np.array([1.0, *(-amounts.get(int(j), 0.0) for j in products.rows[k])])
+        first = 3 * int((one.recording.tracks.episode >= 0).sum())
+        shape = one.balance.measured.shape
+        part = (rows @ products.weighed[k])[first : first + one.balance.measured.size].reshape(shape)
+        squares += float((part**2 / one.balance.weight).sum())
+        count += one.balance.measured.size
+    return squares / count if count else float("nan")
 
 
 def _fruit(row: dict[str, Any]) -> str:
@@ -212,7 +233,7 @@ def main() -> None:
             print(
                 row["case"],
                 f"p {row['p']:.3f}",
-                *(f"{one} {row[one]:.4g}" for one in STATISTICS),
+                *(f"{one} {row[one]:.4g}" for one in (*STATISTICS, "balance")),
                 next(iter(row["shown"].items())),
                 flush=True,
             )

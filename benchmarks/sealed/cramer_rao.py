@@ -1,25 +1,26 @@
-"""Cramer-Rao bound of each effect's amplitude from the markers' noise alone.
+"""Cramer-Rao bound of each effect's amplitude from noise alone.
 
-Fisher information of the linear signature, N DESIGN_EFFECT (every sample counts as one), with 1/E (no prior)
-and the plain model's nuisances (their priors; not the model's own seeming amounts of effects) eliminated:
+Fisher information N of the linear signature with every sample counting as one, with 1/E (no prior) and the
+plain model's nuisances (their priors; not the model's own seeming amounts of effects) eliminated:
 
-    sd^2 = [(N DESIGN_EFFECT + L)^-1] of the signature,      L = 0 for 1/E and for the signature
+    sd^2 = [(N + L)^-1] of the signature,      L = 0 for 1/E and for the signature
 
 (Kay 1993, Fundamentals of Statistical Signal Processing, chapter 3). What a recording has to itself (places,
-approaches, smooth errors of a patch) is eliminated in N already.
-
-DESIGN_EFFECT thins the markers' motion alone. Sums of force and pads at rest count in full in N, so that here
-they count DESIGN_EFFECT times as much as they tell, and what is eliminated has a prior tighter by its root:
-the bound is too small for what is seen by the balance, by 3.2 for a pad's gain and 2.3 for a drift on one
-fruit of the tests. Pit and Poisson's ratio are nuisances with the category's spread themselves, so that their
-bounds are that spread at the least. Of several ways to show the one that is seen best counts, of two pads
-their mean.
+approaches, smooth errors of a patch) is eliminated in N. Pit and Poisson's ratio are nuisances with the
+category's spread themselves, so that their bounds are that spread at the least. Of several ways to show the
+one that is seen best counts, of two pads their mean.
 """
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from reduced_case import ReducedCase
 
-from fem.mismatch.model.marker_equations import DESIGN_EFFECT
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.selection.screening import LinearRound
 
 PER_AMOUNT = {
     "viscoelastic": 1.0, "stiffening": 1.0, "graded_modulus": 1.0, "anisotropy": 1.0, "poisson_ratio": 1.0,
@@ -38,10 +39,9 @@ RELATIVE_FLOOR = 1e-12
 """Added to the scaled information's diagonal, so that exact twins give a wide bound and no failure."""
 
 
-def amplitude_bounds(case: ReducedCase, *, E_MPa: float) -> dict[str, float]:
+def amplitude_bounds(information: np.ndarray, case: ReducedCase, *, E_MPa: float) -> dict[str, float]:
     """Standard deviation of each effect's amplitude at the least, by the effect's name."""
     plain = [0, *(j for j, one in enumerate(case.columns) if one["role"] == "nuisance")]
-    information = information_of(case)
     found: dict[str, dict[str, float]] = {}
     for one in case.signatures:
         effect, own = one["effect"], list(one["columns"])
@@ -50,25 +50,39 @@ def amplitude_bounds(case: ReducedCase, *, E_MPa: float) -> dict[str, float]:
             continue
         names = [case.columns[j]["name"] for j in own]
         chosen = own if effect != "pose_error" else own[:SHIFTS]
-        variances = bound(information, case, [*plain, *own])[[len(plain) + own.index(j) for j in chosen]]
+        variances = bound(information, case.columns, [*plain, *own])
+        sd = scale * float(np.sqrt(variances[[len(plain) + own.index(j) for j in chosen]].mean()))
         pad = names[0].split()[0] if names[0].split()[0] in ("left", "right") else ""
-        sd = scale * float(np.sqrt(variances.mean()))
         known = found.setdefault(effect, {})
         known[pad] = min(sd, known.get(pad, np.inf))
     return {effect: float(np.mean(list(own.values()))) for effect, own in found.items()}
 
 
-def information_of(case: ReducedCase) -> np.ndarray:
-    """N DESIGN_EFFECT over all columns."""
-    total = np.zeros((len(case.columns),) * 2)
-    for rows, products in zip(case.rows, case.products, strict=True):
-        total[np.ix_(rows, rows)] += DESIGN_EFFECT * products[1:, 1:]
+def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
+    """N over all columns of a linear round, every sample counting as one.
+
+    The round's own products count so many of the markers' numbers as one (DESIGN_EFFECT), and those of the
+    forces' balance in full, so that equations are formed anew.
+    """
+    columns = linear.products.columns
+    total = np.zeros((len(columns),) * 2)
+    for k, recording in enumerate(forward.base.grasps):
+        markers = MarkerEquations.of(
+            recording,
+            compliance=forward.compliance,
+            gel_scale_sd=forward.base.case.budget.gel_scale_sd,
+            design_effect=1.0,
+        )
+        equations = GraspEquations.of(forward, recording, markers=markers)
+        known = [j for j, column in enumerate(columns) if column.fields[k] is not None]
+        plain, weighed = equations.rows([columns[j].fields[k] for j in known])
+        total[np.ix_(known, known)] += weighed @ plain.T
     return total
 
 
-def bound(information: np.ndarray, case: ReducedCase, chosen: list[int]) -> np.ndarray:
+def bound(information: np.ndarray, columns: Sequence[dict[str, Any]], chosen: list[int]) -> np.ndarray:
     """Variances of the chosen columns' amounts; nuisances alone have a prior."""
-    prior = [case.columns[j]["sd"] ** -2.0 if case.columns[j]["role"] == "nuisance" else 0.0 for j in chosen]
+    prior = [columns[j]["sd"] ** -2.0 if columns[j]["role"] == "nuisance" else 0.0 for j in chosen]
     matrix = information[np.ix_(chosen, chosen)] + np.diag(prior)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     scaled = matrix * scale[:, None] * scale + RELATIVE_FLOOR * np.eye(len(chosen))

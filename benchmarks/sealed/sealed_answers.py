@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
 from baseline_answers import baselines_of
-from cramer_rao import amplitude_bounds
+from cramer_rao import amplitude_bounds, information_of
 from mismatch import BROKEN, REFUSED, ROOMS
 from mismatch_altered import altered
 from reduced_case import ReducedCase, gains_of, reduced
@@ -34,9 +35,10 @@ NINETY = 1.645
 
 @dataclass
 class Captured:
-    """What goes by while a case is explained: its first linear round, its proof."""
+    """What goes by while a case is explained: its first linear round and the information in it, its proof."""
 
     case: ReducedCase | None = None
+    information: np.ndarray | None = None
     weighed: dict[str, float] = field(default_factory=dict)
 
 
@@ -50,6 +52,7 @@ def captured() -> Iterator[Captured]:
         linear = screened(forward, recorded, effects, **more)
         if found.case is None:
             found.case = reduced(forward, recorded, linear)
+            found.information = information_of(forward, linear)
         return linear
 
     def proof(forward: Any, recorded: Any, before: Any, after: Any) -> Any:
@@ -79,9 +82,10 @@ def explained(
         row["seconds"] = round(time.perf_counter() - started, 1)
         row["cpu_s"] = round(time.process_time() - busy, 1)
         problem = kept.case
-        if problem is not None:
+        if problem is not None and kept.information is not None:
             problem.facts["variance"] = {one.factor: one.share for one in found.variance}
             row |= of_problem(problem, found) | {"weighed": kept.weighed}
+            row["bounds"] = amplitude_bounds(kept.information, problem, E_MPa=found.before.value)
     except REFUSED as failure:
         row["failure"] = " ".join(str(failure).split())
     except BROKEN as defect:
@@ -145,6 +149,5 @@ def of_problem(problem: ReducedCase, found: Explanation) -> dict[str, Any]:
             "variance": problem.facts["variance"],
         },
         "catalogue": sorted(gains_of(linear)),
-        "bounds": amplitude_bounds(problem, E_MPa=found.before.value),
         "baselines": baselines_of(problem, E=found.before),
     }

@@ -176,8 +176,7 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
 def curves(singles: Sequence[Scored]) -> list[str]:
     """Of each effect the amplitude at which half is detected and named, and the Cramer-Rao bound."""
     lines = [
-        "amplitude of half the cases (in brackets: all or none seen; SD: Cramer-Rao bound, median; it is",
-        "too small, and the ratio too large, for what the balance of the forces shows: cramer_rao.py)",
+        "amplitude of half the cases (in brackets: all or none seen; SD: Cramer-Rao bound, median)",
         f"  {'effect':20s} {'cases':>5s} {'detected':>12s} {'named first':>12s} {'SD':>10s} {'named/SD':>9s}",
     ]
     for effect in sorted({one.truth for one in singles}):

@@ -5,12 +5,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sealed_truths import put_on_path
 
 put_on_path()
 sys.path.append(str(Path(__file__).parents[1] / "fem"))
 import sealed_answers  # noqa: E402
+from cramer_rao import amplitude_bounds  # noqa: E402
 from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
 from mismatch_altered import LEFT_OUT, altered  # noqa: E402
 from reduced_case import gains_of, store, stored  # noqa: E402
@@ -20,6 +22,7 @@ from fem.mismatch import procedure  # noqa: E402
 from fem.mismatch.catalogue import EFFECTS  # noqa: E402
 from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin  # noqa: E402
 from fem.mismatch.mismatch_case import GradedCase  # noqa: E402
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT  # noqa: E402
 from fem.mismatch.result import Modulus  # noqa: E402
 
 PLAIN = Modulus(value=1.1 * E_MPA, sd=0.03 * E_MPA)
@@ -56,6 +59,21 @@ def test_the_linear_round_replays_from_the_file_to_the_same_gains(explained, tmp
     _, kept = explained
     store(tmp_path / "x.npz", kept.case)
     assert gains_of(stored(tmp_path / "x.npz").linear()) == pytest.approx(kept.case.facts["gains"], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_bound_counts_every_sample_of_the_markers_and_the_balance_once(explained):
+    """Not so many of the markers' as one, as in the linear round, nor the balance as often as they."""
+    _, kept = explained
+    thinned = np.zeros_like(kept.information)
+    for rows, products in zip(kept.case.rows, kept.case.products, strict=True):
+        thinned[np.ix_(rows, rows)] += products[1:, 1:]
+    exact, thin, thick = (
+        amplitude_bounds(information, kept.case, E_MPa=E_MPA)
+        for information in (kept.information, thinned, DESIGN_EFFECT * thinned)
+    )
+    assert all(thick[name] < exact[name] < thin[name] for name in exact)
+    assert exact["sensor_gain"] > 2 * thick["sensor_gain"]
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from random_forest import Forest  # noqa: E402
 from sparse_regression import chosen_terms, eliminated, sparse_regression  # noqa: E402
 from weighed_residual import squares_of, weighed_squares  # noqa: E402
 
-from fem.mismatch.model.marker_equations import DESIGN_EFFECT  # noqa: E402
 from fem.mismatch.result import Modulus  # noqa: E402
 
 E = Modulus(value=0.5, sd=0.005)
@@ -65,11 +64,16 @@ def test_a_true_column_lowers_the_held_out_squares_and_a_false_one_does_not():
     assert weighed_squares(gram, [1, 3]) > 0.999 * plain
 
 
+def information(case):
+    """Of products whose numbers have a variance of one."""
+    return sum(products[1:, 1:] for products in case.products)
+
+
 def test_the_bound_is_that_of_independent_columns():
-    """Information of a column of n numbers of variance one, every sample counting: n DESIGN_EFFECT."""
+    """Information of a column of n numbers of variance one: n."""
     case = problem({}, numbers=2000)
-    assert amplitude_bounds(case, E_MPa=0.5)["graded_modulus"] == pytest.approx(
-        1 / np.sqrt(4 * 2000 * DESIGN_EFFECT), rel=0.03
+    assert amplitude_bounds(information(case), case, E_MPa=0.5)["graded_modulus"] == pytest.approx(
+        1 / np.sqrt(4 * 2000), rel=0.03
     )
 
 
@@ -78,8 +82,10 @@ def test_the_bound_is_the_scatter_of_unbiased_estimates():
         problem({"clock_lag": 0.2}, seed=seed, numbers=60).gram().fit([1, 2, 3, 4, 5]) for seed in range(150)
     ]
     scatter = np.std([fit.amounts[4] for fit in found])
-    bound = amplitude_bounds(problem({}, numbers=60), E_MPa=0.5)["clock_lag"] * np.sqrt(DESIGN_EFFECT)
-    assert scatter == pytest.approx(bound, rel=0.15)
+    case = problem({}, numbers=60)
+    assert scatter == pytest.approx(
+        amplitude_bounds(information(case), case, E_MPa=0.5)["clock_lag"], rel=0.15
+    )
 
 
 def smooth_samples(size, *, share=0.0):

@@ -14,6 +14,9 @@ relation is linear again. theta minimises
 with K, e_i and l fitted too. Force and displacement are both noisy, so that a regression of one on the other
 is attenuated: columns are taken at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) / (1 / s_f^2 +
 1 / (K s_d)^2), whose noise is independent of that of r (Fuller 1987, Measurement Error Models, section 1.2).
+True values are nuisances at their best fit (Fuller's functional model), so that chi2 needs no determinant of
+its variance. Priors of theta enter the evidence by their widths alone: an amount's own height would take 2
+nats at most, and a time is known to no more than an order of magnitude beforehand.
 """
 
 from collections.abc import Mapping, Sequence

@@ -32,9 +32,11 @@ class GraspEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, forward: ForwardModel, recording: GraspResponse) -> "GraspEquations":
-        """The recording's equations, with the case's own spreads of marker scales."""
-        markers = marker_equations(forward, recording)
+    def of(
+        cls, forward: ForwardModel, recording: GraspResponse, *, markers: MarkerEquations | None = None
+    ) -> "GraspEquations":
+        """The recording's equations; `markers`: those of its markers, if not marker_equations."""
+        markers = marker_equations(forward, recording) if markers is None else markers
         none = np.zeros((0, 0))
         balance = balance_equations(forward, recording)
         bare = cls(
