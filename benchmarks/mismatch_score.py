@@ -3,13 +3,12 @@
 from typing import Any
 
 import numpy as np
+from parameter_errors import NINETY, PLACES, parameter_errors
 
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus
 
-NINETY = 1.645
 FAMILY = {name: spec.family for name, spec in SPECS.items()}
-PLACE = "centre_mm"
 
 
 def score(found: Explanation, truth: dict[str, Any]) -> dict[str, Any]:
@@ -79,48 +78,19 @@ def _holds(modulus: Modulus, truth: float) -> bool:
 
 
 def _parameters(own: Candidate, parts: list[str], truth: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each parameter that formats define: value, truth, relative error, inside its 90 % interval."""
-    rows, known = [], _true(truth)
-    for effect in parts:
-        for name in (parameter.name for parameter in SPECS[effect].parameters) if effect in SPECS else ():
-            key = f"{effect}.{name}" if len(parts) > 1 else name
-            if key not in own.parameters or key not in known or name == PLACE:
-                continue
-            parameter, true = own.parameters[key], known[key]
-            if isinstance(true, str):
-                rows.append({"name": f"{effect}.{name}", "value": parameter.value, "truth": true})
-                continue
-            value, wanted = (np.atleast_1d(np.array(x, dtype=float)) for x in (parameter.value, true))
-            rows.append(
-                {
-                    "name": f"{effect}.{name}",
-                    "value": parameter.value,
-                    "truth": true,
-                    "error": float(
-                        np.linalg.norm(value - wanted)
-                        / np.linalg.norm(wanted)
-                        * (np.sign(value[0] - wanted[0]) if len(value) == 1 else 1)
-                    ),
-                    "inside": _inside(parameter, value, wanted),
-                }
-            )
-    return rows
-
-
-def _inside(parameter: Parameter, value: np.ndarray, truth: np.ndarray) -> list[bool]:
-    """Of each component."""
-    if parameter.interval is not None:
-        low, high = parameter.interval
-        return [bool(low <= truth[0] <= high)]
-    if parameter.sd is None:
-        return []
-    spread = NINETY * np.atleast_1d(np.array(parameter.sd, dtype=float))
-    return [bool(x) for x in np.abs(value - truth) <= spread]
+    """Of each parameter that formats define value and truth, of a number also its error and if it is inside."""
+    said = {name: vars(parameter) for name, parameter in own.parameters.items()}
+    found = parameter_errors(parts, said, _true(truth))
+    return [
+        {"name": one.name, "value": one.value, "truth": one.truth}
+        | ({} if one.error is None else {"error": one.error, "inside": list(one.inside)})
+        for one in found
+    ]
 
 
 def _centre_off(own: Candidate, truth: dict[str, Any]) -> float | None:
     known = _true(truth)
     for key, parameter in own.parameters.items():
-        if key.endswith(PLACE) and key in known and isinstance(parameter.value, tuple):
+        if key.endswith(PLACES) and key in known and isinstance(parameter.value, tuple):
             return float(np.linalg.norm(np.subtract(parameter.value, known[key])))
     return None

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 from baseline_answers import BASELINES
+from parameter_errors import NINETY
 from sealed_scores import Scored, inside
 
-NINETY = 1.645
-"""Standard deviations that hold 90 % of a normal distribution on either side."""
 CLASSES = 2
 """Truths among a bank's cases, at least, for a forest to be trained on them."""
 FOLDS = 5

@@ -18,6 +18,7 @@ from baseline_answers import baselines_of
 from cramer_rao import amplitude_bounds, information_of
 from mismatch import BROKEN, REFUSED, ROOMS
 from mismatch_altered import altered
+from parameter_errors import NINETY
 from reduced_case import ReducedCase, gains_of, reduced
 from weighed_residual import weighed_squares
 
@@ -28,9 +29,6 @@ from pipeline.batch.cache import code_version
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import finding
 from pipeline.fruit.stage_log import StageLog
-
-NINETY = 1.645
-"""Standard deviations that hold 90 % of a normal distribution on either side."""
 
 
 @dataclass

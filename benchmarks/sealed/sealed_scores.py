@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from mismatch_altered import LEFT_OUT
+from parameter_errors import parameter_errors
 from scipy.stats import beta
 
-from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN
 
 NINETY_FIVE = 0.95
@@ -27,8 +27,6 @@ KIN = {
     "split_pit": ("loose_pit",),
 }
 """Effects that are honest kin of a physics outside: the same cause but for its law, or its place."""
-PLACES = ("centre_mm",)
-"""Parameters whose size is where they count from: not scored by relative error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,38 +132,22 @@ def inside(interval_of: Sequence[float] | None, truth: float) -> bool:
 def parameter_rows(one: Scored) -> list[tuple[str, float, bool | None]]:
     """Parameters of the true effect wherever it was refitted: name, relative error, inside the interval.
 
-    Whatever the verdict; of a vector the error's length over the truth's, inside where all components are.
+    Whatever the verdict; of a vector inside where all components are.
     """
-    parts = one.truth.split("+")
     own = next((c for c in one.row["ranking"] if c["effect"] == one.truth and c["refitted"]), None)
     if own is None or one.truth in (NONE, UNKNOWN):
         return []
-    found = []
-    for effect in parts:
-        known = true_parameters(one, effect)
-        for spec in SPECS[effect].parameters if effect in SPECS else ():
-            said = own["parameters"].get(f"{effect}.{spec.name}" if len(parts) > 1 else spec.name)
-            true = known.get(spec.name)
-            if said is None or true is None or isinstance(true, str) or spec.name in PLACES:
-                continue
-            value, wanted = (np.atleast_1d(np.array(x, dtype=float)) for x in (said["value"], true))
-            size = max(float(np.linalg.norm(wanted)), np.finfo(float).tiny)
-            found.append(
-                (
-                    f"{effect}.{spec.name}",
-                    float(np.linalg.norm(value - wanted)) / size,
-                    _held(said, value, wanted),
-                )
-            )
-    return found
-
-
-def _held(said: Mapping[str, Any], value: np.ndarray, wanted: np.ndarray) -> bool | None:
-    if said["interval"] is not None:
-        return inside(said["interval"], float(wanted[0]))
-    if said["sd"] is None:
-        return None
-    return bool(np.all(np.abs(value - wanted) <= 1.645 * np.atleast_1d(np.array(said["sd"], dtype=float))))
+    parts = one.truth.split("+")
+    true = {
+        f"{effect}.{name}" if len(parts) > 1 else name: value
+        for effect in parts
+        for name, value in true_parameters(one, effect).items()
+    }
+    return [
+        (found.name, abs(found.error), all(found.inside) if found.inside else None)
+        for found in parameter_errors(parts, own["parameters"], true)
+        if found.error is not None
+    ]
 
 
 def true_parameters(one: Scored, effect: str) -> dict[str, Any]:
