@@ -78,7 +78,7 @@ def _holds(modulus: Modulus, truth: float) -> bool:
 
 
 def _parameters(own: Candidate, parts: list[str], truth: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of each parameter that formats define value and truth, of a number also its error and if it is inside."""
+    """Value and truth of each parameter that formats define; of a number its error, and if 90 % hold it."""
     said = {name: vars(parameter) for name, parameter in own.parameters.items()}
     found = parameter_errors(parts, said, _true(truth))
     return [
