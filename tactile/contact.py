@@ -22,6 +22,11 @@ STARTS_IN_CONTACT = 0.2
 REACH_CELLS = 2.5
 """Markers this many spacings around the touching ones belong to the patch: the rim's force is below the noise
 of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."""
+PRESSING, FEWEST_FAR = 0.25, 12
+"""A marker that ever reaches PRESSING of the greatest normal force is pressed on; those beyond REACH_CELLS of
+all such ones feel the sensor's drift alone. It is not taken from fewer than FEWEST_FAR. Set by hand."""
+MEDIAN_SD = 1.2533
+"""Standard deviation of the median of many Gaussian numbers, over that of their mean: root of pi / 2."""
 
 
 class Phase(StrEnum):
@@ -132,7 +137,8 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)
     spacing, neighbours = _neighbourhood(pad.rest_mm)
-    touching = _touching(force[:, :, 2], pushed.sd, neighbours)
+    drifted = _drift(force[:, :, 2], pushed.sd, pad.rest_mm, spacing)
+    touching = _touching(force[:, :, 2] - drifted[:, None], pushed.sd, neighbours)
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
@@ -208,6 +214,21 @@ def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
     return spacing, [list(found) for found in tree.query_ball_point(rest_mm, r=1.6 * spacing)]
+
+
+def _drift(
+    normal_N: Float[np.ndarray, "t n"], sd: float, rest_mm: Float[np.ndarray, "n 3"], spacing_mm: float
+) -> Float[np.ndarray, " t"]:
+    """What all markers seem to feel though nothing touches them, frame by frame; zero within its noise.
+
+    A force that grows in all markers alike would else be contact, and the pad never seem to let go.
+    """
+    pressed = np.asarray((normal_N > PRESSING * normal_N.max()).any(axis=0))
+    far = np.asarray(cKDTree(rest_mm[pressed]).query(rest_mm)[0]) > REACH_CELLS * spacing_mm
+    if normal_N.max() <= 0 or far.sum() < FEWEST_FAR:
+        return np.zeros(len(normal_N))
+    found = np.median(normal_N[:, far], axis=1)
+    return np.where(found > BEYOND_NOISE * MEDIAN_SD * sd / np.sqrt(far.sum()), found, 0.0)
 
 
 def _touching(

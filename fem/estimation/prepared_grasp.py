@@ -63,7 +63,14 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
 
     Raises FemFailure (no-load) where no pad presses at FEWEST_PRESSED markers at once.
     """
-    contacts = [pressing_contacts(*pair) for pair in zip(history.pads, turns, strict=True)]
+    grown, drift = _drift(history, turns[:, :, 2])
+    drifted = np.tensordot(grown, drift, axes=1)
+    whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
+    still = [
+        replace(pad, force_N=pad.force_N - own)
+        for pad, own in zip(history.pads, np.split(drifted, whose, axis=1), strict=True)
+    ]
+    contacts = [pressing_contacts(*pair) for pair in zip(still, turns, strict=True)]
     pressing = [replace(pad, episode=own) for pad, own in zip(history.pads, contacts, strict=True)]
     if all((own < 0).all() for own in contacts):
         raise FemFailure(
@@ -72,13 +79,7 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
             "press deeper, or use a finer marker grid",
         )
     used = loaded_frames(replace(history, pads=tuple(pressing)))
-    grown, drift = _drift(history, turns[:, :, 2])
-    drifted = np.tensordot(grown, drift, axes=1)
-    whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
-    felt = [
-        denoised_force(replace(pad, force_N=pad.force_N - own_drift), turn, used)
-        for pad, own_drift, turn in zip(history.pads, np.split(drifted, whose, axis=1), turns, strict=True)
-    ]
+    felt = [denoised_force(pad, turn, used) for pad, turn in zip(still, turns, strict=True)]
     force = np.concatenate([pad.force_N for pad in felt], axis=1)
     sd_N = max(pad.sd_N for pad in felt)
     coloured_sd_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))

@@ -152,7 +152,7 @@ class GelFault:
         """The law's parameters by these records; None where they say nothing of it."""
         budget = forward.base.case.budget
         return fit_law(
-            records,
+            [record.without_zero_drift() for record in records],
             self.law,
             start={**{name: 0.1 * self.prior_sd[name] for name in self.amounts}, **self.others},
             prior_sd=self.prior_sd,

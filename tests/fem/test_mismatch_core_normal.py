@@ -113,8 +113,8 @@ def test_noise_leaves_what_the_dense_projection_of_its_covariance_leaves():
     normal = (columns * weight) @ columns.T + np.diag(prior)
     left = np.eye(len(weight)) - columns.T @ (np.linalg.pinv(normal, rcond=1e-13) @ (columns * weight))
     frame, marker, way = np.nonzero(touching[:, :, None] & np.ones(3, dtype=bool))
-    alike = (marker[:, None] == marker) & (way[:, None] == way)
-    covariance = alike * one.lag1.mean() ** np.abs(frame[:, None] - frame) * one.sd_mm[marker] ** 2
+    same = (marker[:, None] == marker) & (way[:, None] == way)
+    covariance = same * one.lag1.mean() ** np.abs(frame[:, None] - frame) * one.sd_mm[marker] ** 2
     expected = np.einsum("ij,jk,ik->", left, covariance, left, optimize=True)
     assert expected < 0.97 * np.trace(covariance)
     assert noise_left_mm2(equations(), np.random.default_rng(1)) == pytest.approx(expected, rel=0.02)

@@ -200,6 +200,7 @@ def still(strain: float, N: float, *, linear: bool = False, seed: int = 0) -> Ge
         force_N=force - force[before].mean(axis=0), displacement_mm=moved - moved[before].mean(axis=0),
         turn=np.tile(np.eye(3), (60, 1, 1)), ever=inside, firm=inside, air=air,
         force_sd_N=1e-3, displacement_sd_mm=4e-3, lag1=0.0, largest_N=0.03, markers=400,
+        zero_drift_N=np.zeros(60),
     )  # fmt: skip
 
 
@@ -265,3 +266,18 @@ def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
     found = effect.measured(forward)
     assert found is not None
     return found.evidence
+
+
+@pytest.mark.parametrize("effect", FAULTS)
+def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, effect):
+    """A force that grows in all markers bends force against displacement: the law seems to be another."""
+    sound = [still(0.0, 0.0, seed=seed) for seed in (0, 1)]
+    drifting = [still(0.0, 1.5, linear=True, seed=seed) for seed in (0, 1)]
+    before = sound[0].time_s < 2.3
+    known = [
+        replace(one, zero_drift_N=1.5 / 400 * (one.time_s - one.time_s[before].mean())) for one in drifting
+    ]
+    none, raw, without = (effect.fitted(unaltered, records) for records in (sound, drifting, known))
+    assert without.evidence == pytest.approx(none.evidence)
+    assert without.values == pytest.approx(none.values)
+    assert raw.left > 1.5 * without.left

@@ -88,6 +88,38 @@ def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
         np.testing.assert_allclose(a.force_N @ turn.T, b.force_N, atol=1e-12)
 
 
+@pytest.mark.parametrize("end_sd", [5.0, 8.0, 20.0])
+def test_a_drift_that_all_markers_feel_is_no_contact(injected, contact, end_sd):
+    """Ending at so many standard deviations of one marker, up to five times what counts as a touch."""
+    share = injected.recording.time_s / injected.recording.time_s[-1]
+    grown = end_sd * injected.sd_N * share[:, None, None] * np.array([0, 0, 1.0])
+    left, *others = injected.recording.pads
+    drifting = replace(left, force_N=left.force_N + grown)
+    found = find_contact(replace(injected.recording, pads=(drifting, *others)), source="x")
+    touches, should = (one.pads[0].episode >= 0 for one in (found, contact))
+    assert (touches & ~should).sum() < 0.05 * should.sum()
+    assert (should & ~touches).sum() < 0.02 * should.sum()
+    assert touches[should.any(axis=1)].any(axis=1).all()
+    assert np.mean([a == b for a, b in zip(found.phase, contact.phase, strict=True)]) > 0.75
+
+
+def test_a_pad_that_touches_nearly_everywhere_has_no_markers_to_tell_a_drift_by(injected, contact):
+    """Of the patch alone, drift or not: what touches stays in contact."""
+    kept = [pad.patch for pad in contact.pads]
+    pads = tuple(
+        replace(
+            pad,
+            rest_mm=pad.rest_mm[own],
+            displacement_mm=pad.displacement_mm[:, own],
+            force_N=pad.force_N[:, own],
+        )
+        for pad, own in zip(injected.recording.pads, kept, strict=True)
+    )
+    found = find_contact(replace(injected.recording, pads=pads), source="x")
+    for pad, whole, own in zip(found.pads, contact.pads, kept, strict=True):
+        np.testing.assert_array_equal(pad.episode >= 0, whole.episode[:, own] >= 0)
+
+
 def opened(recording):
     """The same frames, but the jaws never close."""
     air = slice(0, 20)

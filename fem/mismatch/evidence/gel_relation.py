@@ -29,6 +29,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from fem.estimation.coloured_noise import variance_inflation
+from fem.estimation.zero_drift import zero_drift
 from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -66,6 +67,7 @@ class GelRecord:
     `firm`: markers that press at FIRM of the largest, `ever`: that touch at some time. `turn`: the pad's
     axes as columns, frame by frame. `largest_N`: largest force on one marker of any pad of the recording,
     without its noise. `air`: frames in which nothing touches. `markers`: how many the whole pad has.
+    `zero_drift_N`: what each marker feels though nothing touches it, along z, where it is sure; else zero.
     """
 
     grasp: str
@@ -83,11 +85,17 @@ class GelRecord:
     lag1: float
     largest_N: float
     markers: int
+    zero_drift_N: Float[np.ndarray, " t"]
 
     @property
     def total_N(self) -> Float[np.ndarray, " t"]:
         """Normal force of the pad's markers."""
         return np.asarray(self.force_N[:, :, 2].sum(axis=1))
+
+    def without_zero_drift(self) -> "GelRecord":
+        """The same with that taken out of the force: it bends force against displacement as a law does."""
+        grown = self.zero_drift_N[:, None, None] * np.array([0.0, 0.0, 1.0])
+        return replace(self, force_N=self.force_N - grown, zero_drift_N=np.zeros_like(self.zero_drift_N))
 
 
 class GelLaw(Protocol):
@@ -130,10 +138,13 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
     history, motion = case.history.pads[pad], case.pads[pad]
     turn = motion.pose[:, :3, :3]
     largest = np.einsum("tj,tnj->tn", turn[:, :, 2], history.force_N).max(axis=0)
+    time_s = case.history.time_s
+    drift = zero_drift(case.history, pad, turn[0, :, 2])
+    rate = drift.rate_N_per_s / len(history.rest_mm) if drift is not None and drift.sure else 0.0
     return GelRecord(
         grasp=case.name,
         pad=history.name,
-        time_s=case.history.time_s,
+        time_s=time_s,
         rest_mm=history.rest_mm,
         force_N=np.einsum("tji,tnj->tni", turn, force_N),
         displacement_mm=np.einsum("tji,tnj->tni", turn, history.gel_displacement_mm),
@@ -146,6 +157,7 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
         lag1=history.lag1,
         largest_N=float(largest.max()),
         markers=motion.markers,
+        zero_drift_N=rate * (time_s - (time_s[0] if drift is None else drift.from_s)),
     )
 
 
