@@ -79,9 +79,12 @@ class GelFault:
         measured = self.measured(forward)
         found = {} if measured is None else measured.values
         linear = dict(zip(self.amounts, amounts, strict=True))
+        return self.within_bounds({**self.others, **linear, **found})
+
+    def within_bounds(self, values: Mapping[str, float]) -> dict[str, float]:
+        """These values where a search may start."""
         return {
-            spec.name: float(np.clip({**self.others, **linear, **found}[spec.name], spec.low, spec.high))
-            for spec in self.spec.searched
+            spec.name: float(np.clip(values[spec.name], spec.low, spec.high)) for spec in self.spec.searched
         }
 
     def direct_evidence(self, forward: ForwardModel) -> float:
@@ -91,17 +94,17 @@ class GelFault:
             return 0.0
         return measured.evidence if self.flesh_gain(forward) > 0 else 0.0
 
-    def conditional_evidence(
+    def beside(
         self, forward: ForwardModel, known: Sequence[tuple["GelFault", Mapping[str, float]]]
-    ) -> float:
-        """That of the relation with other faults of the gel undone first: one law that bends or lags the
-        relation shows in part as another.
+    ) -> RelationFit | None:
+        """What the relation shows with other faults of the gel undone first, where that is enough: one law
+        that bends or lags the relation shows in part as another.
         """
         records: Sequence[GelRecord] = gel_records(forward)
         for fault, parameters in known:
             records = [fault.law.undone(record, parameters) for record in records]
         fitted = self.fitted(forward, records)
-        return 0.0 if fitted is None or fitted.evidence < LEAST_EVIDENCE else fitted.evidence
+        return None if fitted is None or fitted.evidence < LEAST_EVIDENCE else fitted
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,

@@ -15,11 +15,12 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.forward_selection import direct_evidence
+from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.mismatch.thresholds import PAIR_GAIN
+from fem.mismatch.thresholds import LEFT_AT_MOST, LEFT_USUALLY, PAIR_GAIN
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
 ALL = (*FAULTS, thermal_drift.EFFECT)
@@ -249,7 +250,7 @@ def test_a_bent_reading_undone_leaves_nothing_to_another_fault_of_the_gel():
     bend, loop = sensor_nonlinear.EFFECT, gel_hysteresis.EFFECT
     assert measured_evidence(loop, forward) > LEAST_EVIDENCE
     own = measured(bend, forward)
-    assert loop.conditional_evidence(forward, [(bend, own)]) == 0.0
+    assert loop.beside(forward, [(bend, own)]) is None
     assert direct_evidence(forward, (bend, loop), (own, {})) == bend.direct_evidence(forward) > 0
 
 
@@ -257,9 +258,9 @@ def test_a_loop_beside_a_bend_is_seen_as_much_as_alone():
     """Bend after loop: undoing the bend leaves the loop as it is without one."""
     two = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
     bend = sensor_nonlinear.EFFECT
-    conditional = gel_hysteresis.EFFECT.conditional_evidence(two, [(bend, {"a": -0.3})])
+    beside = gel_hysteresis.EFFECT.beside(two, [(bend, {"a": -0.3})])
     one = measured_evidence(gel_hysteresis.EFFECT, forward_of(looped(0.1)))
-    assert conditional == pytest.approx(one, rel=0.25)
+    assert beside.evidence == pytest.approx(one, rel=0.25)
 
 
 def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
@@ -281,3 +282,25 @@ def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, e
     assert without.evidence == pytest.approx(none.evidence)
     assert without.values == pytest.approx(none.values)
     assert raw.left > 1.5 * without.left
+
+
+def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right():
+    """Alone each shows in part as the other: the loop comes out too strong and the flesh contradicts it."""
+    forward = forward_of(lambda pad: looped(0.09)(crept(0.25, 1.0)(pad)))
+    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    linear = screened(forward, recorded, FAULTS)
+    alone = gel_creep.EFFECT.measured(forward)
+    count = sum(one.own.shape[1] for one in recorded)
+    null_case = NullCase(
+        chi2=count * LEFT_USUALLY,
+        most_chi2=count * LEFT_AT_MOST,
+        compliance_ratio=forward.compliance_ratio,
+    )
+    found = select_model(forward, linear, detected=True, null_case=null_case)
+    both = found.ranking[0]
+    assert both.name == "gel_creep+gel_hysteresis"
+    values = {k: v for own in both.refit.parameters for k, v in own.items()}
+    assert abs(alone.values["creep"] / 0.25 - 1) > 0.03
+    assert values["creep"] == pytest.approx(0.25, rel=0.03)
+    assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.15)
+    assert values["share"] == pytest.approx(0.09, rel=0.1)

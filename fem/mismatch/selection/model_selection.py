@@ -12,14 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
+from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic
-from fem.mismatch.selection.forward_selection import added_gains, direct_evidence
+from fem.mismatch.selection.forward_selection import (
+    FaultBeside,
+    added_gains,
+    direct_evidence,
+    faults_beside,
+)
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
-from fem.mismatch.signature_variant import OfPad
+from fem.mismatch.signature_variant import ONE_WAY, OfPad
 from fem.mismatch.thresholds import (
     CLEAR_EXCESS,
     CLEAR_GAIN,
@@ -276,18 +282,29 @@ def _pairs(
         ((null_case.excess_gain(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
         best_of.setdefault(other.effect.spec.name, (gain, other))
-    for gain, other in list(best_of.values())[:MOST_PAIRS]:
+    beside = faults_beside(linear, single)
+    if any(isinstance(effect, GelFault) for effect in single.effects):
+        best_of = {
+            name: own
+            for name, own in best_of.items()
+            if name in beside or not isinstance(own[1].effect, GelFault)
+        }
+    unseen = [(own.evidence, _without_signature(own)) for name, own in beside.items() if name not in best_of]
+    for gain, other in [*list(best_of.values())[:MOST_PAIRS], *unseen]:
         if gain < least:
             continue
         tried, failed = [], ""
+        fault = beside.get(other.name)
+        starts = [*single.parameters, None] if fault is None else fault.starts
         for second in _pads_that_may_be(gains, other):
             both = (*best.linear_fits, second)
             try:
-                again = refit(forward, linear, both, starts=[*single.parameters, None], near=single.forward)
+                again = refit(forward, linear, both, starts=starts, near=single.forward)
             except FemFailure as failure:
                 failed = failure.detail
                 continue
-            if not again.at_an_end[-1]:
+            disagrees = fault is not None and again.log_evidence <= single.log_evidence
+            if not again.at_an_end[-1] and not disagrees:
                 tried.append((_gain(linear, again, null_case), again, both))
         if not tried:
             if failed:
@@ -298,6 +315,21 @@ def _pairs(
             others = tuple((gain, refitted) for gain, refitted, _ in rest)
             found.append(_Candidate(again.name, gained, both, again, others=others))
     return found
+
+
+def _without_signature(own: FaultBeside) -> LinearFit:
+    """A fault of the gel that alone is not seen."""
+    return LinearFit(
+        effect=own.fault,
+        signature=Signature(variant=ONE_WAY, columns=()),
+        columns=(),
+        amounts=np.zeros(0),
+        gain=own.evidence,
+        auxiliary_log_likelihood=own.evidence,
+        chi2_drop=0.0,
+        modulus_spread=0.0,
+        direct=own.evidence,
+    )
 
 
 def _polished(

@@ -63,7 +63,7 @@ class LinearRound:
     `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
     largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
-    `other` of the other.
+    `other` of the other. `gel_faults`: all those of the catalogue.
     """
 
     products: GramMatrix
@@ -75,6 +75,7 @@ class LinearRound:
     without: dict[str, str]
     largely: float = 0.0
     other: "LinearRound | None" = None
+    gel_faults: tuple[GelFault, ...] = ()
 
     @property
     def deforms_largely(self) -> bool:
@@ -138,13 +139,14 @@ def screened(
     products = GramMatrix(forward, recorded, columns, noise=noise)
 
     def round_of(products: GramMatrix) -> LinearRound:
-        return linear_round(
+        of_products = linear_round(
             products,
             tuple(range(1, len(known) + 1)),
             found,
             auxiliary=lambda *one: _auxiliary(forward, *one),
             without=without,
         )
+        return replace(of_products, gel_faults=tuple(one for one in effects if isinstance(one, GelFault)))
 
     if not isinstance(large, list):
         return round_of(products)
