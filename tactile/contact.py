@@ -22,9 +22,10 @@ STARTS_IN_CONTACT = 0.2
 REACH_CELLS = 2.5
 """Markers this many spacings around the touching ones belong to the patch: the rim's force is below the noise
 of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."""
-PRESSING, FEWEST_FAR = 0.25, 12
-"""A marker that ever reaches PRESSING of the greatest normal force is pressed on; those beyond REACH_CELLS of
-all such ones feel the sensor's drift alone. It is not taken from fewer than FEWEST_FAR. Set by hand."""
+LAST_FRAMES, LET_GO = 0.05, 0.1
+"""Share of the frames, three at least, by which a drift is told at the end of a recording; and what markers
+that were pressed on then feel beyond all others at most, as a share of the greatest force, if the pad has let
+go. Set by hand."""
 MEDIAN_SD = 1.2533
 """Standard deviation of the median of many Gaussian numbers, over that of their mean: root of pi / 2."""
 
@@ -137,7 +138,7 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)
     spacing, neighbours = _neighbourhood(pad.rest_mm)
-    drifted = _drift(force[:, :, 2], pushed.sd, pad.rest_mm, spacing)
+    drifted = _drift(force[:, :, 2], pushed.sd)
     touching = _touching(force[:, :, 2] - drifted[:, None], pushed.sd, neighbours)
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
@@ -216,19 +217,21 @@ def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[
     return spacing, [list(found) for found in tree.query_ball_point(rest_mm, r=1.6 * spacing)]
 
 
-def _drift(
-    normal_N: Float[np.ndarray, "t n"], sd: float, rest_mm: Float[np.ndarray, "n 3"], spacing_mm: float
-) -> Float[np.ndarray, " t"]:
-    """What all markers seem to feel though nothing touches them, frame by frame; zero within its noise.
+def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, " t"]:
+    """Drift of all markers' normal force alike, frame by frame; zero where none is left after the contact.
 
-    A force that grows in all markers alike would else be contact, and the pad never seem to let go.
+    A force that grows in all markers would otherwise count as contact, and the pad would never seem to let
+    go. In each frame it is what the less loaded half of the markers shows, at most what is left at the end:
+    a broad contact is no drift.
     """
-    pressed = np.asarray((normal_N > PRESSING * normal_N.max()).any(axis=0))
-    far = np.asarray(cKDTree(rest_mm[pressed]).query(rest_mm)[0]) > REACH_CELLS * spacing_mm
-    if normal_N.max() <= 0 or far.sum() < FEWEST_FAR:
+    most = normal_N.max(axis=0)
+    last = normal_N[-max(int(LAST_FRAMES * len(normal_N)), 3) :].mean(axis=0)
+    end = float(np.median(last))
+    held = float(np.median(last[most >= most.max() / 2])) - end
+    if held > LET_GO * most.max() or abs(end) < BEYOND_NOISE * MEDIAN_SD * sd / np.sqrt(len(last)):
         return np.zeros(len(normal_N))
-    found = np.median(normal_N[:, far], axis=1)
-    return np.where(found > BEYOND_NOISE * MEDIAN_SD * sd / np.sqrt(far.sum()), found, 0.0)
+    level = np.median(normal_N[:, most <= np.median(most)], axis=1)
+    return np.asarray(np.clip(level, min(end, 0.0), max(end, 0.0)))
 
 
 def _touching(

@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.prepared_grasp import prepared_grasp
-from fem.mismatch.effect import Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.gel_relation import (
     GelLaw,
     GelRecord,
+    JointLaw,
     RelationFit,
     fit_law,
     gel_records,
@@ -87,6 +88,11 @@ class GelFault:
             spec.name: float(np.clip(values[spec.name], spec.low, spec.high)) for spec in self.spec.searched
         }
 
+    @property
+    def of_the_relation(self) -> bool:
+        """Whether force against displacement shows it; else it is measured in another way."""
+        return True
+
     def direct_evidence(self, forward: ForwardModel) -> float:
         """That of the relation, where it is enough and the flesh agrees; else none."""
         measured = self.measured(forward)
@@ -94,27 +100,18 @@ class GelFault:
             return 0.0
         return measured.evidence if self.flesh_gain(forward) > 0 else 0.0
 
-    def beside(
-        self, forward: ForwardModel, known: Sequence[tuple["GelFault", Mapping[str, float]]]
-    ) -> RelationFit | None:
-        """What the relation shows with other faults of the gel undone first, where that is enough: one law
-        that bends or lags the relation shows in part as another.
-        """
-        records: Sequence[GelRecord] = gel_records(forward)
-        for fault, parameters in known:
-            records = [fault.law.undone(record, parameters) for record in records]
-        fitted = self.fitted(forward, records)
-        return None if fitted is None or fitted.evidence < LEAST_EVIDENCE else fitted
-
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,
         and what they lack themselves would change it.
         """
         return {name: HELD * sd for name, sd in self.relation_sd(forward).items()}
 
-    def relation_sd(self, forward: ForwardModel) -> dict[str, float]:
-        """Standard deviation of each parameter as the relation has it, on the scale searched."""
-        measured = self.measured(forward)
+    def relation_sd(self, forward: ForwardModel, effects: Sequence[Effect] = ()) -> dict[str, float]:
+        """Standard deviation of each parameter as the relation has it, on the scale searched; `effects`: of
+        the explanation that it is one of, whose other faults of the gel are known no better.
+        """
+        together = faults_of_relation(effects)
+        measured = fitted_together(forward, together) if self in together else self.measured(forward)
         assert measured is not None, "asked only where it is seen"
         return {
             spec.name: measured.sd[spec.name] / (measured.values[spec.name] if spec.log else 1.0)
@@ -129,7 +126,7 @@ class GelFault:
     def _respond(self, forward: ForwardModel, parameters: Mapping[str, float]) -> Response:
         unit, shift, balance, rest = [], [], [], []
         for recording in forward.base.grasps:
-            records = [one for one in gel_records(forward) if one.grasp == recording.case.name]
+            records = [one for one in self.records(forward) if one.grasp == recording.case.name]
             true = [self.law.undone(record, parameters) for record in records]
             change, shifted = _undone(recording, records, true)
             position = recording.tracks.position_mm
@@ -148,20 +145,15 @@ class GelFault:
 
     def measured(self, forward: ForwardModel) -> RelationFit | None:
         """The law's parameters by force against displacement; kept for the case."""
-        key = ("gel relation", self.spec.name)
-        return forward.memoised(key, lambda: self.fitted(forward, gel_records(forward)))
+        return fitted_together(forward, (self,))
+
+    def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:
+        """What the law is fitted to: without a zero drift, which bends the relation as a law does."""
+        return tuple(record.without_zero_drift() for record in gel_records(forward))
 
     def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
         """The law's parameters by these records; None where they say nothing of it."""
-        budget = forward.base.case.budget
-        return fit_law(
-            [record.without_zero_drift() for record in records],
-            self.law,
-            start={**{name: 0.1 * self.prior_sd[name] for name in self.amounts}, **self.others},
-            prior_sd=self.prior_sd,
-            bounds={spec.name: (spec.low, spec.high) for spec in self.spec.searched},
-            scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
-        )
+        return _fitted(forward, (self,), records)
 
     def flesh_gain(self, forward: ForwardModel) -> float:
         """ln likelihood of the markers' motion by the plain model with the law undone as measured, over that
@@ -175,6 +167,39 @@ class GelFault:
             return 0.0
         response = self.respond(forward, measured.values, ONE_WAY)
         return (_flesh_chi2(forward, None) - _flesh_chi2(forward, response)) / 2
+
+
+def faults_of_relation(effects: Sequence[Effect]) -> list["GelFault"]:
+    """Faults of the gel that show in force against displacement, in the catalogue's order."""
+    found = [one for one in effects if isinstance(one, GelFault) and one.of_the_relation]
+    return sorted(found, key=lambda one: one.spec.rank)
+
+
+def fitted_together(forward: ForwardModel, faults: Sequence[GelFault]) -> RelationFit | None:
+    """The parameters of several faults that the relation shows, all undone at once; kept for the case.
+
+    Alone each shows in part as another: a loop makes a creep too strong, and the creep the loop.
+    """
+    first, *others = faults
+    key = ("gel relation", *(one.spec.name for one in faults))
+    if not others:
+        return forward.memoised(key, lambda: first.fitted(forward, first.records(forward)))
+    return forward.memoised(key, lambda: _fitted(forward, faults, first.records(forward)))
+
+
+def _fitted(
+    forward: ForwardModel, faults: Sequence[GelFault], records: Sequence[GelRecord]
+) -> RelationFit | None:
+    budget = forward.base.case.budget
+    start = {name: 0.1 * sd for one in faults for name, sd in one.prior_sd.items() if name in one.amounts}
+    return fit_law(
+        records,
+        JointLaw(tuple(one.law for one in faults)),
+        start={**start, **{name: value for one in faults for name, value in one.others.items()}},
+        prior_sd={name: sd for one in faults for name, sd in one.prior_sd.items()},
+        bounds={spec.name: (spec.low, spec.high) for one in faults for spec in one.spec.searched},
+        scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
+    )
 
 
 def _undone(

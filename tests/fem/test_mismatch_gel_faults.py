@@ -10,17 +10,16 @@ from plain_model import plain_forward_model
 
 from fem.mismatch import gel_fault
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
-from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
+from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, _record, gel_records
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault
+from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.selection.forward_selection import direct_evidence
-from fem.mismatch.selection.model_selection import NullCase, select_model
+from fem.mismatch.selection.forward_selection import direct_evidence, second_faults
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.mismatch.thresholds import LEFT_AT_MOST, LEFT_USUALLY, PAIR_GAIN
+from fem.mismatch.thresholds import PAIR_GAIN
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
 ALL = (*FAULTS, thermal_drift.EFFECT)
@@ -207,7 +206,7 @@ def still(strain: float, N: float, *, linear: bool = False, seed: int = 0) -> Ge
 
 def warmed(monkeypatch, *records: GelRecord) -> RelationFit | None:
     """What the effect measures of a case with these records."""
-    monkeypatch.setattr(gel_fault, "gel_records", lambda _: records)
+    monkeypatch.setattr(thermal_drift, "gel_records", lambda _: records)
     return thermal_drift.EFFECT.measured(SimpleNamespace(memoised=lambda _, compute: compute()))
 
 
@@ -244,23 +243,25 @@ def test_what_the_relation_leaves_open_is_in_the_error_bar():
     assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * own["creep_tau_s"]
 
 
-def test_a_bent_reading_undone_leaves_nothing_to_another_fault_of_the_gel():
-    """A reading too high at the peak is in part a loop's; beside the bend no loop is seen."""
+def test_a_loop_that_is_a_bend_adds_nothing_to_it():
+    """A reading too high at the peak is in part a loop's; fitted together no loop is seen."""
     forward = forward_of(bent(0.35))
     bend, loop = sensor_nonlinear.EFFECT, gel_hysteresis.EFFECT
     assert measured_evidence(loop, forward) > LEAST_EVIDENCE
-    own = measured(bend, forward)
-    assert loop.beside(forward, [(bend, own)]) is None
-    assert direct_evidence(forward, (bend, loop), (own, {})) == bend.direct_evidence(forward) > 0
+    both = fitted_together(forward, (bend, loop))
+    assert both.evidence < measured_evidence(bend, forward) + LEAST_EVIDENCE
+    assert both.values["share"] < 3 * both.sd["share"]
+    assert direct_evidence(forward, (bend, loop)) == both.evidence
 
 
-def test_a_loop_beside_a_bend_is_seen_as_much_as_alone():
-    """Bend after loop: undoing the bend leaves the loop as it is without one."""
-    two = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
-    bend = sensor_nonlinear.EFFECT
-    beside = gel_hysteresis.EFFECT.beside(two, [(bend, {"a": -0.3})])
-    one = measured_evidence(gel_hysteresis.EFFECT, forward_of(looped(0.1)))
-    assert beside.evidence == pytest.approx(one, rel=0.25)
+def test_two_faults_together_are_those_injected():
+    """Each alone is another: bend after loop."""
+    forward = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
+    both = fitted_together(forward, faults_of_relation((gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)))
+    assert both.values["a"] == pytest.approx(-0.3, rel=0.08)
+    assert both.values["share"] == pytest.approx(0.1, rel=0.1)
+    alone = [measured_evidence(one, forward) for one in (gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)]
+    assert both.evidence > max(alone) + LEAST_EVIDENCE
 
 
 def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
@@ -270,7 +271,7 @@ def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
 
 
 @pytest.mark.parametrize("effect", FAULTS)
-def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, effect):
+def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, monkeypatch, effect):
     """A force that grows in all markers bends force against displacement: the law seems to be another."""
     sound = [still(0.0, 0.0, seed=seed) for seed in (0, 1)]
     drifting = [still(0.0, 1.5, linear=True, seed=seed) for seed in (0, 1)]
@@ -278,29 +279,61 @@ def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, e
     known = [
         replace(one, zero_drift_N=1.5 / 400 * (one.time_s - one.time_s[before].mean())) for one in drifting
     ]
-    none, raw, without = (effect.fitted(unaltered, records) for records in (sound, drifting, known))
+    monkeypatch.setattr(gel_fault, "gel_records", lambda _: known)
+    none, raw = (effect.fitted(unaltered, records) for records in (sound, drifting))
+    without = effect.fitted(unaltered, effect.records(unaltered))
     assert without.evidence == pytest.approx(none.evidence)
     assert without.values == pytest.approx(none.values)
     assert raw.left > 1.5 * without.left
+
+
+def test_a_records_zero_drift_is_that_of_its_recording():
+    """Growth of each marker's force in the air, from before the contact to after it."""
+    case = injected_case(noise=0.3)
+    grasp = case.grasps[0]
+    pad, motion = grasp.history.pads[0], grasp.pads[0]
+    count, frames = len(pad.rest_mm), 60
+    time_s = 0.1 * np.arange(frames)
+    force = np.random.default_rng(0).normal(0, 1e-3, (frames, count, 3))
+    turn = motion.pose[0, :3, :3]
+    force += (0.4 / count * time_s)[:, None, None] * turn[:, 2]
+    moved = np.zeros_like(force)
+    longer = replace(
+        pad,
+        position_mm=moved,
+        gel_displacement_mm=moved,
+        force_N=force,
+        episode=np.full((frames, count), -1),
+        force_sd_N=1e-3,
+    )
+    pose = np.tile(motion.pose[0], (frames, 1, 1))
+    phase = ("air",) * 20 + ("load",) * 20 + ("air",) * 20
+    recording = replace(
+        grasp,
+        history=replace(grasp.history, time_s=time_s, phase=phase, pads=(longer,)),
+        pads=(replace(motion, pose=pose, normal_N=np.zeros(frames)),),
+    )
+    record = _record(recording, 0, force)
+    grown = record.zero_drift_N[-1] - record.zero_drift_N[0]
+    assert grown == pytest.approx(0.4 / count * (time_s[-1] - time_s[0]), rel=0.05)
+    left = record.without_zero_drift().total_N
+    assert abs(left[45:].mean() - left[:15].mean()) < 0.05 * 0.4 * time_s[-1]
 
 
 def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right():
     """Alone each shows in part as the other: the loop comes out too strong and the flesh contradicts it."""
     forward = forward_of(lambda pad: looped(0.09)(crept(0.25, 1.0)(pad)))
     recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
-    linear = screened(forward, recorded, FAULTS)
-    alone = gel_creep.EFFECT.measured(forward)
-    count = sum(one.own.shape[1] for one in recorded)
-    null_case = NullCase(
-        chi2=count * LEFT_USUALLY,
-        most_chi2=count * LEFT_AT_MOST,
-        compliance_ratio=forward.compliance_ratio,
-    )
-    found = select_model(forward, linear, detected=True, null_case=null_case)
-    both = found.ranking[0]
-    assert both.name == "gel_creep+gel_hysteresis"
-    values = {k: v for own in both.refit.parameters for k, v in own.items()}
-    assert abs(alone.values["creep"] / 0.25 - 1) > 0.03
-    assert values["creep"] == pytest.approx(0.25, rel=0.03)
-    assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.15)
-    assert values["share"] == pytest.approx(0.09, rel=0.1)
+    linear = screened(forward, recorded, ALL)
+    assert "gel_hysteresis" not in {one.name for one in linear.linear_fits}
+    creeping = [one for one in linear.linear_fits if one.name == "gel_creep"]
+    single = refit(forward, linear, creeping)
+    assert abs(single.parameters[0]["creep"] / 0.25 - 1) > 0.2
+    second = second_faults(linear, single)
+    assert set(second) == {"gel_hysteresis"}
+    found = second["gel_hysteresis"]
+    assert found.evidence > LEAST_EVIDENCE
+    values = {name: value for own in found.starts for name, value in own.items()}
+    assert values["creep"] == pytest.approx(0.25, rel=0.04)
+    assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.1)
+    assert values["share"] == pytest.approx(0.09, rel=0.05)

@@ -88,36 +88,40 @@ def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
         np.testing.assert_allclose(a.force_N @ turn.T, b.force_N, atol=1e-12)
 
 
-@pytest.mark.parametrize("end_sd", [5.0, 8.0, 20.0])
-def test_a_drift_that_all_markers_feel_is_no_contact(injected, contact, end_sd):
-    """Ending at so many standard deviations of one marker, up to five times what counts as a touch."""
+def with_force(recording, change):
+    """The left pad's force changed, as (t, n, 3) of the pad."""
+    left, *others = recording.pads
+    return replace(recording, pads=(replace(left, force_N=change(left)), *others))
+
+
+@pytest.mark.parametrize("end_sd", [5.0, 8.0, 20.0, 60.0, -20.0])
+def test_a_drift_that_all_markers_feel_is_no_contact_and_hides_none(injected, contact, end_sd):
+    """Ending at so many standard deviations of one marker; four count as a touch."""
     share = injected.recording.time_s / injected.recording.time_s[-1]
     grown = end_sd * injected.sd_N * share[:, None, None] * np.array([0, 0, 1.0])
-    left, *others = injected.recording.pads
-    drifting = replace(left, force_N=left.force_N + grown)
-    found = find_contact(replace(injected.recording, pads=(drifting, *others)), source="x")
+    found = find_contact(with_force(injected.recording, lambda pad: pad.force_N + grown), source="x")
     touches, should = (one.pads[0].episode >= 0 for one in (found, contact))
     assert (touches & ~should).sum() < 0.05 * should.sum()
-    assert (should & ~touches).sum() < 0.02 * should.sum()
-    assert touches[should.any(axis=1)].any(axis=1).all()
+    assert (should & ~touches).sum() < 0.1 * should.sum()
     assert np.mean([a == b for a, b in zip(found.phase, contact.phase, strict=True)]) > 0.75
 
 
-def test_a_pad_that_touches_nearly_everywhere_has_no_markers_to_tell_a_drift_by(injected, contact):
-    """Of the patch alone, drift or not: what touches stays in contact."""
-    kept = [pad.patch for pad in contact.pads]
+@pytest.mark.parametrize("kept", [slice(None), slice(0, 44)])
+def test_a_broad_contact_is_no_drift(injected, kept):
+    """A push of 20 standard deviations all over the pad; the recording ends in the air, or in contact."""
+    recording = injected.recording
+    pressed = injected.clean_force_z_N["left"] > 0
+    broad = 20 * injected.sd_N * pressed[:, None, None] * np.array([0, 0, 1.0])
+    broad = with_force(recording, lambda pad: pad.force_N + broad)
     pads = tuple(
         replace(
-            pad,
-            rest_mm=pad.rest_mm[own],
-            displacement_mm=pad.displacement_mm[:, own],
-            force_N=pad.force_N[:, own],
+            pad, pose=pad.pose[kept], displacement_mm=pad.displacement_mm[kept], force_N=pad.force_N[kept]
         )
-        for pad, own in zip(injected.recording.pads, kept, strict=True)
+        for pad in broad.pads
     )
-    found = find_contact(replace(injected.recording, pads=pads), source="x")
-    for pad, whole, own in zip(found.pads, contact.pads, kept, strict=True):
-        np.testing.assert_array_equal(pad.episode >= 0, whole.episode[:, own] >= 0)
+    cut = replace(broad, time_s=broad.time_s[kept], aperture_mm=broad.aperture_mm[kept], pads=pads)
+    found = find_contact(cut, source="x").pads[0]
+    assert ((found.episode >= 0)[pressed[kept]]).mean() > 0.99
 
 
 def opened(recording):

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from fem.estimation.coloured_noise import variance_inflation
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
-from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit
+from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
 from fem.mismatch.gel_fault import GelFault, drift_between
 from fem.mismatch.model.forward_model import ForwardModel
 
@@ -114,6 +114,15 @@ def _outward(record: GelRecord) -> Float[np.ndarray, "n 3"]:
 @dataclass(frozen=True, kw_only=True)
 class ThermalDrift(GelFault):
     """Measured where nothing touches, in place of force against displacement."""
+
+    @property
+    def of_the_relation(self) -> bool:
+        """Not of it."""
+        return False
+
+    def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:
+        """As recorded: the drift of the force is its own."""
+        return gel_records(forward)
 
     def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
         """Both rates, by `still_pads`."""

@@ -21,6 +21,7 @@ nats at most, and a time is known to no more than an order of magnitude beforeha
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import chain
 from typing import Protocol
 
@@ -110,6 +111,21 @@ class GelLaw(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class JointLaw:
+    """Several faults at once: the first is undone first."""
+
+    laws: tuple[GelLaw, ...]
+
+    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """With all of them."""
+        return reduce(lambda record, law: law.recorded(record, values), reversed(self.laws), true)
+
+    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Without any."""
+        return reduce(lambda record, law: law.undone(record, values), self.laws, recorded)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RelationFit:
     """`values` of the parameters, `sd` of them, and the evidence: half the drop of chi-square over
@@ -139,8 +155,10 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
     turn = motion.pose[:, :3, :3]
     largest = np.einsum("tj,tnj->tn", turn[:, :, 2], history.force_N).max(axis=0)
     time_s = case.history.time_s
+    drift_N = np.zeros(len(time_s))
     drift = zero_drift(case.history, pad, turn[0, :, 2])
-    rate = drift.rate_N_per_s / len(history.rest_mm) if drift is not None and drift.sure else 0.0
+    if drift is not None and drift.sure:
+        drift_N = drift.rate_N_per_s * (time_s - drift.from_s) / len(history.rest_mm)
     return GelRecord(
         grasp=case.name,
         pad=history.name,
@@ -157,7 +175,7 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
         lag1=history.lag1,
         largest_N=float(largest.max()),
         markers=motion.markers,
-        zero_drift_N=rate * (time_s - (time_s[0] if drift is None else drift.from_s)),
+        zero_drift_N=drift_N,
     )
 
 

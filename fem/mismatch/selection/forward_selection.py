@@ -1,10 +1,10 @@
 """Forward selection: which other signature adds most to an effect that has been refitted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fem.mismatch.effect import Effect, SeenDirectly
-from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.retained_columns import retained_columns
@@ -15,43 +15,21 @@ from fem.mismatch.selection.screening import (
     violates_sign_constraint,
 )
 
-ALTERNATIONS = 3
-"""Fits of each fault of the gel beside the others. A creep of 0.151 (0.166 alone) comes out as 0.153, 0.151
-and 0.151 beside a loop of 0.090 (0.180 alone), that as 0.080, 0.089 and 0.090 (case 012 of the second sealed
-proof)."""
 
-
-def direct_evidence(
-    forward: ForwardModel, effects: Sequence[Effect], parameters: Sequence[Mapping[str, float]]
-) -> float:
-    """What the recordings show directly of effects with these parameters, each beside those before it.
-
-    The parameters of the last do not matter.
-    """
-    total = 0.0
-    for number, effect in enumerate(effects):
-        faults = gel_faults(effects[:number], parameters[:number])
-        if isinstance(effect, GelFault) and faults:
-            beside = effect.beside(forward, faults)
-            total += 0.0 if beside is None else beside.evidence
-        elif isinstance(effect, SeenDirectly):
-            total += effect.direct_evidence(forward)
-    return total
-
-
-def gel_faults(
-    effects: Sequence[Effect], parameters: Sequence[Mapping[str, float]]
-) -> list[tuple[GelFault, Mapping[str, float]]]:
-    """Those of the effects that are faults of the gel, with their parameters."""
-    both = zip(effects, parameters, strict=True)
-    return [(effect, own) for effect, own in both if isinstance(effect, GelFault)]
+def direct_evidence(forward: ForwardModel, effects: Sequence[Effect]) -> float:
+    """What the recordings show directly of all these effects; of several faults of the gel together."""
+    faults = faults_of_relation(effects)
+    alone = [effect for effect in effects if len(faults) < 2 or effect not in faults]
+    total = sum(one.direct_evidence(forward) for one in alone if isinstance(one, SeenDirectly))
+    together = fitted_together(forward, faults) if len(faults) > 1 else None
+    return total + (0.0 if together is None else together.evidence)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaultBeside:
-    """A fault of the gel that shows beside those of a refit, and its `evidence` beside them.
+class SecondFault:
+    """A fault of the gel that the relation shows beside those of a refit; `evidence`: what it adds to theirs.
 
-    `starts`: parameters of the refit's effects and of this one, of all faults as they show beside each other.
+    `starts`: parameters of the refit's effects and of this one, of all faults as fitted together.
     """
 
     fault: GelFault
@@ -59,42 +37,28 @@ class FaultBeside:
     starts: tuple[dict[str, float], ...]
 
 
-def faults_beside(linear: LinearRound, known: Refit) -> dict[str, FaultBeside]:
-    """Other faults of the gel that show beside those of a refit, by name: without one of those undone they
-    show too much, so that the flesh contradicts them, or too little.
+def second_faults(linear: LinearRound, known: Refit) -> dict[str, SecondFault]:
+    """Other faults of the gel that the relation shows beside those of a refit, by name.
+
+    Fitted alone, a fault absorbs a part of the other, comes out too large or too small, and the flesh
+    contradicts it.
     """
-    mine = {effect.spec.name for effect in known.effects}
-    if not gel_faults(known.effects, known.parameters):
+    first = faults_of_relation(known.effects)
+    before = fitted_together(known.forward, first) if first else None
+    if before is None:
         return {}
     found = {}
-    for fault in linear.gel_faults:
-        if fault.spec.name in mine:
+    for fault in faults_of_relation(linear.gel_faults):
+        both = None if fault in first else fitted_together(known.forward, faults_of_relation([*first, fault]))
+        if both is None or both.evidence - before.evidence < LEAST_EVIDENCE:
             continue
-        first = fault.beside(known.forward, gel_faults(known.effects, known.parameters))
-        if first is None:
-            continue
-        effects = (*known.effects, fault)
-        starts = _each_beside_the_others(known.forward, effects, (*known.parameters, first.values))
-        last = fault.beside(known.forward, gel_faults(known.effects, starts[:-1]))
-        evidence = 0.0 if last is None else last.evidence
-        found[fault.spec.name] = FaultBeside(fault=fault, evidence=evidence, starts=starts)
+        starts = [
+            one.within_bounds(both.values) if isinstance(one, GelFault) and one.of_the_relation else dict(own)
+            for one, own in zip((*known.effects, fault), (*known.parameters, {}), strict=True)
+        ]
+        evidence = both.evidence - before.evidence
+        found[fault.spec.name] = SecondFault(fault=fault, evidence=evidence, starts=tuple(starts))
     return found
-
-
-def _each_beside_the_others(
-    forward: ForwardModel, effects: Sequence[Effect], parameters: Sequence[Mapping[str, float]]
-) -> tuple[dict[str, float], ...]:
-    """The parameters with those of faults of the gel fitted in turn, all others undone."""
-    values = [dict(own) for own in parameters]
-    for _ in range(ALTERNATIONS):
-        for number, effect in enumerate(effects):
-            if not isinstance(effect, GelFault):
-                continue
-            others = [(one, own) for one, own in gel_faults(effects, values) if one is not effect]
-            again = effect.beside(forward, others)
-            if again is not None:
-                values[number] = effect.within_bounds(again.values)
-    return tuple(values)
 
 
 def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
@@ -112,10 +76,9 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free)
-    shown = direct_evidence(known.forward, known.effects, known.parameters)
+    shown = direct_evidence(known.forward, known.effects)
     conditional = {
-        effect.spec.name: direct_evidence(known.forward, (*known.effects, effect), (*known.parameters, {}))
-        - shown
+        effect.spec.name: direct_evidence(known.forward, (*known.effects, effect)) - shown
         for effect in {one.name: one.effect for one in others if one.direct}.values()
     }
     found: list[tuple[float, LinearFit]] = []

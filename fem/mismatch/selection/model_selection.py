@@ -13,15 +13,15 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
-from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.gel_fault import faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic
 from fem.mismatch.selection.forward_selection import (
-    FaultBeside,
+    SecondFault,
     added_gains,
     direct_evidence,
-    faults_beside,
+    second_faults,
 )
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
@@ -259,7 +259,7 @@ def _gain(linear: LinearRound, again: Refit, null_case: NullCase) -> float:
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    direct = direct_evidence(again.forward, again.effects, again.parameters)
+    direct = direct_evidence(again.forward, again.effects)
     return moved + min(auxiliary_log_likelihood, max(moved, 0.0)) + direct - null_case.in_full(again.effects)
 
 
@@ -282,22 +282,19 @@ def _pairs(
         ((null_case.excess_gain(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
         best_of.setdefault(other.effect.spec.name, (gain, other))
-    beside = faults_beside(linear, single)
-    if any(isinstance(effect, GelFault) for effect in single.effects):
-        best_of = {
-            name: own
-            for name, own in best_of.items()
-            if name in beside or not isinstance(own[1].effect, GelFault)
-        }
-    unseen = [(own.evidence, _without_signature(own)) for name, own in beside.items() if name not in best_of]
-    for gain, other in [*list(best_of.values())[:MOST_PAIRS], *unseen]:
+    second = second_faults(linear, single)
+    if faults_of_relation(single.effects):
+        # what a fault shows alone says little beside another
+        best_of = {name: own for name, own in best_of.items() if not faults_of_relation([own[1].effect])}
+    of_gels = [(own.evidence, _without_signature(own)) for own in second.values()]
+    for gain, other in [*list(best_of.values())[:MOST_PAIRS], *of_gels]:
         if gain < least:
             continue
         tried, failed = [], ""
-        fault = beside.get(other.name)
+        fault = second.get(other.name)
         starts = [*single.parameters, None] if fault is None else fault.starts
-        for second in _pads_that_may_be(gains, other):
-            both = (*best.linear_fits, second)
+        for added in _pads_that_may_be(gains, other):
+            both = (*best.linear_fits, added)
             try:
                 again = refit(forward, linear, both, starts=starts, near=single.forward)
             except FemFailure as failure:
@@ -317,8 +314,8 @@ def _pairs(
     return found
 
 
-def _without_signature(own: FaultBeside) -> LinearFit:
-    """A fault of the gel that alone is not seen."""
+def _without_signature(own: SecondFault) -> LinearFit:
+    """A fault of the gel by what the relation shows of it beside another, whatever it shows alone."""
     return LinearFit(
         effect=own.fault,
         signature=Signature(variant=ONE_WAY, columns=()),
@@ -358,7 +355,7 @@ def verdict_of(
     if first is None or first.refit is None or first.gain <= null_case.least:
         return UNKNOWN
     before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
-    direct = direct_evidence(first.refit.forward, first.refit.effects, first.refit.parameters)
+    direct = direct_evidence(first.refit.forward, first.refit.effects)
     excess = CLEAR_EXCESS if first.gain > CLEAR_GAIN else UNKNOWN_EXCESS
     if direct < CLEAR_GAIN and after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
         return UNKNOWN
