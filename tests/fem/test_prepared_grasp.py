@@ -172,3 +172,17 @@ def test_a_touch_by_too_few_markers_is_no_load():
     assert caught.value.problem is FemProblem.NO_LOAD
     enough = replace(history, pads=(pressing(np.ones((5, 30))),))
     assert prepared_grasp(enough, TURN).used.all()
+
+
+def test_a_drift_of_the_reading_makes_no_marker_press():
+    """A force that grows in all markers, sure in the air, does not count: a third of them would press by it.
+
+    Those at the threshold change, by what the drift is known to.
+    """
+    time_s = 0.1 * np.arange(LOADED + 2 * AIR)
+    grown = 0.04 * (time_s / time_s[-1])[:, None, None] * np.array([0.0, 0.0, 1.0])
+    still, drifting = (
+        prepared_grasp(recorded(np.random.default_rng(5), more=more), TURN) for more in (0.0, grown)
+    )
+    pressing, with_drift = (one.history.pads[0].episode >= 0 for one in (still, drifting))
+    assert (pressing != with_drift).mean() < 0.06
