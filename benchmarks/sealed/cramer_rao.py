@@ -10,8 +10,8 @@ approaches, smooth errors of a patch) is eliminated in N. Pit and Poisson's rati
 category's spread themselves, so that their bounds are that spread at the least. Of several ways to show the
 one that is seen best counts, of two pads their mean.
 
-Noise is the finder's own: MARKER_VARIANCE_INFLATION of it, of LEAST_NOISE_SHARE at least, in the frames that it
-uses. For very quiet sensors and thinned recordings physics would allow less.
+Noise is the finder's own: MARKER_VARIANCE_INFLATION of it, of LEAST_NOISE_SHARE at least, in the frames that
+it uses. For very quiet sensors and thinned recordings physics would allow less.
 """
 
 from collections.abc import Sequence
