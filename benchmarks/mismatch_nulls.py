@@ -5,7 +5,8 @@
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL,
-with its p-value by the reference as it stands; those that are there are left alone. --write replaces
+with its p-value by the reference as it stands and what the plain model leaves of the balance of the pads'
+forces ("balance", a share of its noise's variance); those that are there are left alone. --write replaces
 null_reference.csv and null_quantiles.csv in fem/mismatch/selection by the rows in JSONL; with --add they are
 put to the fruits that stand there, and of two quantiles the greater is taken.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
@@ -103,7 +104,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
 
 
 def balance_left(linear: LinearRound, recorded: Sequence[GraspEquations]) -> float:
-    """Squares that the plain model leaves of the balance of forces, over the noise it counts with, a number.
+    """Mean square that the plain model leaves of the balance of forces, over the variance it counts with.
 
     Of W r (fem.mismatch.model.marker_equations) the balance's part is the residual times inverse variance.
     """

@@ -25,7 +25,8 @@ of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."
 LAST_FRAMES, LET_GO = 0.05, 0.1
 """Share of the frames, three at least, by which a drift is told at the end of a recording; and what markers
 that were pressed on then feel beyond all others at most, as a share of the greatest force, if the pad has let
-go. Set by hand."""
+go. Set by hand: drifts that end at 5 to 60 standard deviations of a marker, and a broad contact, are told
+apart (tests/tactile/test_contact.py)."""
 MEDIAN_SD = 1.2533
 """Standard deviation of the median of many Gaussian numbers, over that of their mean: root of pi / 2."""
 
@@ -218,7 +219,7 @@ def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[
 
 
 def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, " t"]:
-    """Drift of all markers' normal force alike, frame by frame; zero where none is left after the contact.
+    """Drift that all markers' normal forces share, N, frame by frame; zero where none is left at the end.
 
     A force that grows in all markers would otherwise count as contact, and the pad would never seem to let
     go. In each frame it is what the less loaded half of the markers shows, at most what is left at the end:

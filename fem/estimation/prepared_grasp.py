@@ -146,7 +146,7 @@ def _drift(
             continue
         own = history.pad_of_marker == pad
         size = np.sqrt(own.sum())
-        shares.append(drifting.rate_N_per_s * (history.time_s - drifting.from_s) / size)
+        shares.append(drifting.grown_N(history.time_s) / size)
         patterns.append(own[:, None] * normal / size)
     count = len(history.pad_of_marker)
     return (

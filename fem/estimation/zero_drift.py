@@ -36,6 +36,10 @@ class ZeroDrift:
         """Whether more than noise and memory grows."""
         return abs(self.rate_N_per_s) > SURE * self.sd_N_per_s
 
+    def grown_N(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        """What the pad's normal force has grown by at these times, N."""
+        return np.asarray(self.rate_N_per_s * (time_s - self.from_s))
+
 
 @dataclass(frozen=True, kw_only=True)
 class ZeroDrifts:

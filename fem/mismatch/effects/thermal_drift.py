@@ -117,7 +117,7 @@ class ThermalDrift(GelFault):
 
     @property
     def of_the_relation(self) -> bool:
-        """Not of it."""
+        """No: it shows where nothing touches."""
         return False
 
     def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:

@@ -158,7 +158,7 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
     drift_N = np.zeros(len(time_s))
     drift = zero_drift(case.history, pad, turn[0, :, 2])
     if drift is not None and drift.sure:
-        drift_N = drift.rate_N_per_s * (time_s - drift.from_s) / len(history.rest_mm)
+        drift_N = drift.grown_N(time_s) / len(history.rest_mm)
     return GelRecord(
         grasp=case.name,
         pad=history.name,

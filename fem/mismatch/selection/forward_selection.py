@@ -50,14 +50,14 @@ def second_faults(linear: LinearRound, known: Refit) -> dict[str, SecondFault]:
     found = {}
     for fault in faults_of_relation(linear.gel_faults):
         both = None if fault in first else fitted_together(known.forward, faults_of_relation([*first, fault]))
-        if both is None or both.evidence - before.evidence < LEAST_EVIDENCE:
+        added = 0.0 if both is None else both.evidence - before.evidence
+        if both is None or added < LEAST_EVIDENCE:
             continue
         starts = [
             one.within_bounds(both.values) if isinstance(one, GelFault) and one.of_the_relation else dict(own)
             for one, own in zip((*known.effects, fault), (*known.parameters, {}), strict=True)
         ]
-        evidence = both.evidence - before.evidence
-        found[fault.spec.name] = SecondFault(fault=fault, evidence=evidence, starts=tuple(starts))
+        found[fault.spec.name] = SecondFault(fault=fault, evidence=added, starts=tuple(starts))
     return found
 
 
