@@ -155,6 +155,21 @@ def test_the_balance_with_a_force_at_another_place_explains_less(palm: ForwardMo
     assert balance.force(under_pad, UPWARDS).evidence == 0.0
 
 
+@pytest.mark.parametrize("late", [False, True], ids=["a palm", "a stop that is touched late"])
+def test_a_force_pays_for_the_freedom_of_its_course_that_it_needs(late: bool):
+    forward = forward_of(borne(late=late))
+    for recording in forward.base.grasps:
+        equations = balance_equations(forward, recording)
+        assert equations is not None
+        balance = ForceBalance.of(recording, equations)
+        with_the_load, any_course = (
+            replace(balance, roots=(root,)).force(PLACE_MM, UPWARDS).evidence for root in balance.roots
+        )
+        better, worse = (any_course, with_the_load) if late else (with_the_load, any_course)
+        assert better > worse + 3
+        assert balance.force(PLACE_MM, UPWARDS).evidence == better
+
+
 def test_the_response_balances_the_pads_to_noise(palm: ForwardModel):
     found = third_contact._found(palm)
     assert found is not None

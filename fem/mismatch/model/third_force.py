@@ -10,10 +10,13 @@ With m the sums of what the pads do, W of fem.mismatch.model.marker_equations.Ba
     a = -(M + S^-2)^-1 A' W m,      M = A' W A,      ln evidence = (-a . A' W m - ln det(1 + S M S)) / 2
 
 (linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). The course of F is a smooth one
-that grows with the load l, of covariance l l' (1 + l l' + exp(-(t - t')^2 / 2 SMOOTH^2)), t the share of the
-frames: phi_j are its leading functions. Along the skin's normal S is the scale of SCALES that explains most,
-along the skin FRICTION of it. A contact that pulls is none, nor is one beyond the CONE of
-friction, or where a pad itself touches.
+that grows with the load l, of covariance
+
+    l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
+
+phi_j are its leading functions at the greatest g of FREEDOMS. Along the skin's normal the standard deviation
+is the scale of SCALES that, with a g of FREEDOMS, explains most; along the skin it is FRICTION of that. A
+contact that pulls is none, nor is one beyond the CONE of friction, or where a pad itself touches.
 """
 
 from dataclasses import dataclass
@@ -30,6 +33,10 @@ from fem.mismatch.model.observation_delta import ARM_MM, wrench
 SCALES = (0.005, 0.02, 0.08)
 """Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
 hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
+FREEDOMS = (0.1, 1.0)
+"""How far the force's share of the load may change in a recording: a support that is touched throughout takes
+nearly the same one, a stop that is met late any. With the second alone a palm pays for a course that it does
+not need, some 5 nats a recording. Set by hand."""
 SMOOTH, COURSES = 0.2, 6
 """Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
 the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
@@ -106,12 +113,14 @@ class ThirdForce:
 class ForceBalance:
     """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
 
+    `roots`: for each of FREEDOMS a matrix whose product with its transpose is the amounts' covariance.
     `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N. `peak_N`: a pad's push at
     the greatest load, mean over the pads.
     """
 
     recording: GraspResponse
     courses: Float[np.ndarray, "j f"]
+    roots: tuple[Float[np.ndarray, "j j"], ...]
     normal: Float[np.ndarray, "j 6 j 6"]
     pushed: Float[np.ndarray, "j 6"]
     peak_N: float
@@ -119,13 +128,14 @@ class ForceBalance:
     @classmethod
     def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
         """Those of a recording that nothing but its pads holds."""
-        courses = _courses(recording)
+        courses, roots = _courses(recording)
         white = np.einsum("jf,a,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
         across = np.einsum("kfa,a,jf->kja", balance.nuisances, balance.weight, courses)
         held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
         return cls(
             recording=recording,
             courses=courses,
+            roots=roots,
             normal=white - held,
             pushed=-courses @ balance.weighed(balance.measured),
             peak_N=_peak_N(recording),
@@ -142,7 +152,12 @@ class ForceBalance:
         half = (self.normal @ arms).reshape(-1, 6, count)
         normal = (arms.T @ half).reshape(count, count)
         pushed = (self.pushed @ arms).ravel()
-        found = [_posterior(normal, pushed, scale * self.peak_N) for scale in SCALES]
+        shares = np.diag([1.0, FRICTION, FRICTION])
+        found = [
+            _posterior(normal, pushed, scale * self.peak_N * np.kron(root, shares))
+            for scale in SCALES
+            for root in self.roots
+        ]
         amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])
         local = self.courses.T @ amounts.reshape(-1, 3)
         pulls = self.recording.load @ local[:, 0] <= 0
@@ -161,24 +176,37 @@ def is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -
 
 
 def _posterior(
-    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], scale_N: float
+    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
-    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume."""
-    sd = np.tile(scale_N * np.array([1.0, FRICTION, FRICTION]), len(pushed) // 3)
-    covariance = np.linalg.inv(normal + np.diag(sd**-2.0))
-    amounts = covariance @ pushed
-    width = -np.linalg.slogdet(np.eye(len(sd)) + sd[:, None] * normal * sd)[1]
-    evidence = float((amounts @ pushed + width) / 2)
-    return amounts, covariance, evidence, float((width - np.sum((amounts / sd) ** 2)) / 2)
+    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume.
+
+    `root_N`: times its transpose, the covariance of the amounts a priori.
+    """
+    told = root_N.T @ pushed
+    precision = np.eye(len(told)) + root_N.T @ normal @ root_N
+    unit = np.linalg.solve(precision, told)
+    width = -np.linalg.slogdet(precision)[1]
+    covariance = root_N @ np.linalg.solve(precision, root_N.T)
+    return root_N @ unit, covariance, float((unit @ told + width) / 2), float((width - unit @ unit) / 2)
 
 
-def _courses(recording: GraspResponse) -> Float[np.ndarray, "j f"]:
-    """phi_j, of the size of the force that an amount of one stands for."""
+def _courses(
+    recording: GraspResponse,
+) -> tuple[Float[np.ndarray, "j f"], tuple[Float[np.ndarray, "j j"], ...]]:
+    """phi_j, of the size of the force that an amount of one stands for; roots of FREEDOMS' covariances."""
     load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
     both = np.outer(load, load)
-    covariance = both * (1 + both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
-    size, course = np.linalg.eigh(covariance / 3)
-    return np.asarray((course[:, -COURSES:] * np.sqrt(size[-COURSES:])).T)
+    change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
+    priors = [(both + freedom**2 * change) / (1 + 2 * freedom**2) for freedom in FREEDOMS]
+    size, course = np.linalg.eigh(priors[-1])
+    courses = (course[:, -COURSES:] * np.sqrt(size[-COURSES:])).T
+    onto = np.linalg.pinv(courses.T)
+    return np.asarray(courses), tuple(_root(onto @ prior @ onto.T) for prior in priors)
+
+
+def _root(covariance: Float[np.ndarray, "j j"]) -> Float[np.ndarray, "j j"]:
+    size, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(size, 0.0)))
 
 
 def _peak_N(recording: GraspResponse) -> float:
