@@ -32,7 +32,7 @@ from fem.mismatch.model.observation_delta import ARM_MM, wrench
 
 SCALES = (0.005, 0.02, 0.08)
 """Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
-hardly to be pushes from marker scales to a fruit that is pressed against a table. Set by hand."""
+hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
 FREEDOMS = (0.1, 1.0)
 """How far the force's share of the load may change in a recording: a support that is touched throughout takes
 nearly the same one, a stop that is met late any. With the second alone a palm pays for a course that it does
