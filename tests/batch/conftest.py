@@ -4,6 +4,7 @@ import gc
 import pickle
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,8 +13,10 @@ from unittest import mock
 import pytest
 from sample_batches import ready_batch
 
+import pipeline.fruit.stages
 import pipeline.run.grading
 from pipeline.run.scheduling import Event, Finished, Progressed
+from reports.mesh_picture import mesh_picture
 
 
 class InThisProcess:
@@ -57,8 +60,12 @@ class InThisProcess:
 
 @pytest.fixture(autouse=True, scope="module")
 def _in_this_process() -> Iterator[None]:
-    """For every `drupe grade` of these tests but `drupe_alone`."""
-    with mock.patch.object(pipeline.run.grading, "local_pool", side_effect=lambda *_, **__: InThisProcess()):
+    """For every `drupe grade` of these tests but `drupe_alone`; pictures are small, each takes 2 s else."""
+    small = partial(mesh_picture, view_px=110)
+    with (
+        mock.patch.object(pipeline.run.grading, "local_pool", side_effect=lambda *_, **__: InThisProcess()),
+        mock.patch.object(pipeline.fruit.stages, "mesh_picture", small),
+    ):
         yield
 
 

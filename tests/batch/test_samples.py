@@ -1,4 +1,8 @@
-"""The shipped batches, the sample generator and the mat, through the command as a user runs it."""
+"""The shipped batches, the sample generator and the mat, through the command as a user runs it.
+
+The larger shipped batch is graded from its photos before a change lands, and its moduli held against its
+answers (benchmarks/sample_answers.py); the tiny one is a proof.
+"""
 
 import json
 import re
@@ -20,7 +24,7 @@ def two_fruits(tmp_path_factory):
     return folder, drupe("grade", "--no-screen", folder)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_tiny_batch_ends_with_status_three_and_grades_the_fruit_that_can_be(two_fruits):
     folder, graded = two_fruits
     assert graded.status == 3, graded.err
@@ -33,7 +37,7 @@ def test_the_tiny_batch_ends_with_status_three_and_grades_the_fruit_that_can_be(
     assert ranking.iloc[1]["fruit_id"] in graded.out
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_report_needs_no_network(two_fruits):
     folder, _ = two_fruits
     page = (folder / "results" / "report.html").read_text()
@@ -41,7 +45,7 @@ def test_the_report_needs_no_network(two_fruits):
     assert "url(" not in page.replace("url(data:", "")
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_meshes_are_written_beside_the_record(two_fruits):
     folder, _ = two_fruits
     graded = folder / "results" / "fruits" / pd.read_csv(folder / "results" / "ranking.csv")["fruit_id"][0]
