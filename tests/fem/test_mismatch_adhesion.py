@@ -20,6 +20,7 @@ from plain_model import plain_forward_model
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip
+from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
@@ -94,6 +95,24 @@ def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
     value, sd = adhesion.EFFECT._pull(sticky).reach_mm
     assert NOISE_MM <= sd < 0.02
     assert abs(value - REACH_MM) < 3 * sd
+
+
+def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
+    """A rim of pull is narrower than a marker's square; the sum over markers is off by some of them."""
+    pulls = 0
+    for recording in sticky.base.grasps:
+        equations = balance_equations(sticky, recording)
+        assert equations is not None
+        variance = 1 / equations.weight[:, 0]
+        added = variance - variance.min()
+        held = np.zeros(len(variance))
+        for pad, motion in zip(recording.case.history.pads, recording.case.pads, strict=True):
+            normal = np.einsum("tnx,tx->tn", pad.force_N, motion.pose[:, :3, 2])[recording.used]
+            held += np.where(normal < -6 * pad.force_sd_N, normal**2, 0.0).sum(axis=1)
+        assert (added[held == 0] == 0).all()
+        assert added.max() == pytest.approx(held.max(), rel=0.2)
+        pulls += int((added > variance.min()).sum())
+    assert pulls > 0
 
 
 @pytest.mark.parametrize(

@@ -141,8 +141,8 @@ def test_balance_counts_as_the_dense_marginal_of_noise_and_nuisances():
     one = recording()
     balance = BalanceEquations.of(one)
     flat = balance.nuisances.reshape(len(balance.nuisances), -1)
-    noise = np.diag(np.tile(1 / balance.weight, len(one.load)))
-    spread = np.linalg.inv(balance.inverse) - (flat * np.tile(balance.weight, len(one.load))) @ flat.T
+    noise = np.diag(1 / balance.weight.ravel())
+    spread = np.linalg.inv(balance.inverse) - (flat * balance.weight.ravel()) @ flat.T
     covariance = noise + flat.T @ np.linalg.inv(spread) @ flat
     field = np.random.default_rng(4).normal(size=balance.measured.shape)
     expected = np.linalg.solve(covariance, field.ravel()).reshape(field.shape)
@@ -160,7 +160,7 @@ def test_noise_of_the_balance_is_that_of_all_markers_forces_together():
     for _ in range(300):
         force = one.force_sd_N * rng.normal(size=position.shape[1:])
         drawn.append([*force.sum(axis=0), *(np.cross(position[5] - centre, force).sum(axis=0) / ARM_MM)])
-    found = np.std(drawn, axis=0) * np.sqrt(BalanceEquations.of(one).weight)
+    found = np.std(drawn, axis=0) * np.sqrt(BalanceEquations.of(one).weight[5])
     assert (np.abs(found - 1) < 0.25).all()
 
 

@@ -19,27 +19,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fem.grasp_history import PadHistory
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.mismatch_case import PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.pulling_markers import pulling
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
 LOWEST_MM, HIGHEST_MM = 1e-3, 5.0
 """Below the first the noise of markers hides it; the second is more than a gel's thickness."""
-PULLS = 6.0
-"""Standard deviations of a marker's normal force beyond which it pulls: 1e-9 in Gaussian noise, of some 1e5
-numbers a recording. In 16 labelled cases without it, four recordings each, no marker had one after its touch;
-with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
 LEAST_EVIDENCE = 20.0
 """ln evidence: 29 pulling markers, where none does before its touch. A null case has none."""
-FEWEST_APART = 4
-"""Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
-fewer a pull cannot be told from a drift, and none is seen."""
 
 SPEC = EffectSpec(
     name="adhesion",
@@ -150,27 +144,10 @@ EFFECT: Effect = Adhesion()
 
 def pulled(history: PadHistory, motion: PadMotion) -> Pull:
     """One pad of one recording, all its frames."""
-    touched = history.episode >= 0
-    ever = np.asarray(touched.any(axis=0))
-    normal = motion.pose[:, :3, 2]
-    force = _near_those_apart(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
-    stretch = _near_those_apart(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
-    pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
-    since = np.maximum.accumulate(touched, axis=0)
-    later = pulls & since & ~touched
+    pulls = pulling(history, motion.pose[:, :3, 2])
     return Pull(
-        after=int(later.any(axis=0).sum()),
-        before=int((pulls & ~since).any(axis=0).sum()),
-        stretch_mm=stretch[later],
+        after=int(pulls.later.any(axis=0).sum()),
+        before=int(pulls.earlier.any(axis=0).sum()),
+        stretch_mm=pulls.stretch_mm[pulls.later],
         noise_mm=history.displacement_sd_mm,
     )
-
-
-def _near_those_apart(
-    values: Float[np.ndarray, "t n"], ever: Bool[np.ndarray, " n"]
-) -> Float[np.ndarray, "t n"]:
-    """Less what markers that never touch show in the same frame; nothing where there are too few."""
-    apart = ~ever
-    if apart.sum() < FEWEST_APART:
-        return np.zeros_like(values)
-    return np.asarray(values - np.median(values[:, apart], axis=1, keepdims=True))

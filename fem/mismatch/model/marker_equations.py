@@ -29,6 +29,7 @@ from fem.estimation.compliance_fit import (
 )
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.observation_delta import ARM_MM, wrench
+from fem.mismatch.model.pulling_markers import pull_N2
 
 MARKER_VARIANCE_INFLATION = 1.15
 """Variance of the plain model's residual on null recordings, over that of their noise without contact."""
@@ -236,10 +237,12 @@ class BalanceEquations:
     Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, an
     imbalance that grows with the load, from the scales of single markers, the fruit's own weight, and whether
     moments balance where the markers are (flesh in large motion) or where they were at rest (small motion).
+    Where a gel sticks, its pull is added to the noise (fem.mismatch.model.pulling_markers): a rim of pull is
+    narrower than a marker's square, which counts it in full or not at all.
     """
 
     measured: Float[np.ndarray, "f 6"]
-    weight: Float[np.ndarray, "6"]
+    weight: Float[np.ndarray, "f 6"]
     nuisances: Float[np.ndarray, "k f 6"]
     inverse: Float[np.ndarray, "k k"]
 
@@ -271,7 +274,10 @@ class BalanceEquations:
         around = np.abs(position - centre).reshape(-1, 3)
         reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM
         count = len(recording.pad_of_marker) * variance_inflation(recording.tracks.lag1[:1])[0]
-        weight = 1 / (noise**2 * count * np.concatenate([np.ones(3), reach**2]))
+        pads = zip(recording.case.history.pads, recording.case.pads, strict=True)
+        pulls = [pull_N2(pad, motion.pose[:, :3, 2], recording.used) for pad, motion in pads]
+        variance = noise**2 * count + np.sum(pulls, axis=0)
+        weight = 1 / (variance[:, None] * np.concatenate([np.ones(3), reach**2]))
         nuisances = np.stack(columns)
         flat = nuisances.reshape(len(columns), -1)
         weighted = (nuisances * weight).reshape(len(columns), -1)

@@ -129,8 +129,8 @@ class ForceBalance:
     def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
         """Those of a recording that nothing but its pads holds."""
         courses, roots = _courses(recording)
-        white = np.einsum("jf,a,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
-        across = np.einsum("kfa,a,jf->kja", balance.nuisances, balance.weight, courses)
+        white = np.einsum("jf,fa,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
+        across = np.einsum("kfa,fa,jf->kja", balance.nuisances, balance.weight, courses)
         held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
         return cls(
             recording=recording,
