@@ -8,7 +8,8 @@ records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each c
 with its p-value by the reference as it stands and what the plain model leaves of the balance of the pads'
 forces ("balance", a share of its noise's variance); those that are there are left alone. --write replaces
 null_reference.csv and null_quantiles.csv in fem/mismatch/selection by the rows in JSONL; with --add they are
-put to the fruits that stand there, and of two quantiles the greater is taken.
+put to the fruits that stand there, and of two quantiles the greater is taken. JSONL is then to hold no fruit
+that stands there: fruit of one number, seed and law are one fruit.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
 into a JSONL of its own; their p-values, printed at the end, say how far the reference holds for fewer. Cases
@@ -54,7 +55,8 @@ ORIGIN = """\
 # Written by: python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
 """
 ADDED = """\
-# The first {first} fruits stood there before (--add): see the history of this file for how they were made.
+# The first {first} fruits stood there before (--add): linear flesh, 2026-11-23, by the equations of before
+#   large deformation was part of the plain model, for want of which stiffening gained.
 """
 OF_STATISTICS = """\
 # best single: gain (ln evidence) of the best effect over the compliance ratio of flesh to gel, beyond the

@@ -60,7 +60,7 @@ class InThisProcess:
 
 @pytest.fixture(autouse=True, scope="module")
 def _in_this_process() -> Iterator[None]:
-    """For every `drupe grade` of these tests but `drupe_alone`; pictures are small, each takes 2 s else."""
+    """For every `drupe grade` of these tests but `drupe_alone`; pictures of graded fruit are small."""
     small = partial(mesh_picture, view_px=110)
     with (
         mock.patch.object(pipeline.run.grading, "local_pool", side_effect=lambda *_, **__: InThisProcess()),

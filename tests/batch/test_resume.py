@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -66,6 +67,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert record_times(batch) == after
 
     (interrupted,) = one.index.difference(list(finished))
+    shutil.rmtree(batch / "results" / "fruits" / interrupted / ".cache")
     grasp = batch / "fruits" / interrupted / "grasps" / "grasp-1.h5"
     grasp.rename(grasp.with_name("renamed.h5"))
     with (batch / "batch.toml").open("a") as file:

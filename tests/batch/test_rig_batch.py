@@ -56,6 +56,7 @@ def soften(batch: Path) -> None:
                 file[f"pads/{name}/pose"][...] = pose
                 total += gave
             file["aperture_mm"][...] = file["aperture_mm"][...] - total
+            assert total.max() > 0.1
 
 
 def graded(batch: Path, out: Path):

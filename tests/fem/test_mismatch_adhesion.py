@@ -23,6 +23,7 @@ from fem.mismatch.effects import adhesion, sensor_drift, slip
 from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.third_force import ForceBalance
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
@@ -103,7 +104,7 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
     for recording in sticky.base.grasps:
         equations = balance_equations(sticky, recording)
         assert equations is not None
-        variance = 1 / equations.weight[:, 0]
+        variance = (1 / equations.weight[:, :3]).sum(axis=1)
         added = variance - variance.min()
         held = np.zeros(len(variance))
         for pad, motion in zip(recording.case.history.pads, recording.case.pads, strict=True):
@@ -113,6 +114,30 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
         assert added.max() == pytest.approx(held.max(), rel=0.2)
         pulls += int((added > variance.min()).sum())
     assert pulls > 0
+
+
+def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
+    forward = forward_of(drawn_out(lambda phase: phase != "air"))
+    for recording in forward.base.grasps:
+        equations = balance_equations(forward, recording)
+        assert equations is not None
+        assert (equations.weight == equations.weight[0]).all()
+
+
+def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
+    for recording in sticky.base.grasps:
+        equations = balance_equations(sticky, recording)
+        assert equations is not None
+        found = ForceBalance.of(recording, equations)
+        for k, course in enumerate(found.courses):
+            for axis, way in enumerate(np.eye(6)):
+                weighed = equations.weighed(course[:, None] * way)
+                np.testing.assert_allclose(
+                    found.normal[k, axis],
+                    found.courses @ weighed,
+                    rtol=1e-6,
+                    atol=1e-6 * np.abs(weighed).max(),
+                )
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,9 @@
 (a gel of springs with a finite reach: Dugdale's law of adhesion with the springs in the place of the bodies;
 Johnson 1985, Contact Mechanics, chapter 5.5). The recorded forces hold that pull, so the plain model's
 response is right as it is: s c(t) and E do not change. What shows is the contact itself: markers that pull
-after they have touched and did not before. A gel that bulges beside the contact pulls in both alike, and what
-drifts does so at markers that never touch too: theirs is taken out.
-
-    ln evidence = a ln(a / m) + b ln(b / m),      m = (a + b) / 2,      a > b
-
-a, b: markers that pull at some time after and before their first touch (likelihood ratio of two Poisson
-counts, one-sided). The reach is where the stretches of the pulled markers end: twice the largest less the
-second largest (Robson and Whitlock 1964, "Estimation of a truncation point", Biometrika 51).
+after they have touched and did not before (fem.mismatch.model.pulling_markers). The reach is where the
+stretches of the pulled markers end: twice the largest less the second largest (Robson and Whitlock 1964,
+"Estimation of a truncation point", Biometrika 51).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,15 +21,12 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.mismatch_case import PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pulling_markers import pulling
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, pulling, stick_evidence
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
 LOWEST_MM, HIGHEST_MM = 1e-3, 5.0
 """Below the first the noise of markers hides it; the second is more than a gel's thickness."""
-LEAST_EVIDENCE = 20.0
-"""ln evidence: 29 pulling markers, where none does before its touch. A null case has none."""
-
 SPEC = EffectSpec(
     name="adhesion",
     rank=190,
@@ -77,12 +69,8 @@ class Pull:
 
     @property
     def evidence(self) -> float:
-        """ln evidence of the module's docstring."""
-        mean = (self.after + self.before) / 2
-        if self.after <= self.before:
-            return 0.0
-        counts = (n for n in (self.after, self.before) if n)
-        return float(sum(n * np.log(n / mean) for n in counts))
+        """ln evidence that the gel sticks (fem.mismatch.model.pulling_markers)."""
+        return stick_evidence(self.after, self.before)
 
     @property
     def reach_mm(self) -> tuple[float, float]:

@@ -1,9 +1,15 @@
-"""Markers at which the gel pulls at the skin: it sticks, and has not let go yet.
+"""Markers at which the gel pulls at the skin, before and after they have touched it.
 
-A gel that bulges beside the contact pulls too, and what drifts does so at markers that never touch: the
-median of these is taken out, and a pull before the first touch is told from one after it.
+What drifts seems to pull at markers that never touch too: their median is taken out. A gel that bulges beside
+the contact pulls before the first touch as well as after it; one that sticks only after it.
+
+    ln evidence = a ln(a / m) + b ln(b / m),      m = (a + b) / 2,      a > b
+
+a, b: markers that pull at some time after and before their first touch (likelihood ratio of two Poisson
+counts, one-sided).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +21,8 @@ PULLS = 6.0
 """Standard deviations of a marker's normal force beyond which it pulls: 1e-9 in Gaussian noise, of some 1e5
 numbers a recording. In 16 labelled cases without it, four recordings each, no marker had one after its touch;
 with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
+LEAST_EVIDENCE = 20.0
+"""ln evidence: 29 pulling markers, where none does before its touch. A null case has none."""
 FEWEST_APART = 4
 """Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
 fewer a pull cannot be told from a drift, and none is seen."""
@@ -22,8 +30,8 @@ fewer a pull cannot be told from a drift, and none is seen."""
 
 @dataclass(frozen=True, kw_only=True)
 class Pulling:
-    """Which markers pull in which frame, before (`earlier`) or after they have touched (`later`); the normal
-    force (N) and stretch (mm) of all, negative and positive where the gel is drawn out.
+    """Which markers pull in which frame, before (`earlier`) or after they have touched (`later`). Of all: the
+    normal force (N), negative where the gel pulls, and the stretch (mm), positive where it is drawn out.
     """
 
     earlier: Bool[np.ndarray, "t n"]
@@ -36,23 +44,41 @@ def pulling(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pulling:
     """Of one pad of one recording; `normal`: the pad's, out of its face, in every frame."""
     touched = history.episode >= 0
     ever = np.asarray(touched.any(axis=0))
-    force = _near_those_apart(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
-    stretch = _near_those_apart(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
+    force = _less_untouched_median(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
+    stretch = _less_untouched_median(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
     pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
     since = np.maximum.accumulate(touched, axis=0)
     return Pulling(earlier=pulls & ~since, later=pulls & since & ~touched, normal_N=force, stretch_mm=stretch)
 
 
-def pull_N2(
-    history: PadHistory, normal: Float[np.ndarray, "t 3"], frames: Bool[np.ndarray, " t"]
-) -> Float[np.ndarray, " f"]:
-    """Sum of squares of what markers pull with after their touch, in the frames given."""
-    found = pulling(history, normal)
-    squares: Float[np.ndarray, " t"] = np.where(found.later, found.normal_N**2, 0.0).sum(axis=1)
-    return squares[frames]
+def stick_evidence(after: int, before: int) -> float:
+    """ln evidence that a gel sticks, of the module's docstring."""
+    if after <= before:
+        return 0.0
+    mean = (after + before) / 2
+    return float(sum(n * np.log(n / mean) for n in (after, before) if n))
 
 
-def _near_those_apart(
+def sticking_pull_N(
+    pads: Sequence[tuple[PadHistory, Float[np.ndarray, "t 3"]]],
+) -> Float[np.ndarray, "t n 3"]:
+    """What the gel pulls with at each marker, of all pads, after its touch; nothing where it does not stick.
+
+    `pads`: each with its normal, as in `pulling`.
+    """
+    found = [pulling(pad, normal) for pad, normal in pads]
+    after, before = (
+        sum(int(which.any(axis=0).sum()) for which in own)
+        for own in ([one.later for one in found], [one.earlier for one in found])
+    )
+    pulls = np.concatenate([
+        np.where(one.later, one.normal_N, 0.0)[..., None] * normal[:, None]
+        for one, (_, normal) in zip(found, pads, strict=True)
+    ], axis=1)  # fmt: skip
+    return pulls if stick_evidence(after, before) > LEAST_EVIDENCE else np.zeros_like(pulls)
+
+
+def _less_untouched_median(
     values: Float[np.ndarray, "t n"], ever: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, "t n"]:
     """Less what markers that never touch show in the same frame; nothing where there are too few."""

@@ -5,18 +5,19 @@ A contact at the place X of the skin pushes with F(t), and nothing but it and th
     sum_i f_i + F = 0,      sum_i (x_i - x0) x f_i + (X - x0) x F = 0
 
 With m the sums of what the pads do, W of fem.mismatch.model.marker_equations.BalanceEquations, fields A =
-[1; (X - x0) x] phi_j(t) and amounts a ~ N(0, S^2) of them,
+[1; (X - x0) x] phi_j(t) and amounts a = R u of them, u ~ N(0, 1) each,
 
-    a = -(M + S^-2)^-1 A' W m,      M = A' W A,      ln evidence = (-a . A' W m - ln det(1 + S M S)) / 2
+    u = -(1 + R' M R)^-1 R' A' W m,   M = A' W A,   ln evidence = (-u . R' A' W m - ln det(1 + R' M R)) / 2
 
-(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). The course of F is a smooth one
-that grows with the load l, of covariance
+(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). R R' is the amounts' covariance.
+The course of F along the skin's normal is a smooth one that grows with the load l, of covariance
 
     l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
 
-phi_j are its leading functions at the greatest g of FREEDOMS. Along the skin's normal the standard deviation
-is the scale of SCALES that, with a g of FREEDOMS, explains most; along the skin it is FRICTION of that. A
-contact that pulls is none, nor is one beyond the CONE of friction, or where a pad itself touches.
+times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
+Scale (of SCALES) and g (of FREEDOMS) explain most, recording by recording. Along the skin the scale is
+FRICTION of that. A contact that pulls is none, nor is one beyond the CONE of friction, or where a pad itself
+touches.
 """
 
 from dataclasses import dataclass
@@ -34,9 +35,10 @@ SCALES = (0.005, 0.02, 0.08)
 """Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
 hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
 FREEDOMS = (0.1, 1.0)
-"""How far the force's share of the load may change in a recording: a support that is touched throughout takes
-nearly the same one, a stop that is met late any. With the second alone a palm pays for a course that it does
-not need, some 5 nats a recording. Set by hand."""
+"""Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
+that is touched throughout takes nearly the same share, a stop that is met late any. With the second alone a
+palm pays for a course that it does not need, 4 nats a recording (docs/validation.md, second sealed proof).
+Set by hand."""
 SMOOTH, COURSES = 0.2, 6
 """Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
 the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
@@ -199,14 +201,9 @@ def _courses(
     change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
     priors = [(both + freedom**2 * change) / (1 + 2 * freedom**2) for freedom in FREEDOMS]
     size, course = np.linalg.eigh(priors[-1])
-    courses = (course[:, -COURSES:] * np.sqrt(size[-COURSES:])).T
-    onto = np.linalg.pinv(courses.T)
-    return np.asarray(courses), tuple(_root(onto @ prior @ onto.T) for prior in priors)
-
-
-def _root(covariance: Float[np.ndarray, "j j"]) -> Float[np.ndarray, "j j"]:
-    size, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(size, 0.0)))
+    scale = np.sqrt(size[-COURSES:])
+    courses, onto = (course[:, -COURSES:] * scale).T, (course[:, -COURSES:] / scale).T
+    return courses, tuple(np.linalg.cholesky(onto @ prior @ onto.T) for prior in priors)
 
 
 def _peak_N(recording: GraspResponse) -> float:
