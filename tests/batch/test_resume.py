@@ -61,6 +61,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert one["E_MPa"].to_numpy() == pytest.approx(true_MPa, rel=0.08)
     assert ": screen" not in again.err
     assert one[["screen", "mismatch"]].isna().all(axis=None)
+
     unchanged = drupe("grade", "--no-screen", batch)
     assert unchanged.status == 0
     assert "2 of 2 fruit unchanged" in unchanged.err

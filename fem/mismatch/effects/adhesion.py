@@ -27,6 +27,7 @@ from fem.mismatch.signature_variant import ONE_WAY, Variant
 REACH = "reach_mm"
 LOWEST_MM, HIGHEST_MM = 1e-3, 5.0
 """Below the first the noise of markers hides it; the second is more than a gel's thickness."""
+
 SPEC = EffectSpec(
     name="adhesion",
     rank=190,

@@ -15,9 +15,9 @@ The course of F along the skin's normal is a smooth one that grows with the load
     l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
 
 times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
-Scale (of SCALES) and g (of FREEDOMS) explain most, recording by recording. Along the skin the scale is
-FRICTION of that. A contact that pulls is none, nor is one beyond the CONE of friction, or where a pad itself
-touches.
+Of SCALES and of FREEDOMS (g) that pair counts which explains most, recording by recording. Along the skin the
+standard deviation is FRICTION of that along the normal. A contact that pulls is none, nor is one beyond the
+CONE of friction, or where a pad itself touches.
 """
 
 from dataclasses import dataclass
