@@ -1,6 +1,7 @@
 """What the finder is handed: one fruit's mesh, and its recordings as histories in the fruit frame."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +11,7 @@ from fem.estimation.grasp_model import GraspModel
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.result import Modulus
-from fem.solid.linear_solid import Support
+from fem.solid.linear_solid import Support, UnitModulusSolid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +62,9 @@ class MismatchCase:
 class GradedCase:
     """What grading makes of the same recordings: E without an effect, and its models about the prior's pit,
     one for each recording; None where it has no E of the recording, or none by displacement since first
-    touch.
+    touch. `solids`: what it has factorised about the prior's pit, by support; what is not there is made anew.
     """
 
     modulus: Modulus
     models: tuple[GraspModel | None, ...] = ()
+    solids: Mapping[Support, UnitModulusSolid] = field(default_factory=dict, repr=False)

@@ -37,6 +37,7 @@ from fem.mismatch.selection.reported_verdict import (
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad, pad_of
 from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
+from fem.solid.linear_solid import Support, UnitModulusSolid
 
 
 def explain(
@@ -65,7 +66,9 @@ def explain(
         seconds[name] = round(time.perf_counter() - started, 2)
 
     with stage("plain model"):
-        forward, fits = plain_forward_model(case, workers=workers)
+        forward, fits = plain_forward_model(
+            case, known={} if graded is None else graded.solids, workers=workers
+        )
         if graded is not None:
             forward = replace(forward, graded=graded.models)
         plain = modulus_of(forward) if graded is None else graded.modulus
@@ -88,7 +91,7 @@ def explain(
         found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))
         best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
         after = null if best is None else _model_of(best)
-        ranking = candidates(found, linear)
+        ranking = candidates(found, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
         unseen = (
             undetected_spread(found, detection.p_value)
@@ -202,9 +205,11 @@ def _where(recording: Where, best: Refit) -> Where:
     return recording
 
 
-def plain_forward_model(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
-    """The plain model with 1/E of the recordings' median."""
-    first = baseline(case, workers=workers)
+def plain_forward_model(
+    case: MismatchCase, *, known: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+) -> tuple[ForwardModel, list[CompliantFit]]:
+    """The plain model with 1/E of the recordings' median; `known`: solids of the same mesh, by support."""
+    first = baseline(case, known=known, workers=workers)
     registered = plain_fits(first)
     base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
     fits = plain_fits(base)

@@ -17,15 +17,16 @@ from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import pad_of
+from fem.parallel_map import parallel_map
 
 NINETY = 1.645
 """Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
-def candidates(found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
-    """The ranking, with parameters where an effect was refitted."""
+def candidates(found: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:
+    """The ranking, with parameters where an effect was refitted; by so many threads."""
     base = predictive(linear.products, linear.nuisances)
-    return tuple(_candidate(one, linear, base) for one in found.ranking)
+    return tuple(parallel_map(lambda one: _candidate(one, linear, base), found.ranking, workers=workers))
 
 
 def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:

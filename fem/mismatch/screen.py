@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.elements.assembly import assemble
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.prepared_grasp import prepared_grasp
@@ -44,7 +43,7 @@ from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.linear_law import LinearLaw
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
-from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
+from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording, solids_of
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import LEADING, OfInnerChange, inner_changes, store_inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -168,7 +167,7 @@ def _forward_model(
     solids: Mapping[Support, UnitModulusSolid],
 ) -> ForwardModel:
     """The plain model as the finder has it, from what grading knows already."""
-    held = _solids(case, solids)
+    held = solids_of(case, solids)
     most_frames = max(MOST_FRAMES // len(case.grasps), 1)
     grasps = tuple(
         _projected(case, grasp, model, held[grasp.support], E_MPa=E_MPa, most_frames=most_frames)
@@ -198,25 +197,6 @@ def _forward_model(
         ]
         store_slid_responses(forward, recording, np.array(slid))
     return forward
-
-
-def _solids(
-    case: MismatchCase, solids: Mapping[Support, UnitModulusSolid]
-) -> dict[Support, UnitModulusSolid]:
-    """Grading's, or made anew; all the skin counts as contact, which only gives places their numbers."""
-    skin = np.sort(case.mesh.outer_nodes)
-    wanted = dict.fromkeys(grasp.support for grasp in case.grasps)
-    parts = None
-    found: dict[Support, UnitModulusSolid] = {}
-    for support in wanted:
-        solid = solids.get(support)
-        if solid is None:
-            parts = assemble(case.mesh.nodes_mm, case.mesh.tets) if parts is None else parts
-            solid = UnitModulusSolid.factorise(
-                case.mesh, poisson_ratio=case.poisson_ratio, support=support, parts=parts
-            )
-        found[support] = replace(solid, contact_nodes=skin)
-    return found
 
 
 def _projected(

@@ -14,6 +14,7 @@ from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
@@ -82,14 +83,22 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
     )
 
 
-def graded_case(case: Case, fruit: GraspedFruit) -> tuple[GradedCase, list[str]]:
+def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[GradedCase, list[str]]:
     """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
-    widen it, and the models that it is inferred with; and what must be known of it. Raises FemFailure.
+    widen it, and the models that it is inferred with; and what must be known of it. By so many threads.
+    Raises FemFailure.
     """
     fruit = with_stated_surface(case, fruit)
+    solids: dict[Support, UnitModulusSolid] = {}
     try:
         found = fruit_modulus(
-            case.task, fruit.placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
+            case.task,
+            fruit.placed,
+            fruit.mesh,
+            poisson_ratio=fruit.poisson_ratio,
+            budget=fruit.budget,
+            solids=solids,
+            workers=jobs,
         )
     except ExceptionGroup as failures:
         raise next(one for one in failures.exceptions if isinstance(one, FemFailure)) from None
@@ -103,6 +112,7 @@ def graded_case(case: Case, fruit: GraspedFruit) -> tuple[GradedCase, list[str]]
             else None
             for model, own in zip(found.models, found.grasps, strict=True)
         ),
+        solids=solids,
     )
     lost = [
         WITHOUT_GRASP.format(name=grasp.name, why=own.detail)
@@ -138,7 +148,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     handed = mismatch_case(case, fruit)
     with log.stage("modulus"):
         try:
-            graded, of_grading = graded_case(case, fruit)
+            graded, of_grading = graded_case(case, fruit, jobs=jobs)
         except FemFailure as failure:
             graded, of_grading = None, [NOT_GRADED.format(why=failure.detail)]
     with log.stage("explanation"):

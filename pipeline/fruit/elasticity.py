@@ -22,6 +22,7 @@ from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
+from fem.parallel_map import parallel_map
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadPlaces, pad_places
 from pipeline.batch.cache import cached, stage_key
@@ -58,11 +59,13 @@ def fruit_modulus(
     budget: ErrorBudget,
     stage: str = "response",
     solids: dict[Support, UnitModulusSolid] | None = None,
+    workers: int = 1,
 ) -> FruitInference:
     """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does.
 
     The responses on each mesh that is tried are kept as `stage` and a number. `solids` takes up what is
     factorised about the prior's pit, for whoever needs it next; nothing where the responses were kept.
+    `workers`: grasps modelled at the same time (fem.parallel_map).
     """
     prepared, histories = prepared_histories(grasps)
     number = itertools.count()
@@ -78,6 +81,7 @@ def fruit_modulus(
             poisson_ratio=poisson_ratio,
             budget=budget,
             solids=solids if k == 0 else None,
+            workers=workers,
         )
 
     return infer_modulus(histories, mesh, respond, budget=budget)
@@ -177,11 +181,12 @@ def responses(
     poisson_ratio: float,
     budget: ErrorBudget,
     solids: dict[Support, UnitModulusSolid] | None = None,
+    workers: int = 1,
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
     Kept on disk as `stage`, by content; what confirmed effects add to it beside it. `solids` takes up what
-    is factorised.
+    is factorised; `workers`: grasps modelled at the same time.
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
@@ -212,7 +217,12 @@ def responses(
                 solids=solids,
             )
             found = _models(
-                mesh, factorised, [prepared[k] for k in own], gel_scale_sd=budget.gel_scale_sd, large=large
+                mesh,
+                factorised,
+                [prepared[k] for k in own],
+                gel_scale_sd=budget.gel_scale_sd,
+                large=large,
+                workers=workers,
             )
             models |= dict(zip(own, found, strict=True))
         return [models[k] for k in range(len(grasps))]
@@ -269,6 +279,7 @@ def _models(
     *,
     gel_scale_sd: float,
     large: bool,
+    workers: int,
 ) -> list[GraspModel | FemFailure]:
     """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise; `large`: with large
     deformation. Each grasp's compliance is that of its own contact nodes: what one grasp moves where another
@@ -284,19 +295,24 @@ def _models(
             histories[k] = grasp.history, [pad_places(pad, mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
-    if histories:
-        try:
-            solid = factorised()
-        except FemFailure as failure:
-            models |= dict.fromkeys(histories, failure)
-            histories = {}
-    for k, (own, places) in histories.items():
+    try:
+        solid = factorised() if histories else None
+    except FemFailure as failure:
+        models |= dict.fromkeys(histories, failure)
+        solid = None
+    if solid is None:
+        return [models[k] for k in range(len(prepared))]
+
+    def model(own: GraspHistory, places: Sequence[PadPlaces]) -> GraspModel | FemFailure:
         nodes = np.unique(np.concatenate([at.nodes for at in places]))
         touched = replace(solid, contact_nodes=nodes)
         try:
-            models[k] = _model(own, places, touched, gel_scale_sd=gel_scale_sd, large=large)
+            return _model(own, places, touched, gel_scale_sd=gel_scale_sd, large=large)
         except FemFailure as failure:
-            models[k] = failure
+            return failure
+
+    found = parallel_map(lambda one: model(*one), histories.values(), workers=workers)
+    models |= dict(zip(histories, found, strict=True))
     return [models[k] for k in range(len(prepared))]
 
 

@@ -16,6 +16,7 @@ from fem.mismatch.thresholds import CLEARLY_LARGELY
 LITTLE, LARGELY, STILL_LESS = -130.0, -100.0, -140.0
 """ln evidence of the plain model, by which a round is known here."""
 GAINS = {LITTLE: 40.0, LARGELY: 5.0, STILL_LESS: 40.0}
+ONE_WORKER = SimpleNamespace(workers=1)
 NULL_CASE = NullCase(chi2=1.0, most_chi2=1.0, compliance_ratio=1.0)
 
 
@@ -53,7 +54,7 @@ def likelier(
     largely: float, *, detected: bool = True, other: float = LITTLE
 ) -> tuple[LinearRound, ModelSelection]:
     first = linear_round(LARGELY, largely=largely, other=linear_round(other))
-    return select_likelier_model(None, first, detected=detected, null_case=NULL_CASE)
+    return select_likelier_model(ONE_WORKER, first, detected=detected, null_case=NULL_CASE)
 
 
 def test_full_models_decide_where_signatures_leave_it_open(selected):
@@ -81,7 +82,7 @@ def test_where_it_is_clear_or_nothing_is_found_the_other_is_not_tried(selected, 
 
 def test_without_large_deformation_there_is_one_round(selected):
     alone = linear_round(LARGELY)
-    linear, _ = select_likelier_model(None, alone, detected=True, null_case=NULL_CASE)
+    linear, _ = select_likelier_model(ONE_WORKER, alone, detected=True, null_case=NULL_CASE)
     assert linear is alone
     assert selected == [LARGELY]
 

@@ -14,6 +14,7 @@ from fem.estimation.prepared_grasp import prepared_grasp
 from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.model import baseline
 from fem.mismatch.screen import UNKNOWN, Screened, screen, suggested
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -81,7 +82,7 @@ def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(UnitModulusSolid, "factorise", none_needed)
-        patched.setattr(module, "assemble", none_needed)
+        patched.setattr(baseline, "assemble", none_needed)
         found = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
     anew = screen(case, E_MPa=E_MPA, models=models)
     assert anew.p_value == pytest.approx(found.p_value, rel=1e-3)

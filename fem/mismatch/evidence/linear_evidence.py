@@ -84,7 +84,7 @@ class GramMatrix:
         *,
         noise: Sequence[ForceNoise] = (),
     ) -> None:
-        self._noise = tuple(noise)
+        self._noise, self._workers = tuple(noise), forward.workers
         self._noise_products: dict[tuple[int, ...], np.ndarray] = {}
         plain_fields = [_plain(forward, one) for one in recorded]
         self.columns = [
@@ -92,7 +92,11 @@ class GramMatrix:
             *columns,
         ]
         self.bias = np.array(
-            [[_bias(column, own, k) for column in self.columns] for k, own in enumerate(noise)]
+            parallel_map(
+                lambda k: [_bias(column, noise[k], k) for column in self.columns],
+                range(len(noise)),
+                workers=forward.workers,
+            )
         ).reshape(len(noise), len(self.columns))
         if not len(noise):
             self.bias = np.zeros((len(recorded), len(self.columns)))
@@ -127,7 +131,7 @@ class GramMatrix:
         found = cls.__new__(cls)
         found.columns, found.rows, found.products = list(columns), list(rows), list(products)
         found.weighed, found.data, found._recorded = [], [], []
-        found._noise, found._noise_products = (), {}
+        found._noise, found._noise_products, found._workers = (), {}, 1
         found.bias = np.zeros((len(rows), len(columns)))
         return found
 
@@ -198,10 +202,14 @@ class GramMatrix:
         chosen = (0, *biased)
         if chosen not in self._noise_products:
             found = np.zeros((len(self._recorded), len(chosen), len(chosen)))
-            for k, noise in enumerate(self._noise if biased else ()):
+
+            def of_recording(k: int) -> np.ndarray:
                 known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in chosen]
                 of_forces = [None if column is None else column.of_forces for column in known]
-                found[k] = noise_products(of_forces, noise, self._recorded[k].weighed_markers)
+                return noise_products(of_forces, self._noise[k], self._recorded[k].weighed_markers)
+
+            if biased and self._noise:
+                found[:] = parallel_map(of_recording, range(len(self._noise)), workers=self._workers)
             self._noise_products[chosen] = found
         return self._noise_products[chosen]
 

@@ -9,8 +9,8 @@ with L of fem.solid.pad_link: c is the response of the markers for E = 1 MPa, U 
 which every effect inside the fruit is a function.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -143,19 +143,11 @@ class Baseline:
         return recording.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
 
 
-def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
-    """Assembles, factorises and solves for the patterns; raises FemFailure as its parts do."""
-    parts = assemble(case.mesh.nodes_mm, case.mesh.tets)
-    solids: dict[Support, UnitModulusSolid] = {}
-    for grasp in case.grasps:
-        if grasp.support not in solids:
-            solids[grasp.support] = UnitModulusSolid.factorise(
-                case.mesh,
-                poisson_ratio=case.poisson_ratio,
-                support=grasp.support,
-                parts=parts,
-                contact_nodes=case.mesh.outer_nodes,  # all the skin: it only gives places their numbers
-            )
+def baseline(
+    case: MismatchCase, *, known: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+) -> Baseline:
+    """Solves for the patterns; `known` as in `solids_of`. Raises FemFailure as its parts do."""
+    solids = solids_of(case, known or {})
     return Baseline(
         case=case,
         solids=solids,
@@ -169,6 +161,27 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
             )
         ),
     )
+
+
+def solids_of(
+    case: MismatchCase, known: Mapping[Support, UnitModulusSolid]
+) -> dict[Support, UnitModulusSolid]:
+    """The solid for each kind of support: one of `known` (of the same mesh), or factorised here.
+
+    All the skin counts as contact, which only gives places their numbers. Raises FemFailure.
+    """
+    skin = np.sort(case.mesh.outer_nodes)
+    parts = None
+    found: dict[Support, UnitModulusSolid] = {}
+    for support in dict.fromkeys(grasp.support for grasp in case.grasps):
+        solid = known.get(support)
+        if solid is None:
+            parts = assemble(case.mesh.nodes_mm, case.mesh.tets) if parts is None else parts
+            solid = UnitModulusSolid.factorise(
+                case.mesh, poisson_ratio=case.poisson_ratio, support=support, parts=parts
+            )
+        found[support] = replace(solid, contact_nodes=skin)
+    return found
 
 
 def project_recording(

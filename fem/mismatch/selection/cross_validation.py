@@ -11,6 +11,7 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.result import HeldOut
+from fem.parallel_map import parallel_map
 
 NOISE_DRAWS = 8
 """Draws of the markers' noise, by which what it leaves is known to a percent (some thousand numbers each)."""
@@ -31,10 +32,11 @@ def held_out(
     count = len(recorded)
     if count < 2:
         return None
-    lost = [
-        sum(_residual_squares(products, columns, k, count) for k in range(count))
-        for products, columns in (before, after)
-    ]
+    models = [(model, k) for model in (before, after) for k in range(count)]
+    left_out = parallel_map(
+        lambda one: _residual_squares(*one[0], one[1], count), models, workers=forward.workers
+    )
+    lost = [sum(left_out[:count]), sum(left_out[count:])]
     whole = sum(_size(forward, one) for one in recorded)
     rng = np.random.default_rng(0)
     noise = sum(noise_left_mm2(one.markers, rng) for one in recorded)

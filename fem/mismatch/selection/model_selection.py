@@ -48,6 +48,10 @@ from fem.mismatch.thresholds import (
     UNKNOWN_EXCESS,
     UNKNOWN_LEFT,
 )
+from fem.parallel_map import parallel_map
+
+SIDE_BY_SIDE = 2
+"""Effects refitted at the same time. Each takes memory of its own, and two cores are what is usual."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,17 +136,22 @@ def select_likelier_model(
     moves little, whose best full model has more evidence. Where signatures say clearly which, the other is
     not tried; a strong effect's own signature may be too weak for that.
     """
-    found = select_model(forward, linear, detected=detected, null_case=null_case)
     other = linear.other
-    if not detected or other is None or abs(linear.largely) > CLEARLY_LARGELY:
+    both = detected and other is not None and abs(linear.largely) <= CLEARLY_LARGELY
+    found, *others = parallel_map(
+        lambda one: select_model(forward, one, detected=detected, null_case=null_case),
+        [linear, other] if both and other is not None else [linear],
+        workers=forward.workers,
+    )
+    if other is None or not others:
         return linear, found
-    again = select_model(forward, other, detected=detected, null_case=null_case)
-    evidence, others = (
+    (again,) = others
+    evidence, of_other = (
         one.null.log_evidence + max([0.0, *(own.gain for own in selected.ranking)])
         for one, selected in ((linear, found), (other, again))
     )
-    more = evidence - others if linear.largely > 0 else others - evidence
-    if others <= evidence:
+    more = evidence - of_other if linear.largely > 0 else of_other - evidence
+    if of_other <= evidence:
         return replace(linear, largely=more), found
     return replace(other, largely=more, other=linear), again
 
@@ -159,7 +168,7 @@ def select_model(
     found = [_Candidate(name, null_case.excess_gain(one), (one,)) for name, one in best.items()]
     polished, failed = None, list[_Candidate]()
     if detected:
-        found = _refitted_singles(forward, linear, found, null_case)
+        found = refitted_singles(forward, linear, found, null_case)
         if found and found[0].refit is not None:
             # first: a second effect must not stand for what more rounds would still gain
             found[0] = polished = _polished(forward, linear, found[0], found[0].refit, null_case)
@@ -189,18 +198,33 @@ def select_model(
     return ModelSelection(ranking=ranking, verdict=verdict, without=without)
 
 
-def _refitted_singles(
+def refitted_singles(
     forward: ForwardModel, linear: LinearRound, found: Sequence[_Candidate], null_case: NullCase
 ) -> list[_Candidate]:
-    """Promising candidates refitted, best first; the best of all is refitted wherever it can be."""
+    """Promising candidates refitted, best first; the best of all is refitted wherever it can be.
+
+    The first alone, as its gain spares others their way to the end; then SIDE_BY_SIDE at once, each held
+    against those before them alone, so that threads change no answer.
+    """
     most = max((one.gain for one in found), default=0.0)
-    best, tried = 0.0, []
-    for number, one in enumerate(found):
+    best, tried = 0.0, list[_Candidate]()
+    while len(tried) < len(found):
+        first = len(tried)
         enough = best > ENOUGH_GAIN * (linear.null.chi2 - null_case.chi2) / 2
-        hopeful = number < MOST_SINGLES and one.gain > (NEAR_EQUAL if enough else REFIT_SHARE) * most
-        again = _refitted(forward, linear, one, best, null_case) if hopeful or one.always_refitted else one
-        tried.append(again)
-        best = max(best, again.gain if again.refit is not None else 0.0)
+        share = NEAR_EQUAL if enough else REFIT_SHARE
+
+        def tried_in_full(
+            number: int, *, best: float = best, enough: bool = enough, share: float = share
+        ) -> _Candidate:
+            one = found[number]
+            hopeful = number < MOST_SINGLES and one.gain > share * most
+            if hopeful or (one.always_refitted and not (enough and best > CLEAR_GAIN)):
+                return _refitted(forward, linear, one, best, null_case)
+            return one
+
+        numbers = range(first, min(first + (SIDE_BY_SIDE if first else 1), len(found)))
+        tried += parallel_map(tried_in_full, numbers, workers=forward.workers)
+        best = max([best, *(one.gain for one in tried if one.refit is not None)])
     for _ in found:
         tried.sort(key=lambda one: -one.gain)
         if tried[0].refit is not None:

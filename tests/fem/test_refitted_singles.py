@@ -1,0 +1,62 @@
+"""Which effects of the linear round are refitted with full models, against what, and in what order."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from fem.mismatch.selection import model_selection
+from fem.mismatch.selection.model_selection import NullCase, refitted_singles
+from fem.mismatch.thresholds import CLEAR_GAIN
+
+NULL_CASE = NullCase(chi2=100.0, most_chi2=150.0, compliance_ratio=1.0)
+
+
+def single(name: str, gain: float, *, always: bool = False) -> model_selection._Candidate:
+    spec = SimpleNamespace(name=name, always_refitted=always)
+    return model_selection._Candidate(name, gain, (SimpleNamespace(effect=SimpleNamespace(spec=spec)),))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def refitted(monkeypatch):
+    """Of each effect that was refitted, what it was held against; each gains as the linear round says."""
+    held_against: dict[str, float] = {}
+
+    def refit_one(_forward, _linear, one, best, _null_case):
+        held_against[one.name] = best
+        return model_selection._Candidate(one.name, one.gain, one.linear_fits, refit=object())  # type: ignore[arg-type]
+
+    monkeypatch.setattr(model_selection, "_refitted", refit_one)
+    return held_against
+
+
+def tried(*found: model_selection._Candidate, to_gain: float, workers: int = 1) -> list[str]:
+    """Names, best first, where `to_gain` ln evidence is there to be had at most."""
+    linear = SimpleNamespace(null=SimpleNamespace(chi2=NULL_CASE.chi2 + 2 * to_gain))
+    forward = SimpleNamespace(workers=workers)
+    return [one.name for one in refitted_singles(forward, linear, found, NULL_CASE)]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_threads_change_neither_what_is_refitted_nor_what_it_is_held_against(refitted, workers):
+    found = [single("skin", 20.0), single("damage", 30.0), single("slip", 18.0), single("creep", 17.0)]
+    assert tried(*found, to_gain=1000.0, workers=workers) == ["damage", "skin", "slip", "creep"]
+    assert refitted == {"skin": 0.0, "damage": 20.0, "slip": 20.0, "creep": 30.0}
+
+
+def test_what_cannot_win_against_nearly_all_that_there_is_stays_as_it_is(refitted):
+    gain = CLEAR_GAIN + 10
+    found = [single("skin", gain), single("slip", 0.4 * gain), single("pit_size", 1.0, always=True)]
+    assert tried(*found, to_gain=gain) == ["skin", "slip", "pit_size"]
+    assert list(refitted) == ["skin"]
+
+
+@pytest.mark.parametrize(
+    ("gain", "to_gain"),
+    [
+        (CLEAR_GAIN + 10, 2 * CLEAR_GAIN),  # much is left that a pit of another size might explain
+        (CLEAR_GAIN - 10, CLEAR_GAIN - 10),  # nearly all is explained, but that is little
+    ],
+)
+def test_a_pit_of_another_size_is_else_refitted_however_little_it_shows(refitted, gain, to_gain):
+    tried(single("skin", gain), single("pit_size", 1.0, always=True), to_gain=to_gain)
+    assert refitted == {"skin": 0.0, "pit_size": gain}
