@@ -19,7 +19,8 @@ from injected_mismatch import (
 from plain_model import plain_forward_model
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effects import adhesion, sensor_drift, slip
+from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
+from fem.mismatch.evidence import equation_cache
 from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
@@ -51,6 +52,21 @@ def drawn_out(when: Callable[[str], bool]) -> Altered:
             position_mm=pad.position_mm + along,
             force_N=pad.force_N - GEL_N_PER_MM[2] * along,
         )
+
+    return change
+
+
+def unevenly(when: Callable[[str], bool]) -> Altered:
+    """The same, each marker of the rim with all or nothing of what its square and a neighbour's pull with.
+
+    A rim of pull is narrower than a marker's square. Every pad and every recording by draws of its own.
+    """
+    rng = np.random.default_rng(11)
+
+    def change(pad: Recording) -> Recording:
+        pulled = drawn_out(when)(pad)
+        share = 2.0 * rng.integers(2, size=(len(FLAT), 1))
+        return replace(pulled, force_N=pad.force_N + share * (pulled.force_N - pad.force_N))
 
     return change
 
@@ -114,6 +130,15 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
         assert added.max() == pytest.approx(held.max(), rel=0.2)
         pulls += int((added > variance.min()).sum())
     assert pulls > 0
+
+
+def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
+    """What the pads are out of balance by is then not borne by anything else."""
+    case = injected_case(unevenly(lambda phase: phase == "unload"))
+    assert third_contact.EFFECT.signatures(plain_forward_model(case)[0]) == []
+    with monkeypatch.context() as patched:
+        patched.setattr(equation_cache, "gels_stick", lambda _: False)
+        assert third_contact.EFFECT.signatures(plain_forward_model(case)[0]) != []
 
 
 def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():

@@ -19,9 +19,8 @@ from jaxtyping import Float
 from fem.grasp_history import PadHistory
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
-from fem.mismatch.mismatch_case import PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, pulling, stick_evidence
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, pads_of, pulling, stick_evidence
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
@@ -113,11 +112,7 @@ class Adhesion:
         """How far the gels are pulled away from the skin in all recordings together; kept for the case."""
 
         def found() -> Pull:
-            pads = [
-                pulled(history, motion)
-                for recording in forward.base.grasps
-                for history, motion in zip(recording.case.history.pads, recording.case.pads, strict=True)
-            ]
+            pads = [pulled(*pad) for one in forward.base.grasps for pad in pads_of(one.case)]
             return Pull(
                 after=sum(pad.after for pad in pads),
                 before=sum(pad.before for pad in pads),
@@ -131,9 +126,9 @@ class Adhesion:
 EFFECT: Effect = Adhesion()
 
 
-def pulled(history: PadHistory, motion: PadMotion) -> Pull:
-    """One pad of one recording, all its frames."""
-    pulls = pulling(history, motion.pose[:, :3, 2])
+def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
+    """One pad of one recording, all its frames; `normal` as in `pulling`."""
+    pulls = pulling(history, normal)
     return Pull(
         after=int(pulls.later.any(axis=0).sum()),
         before=int(pulls.earlier.any(axis=0).sum()),

@@ -3,6 +3,7 @@
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
+from fem.mismatch.model.pulling_markers import gels_stick
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
@@ -27,13 +28,17 @@ def marker_equations(forward: ForwardModel, recording: GraspResponse) -> MarkerE
 
 
 def balance_equations(forward: ForwardModel, recording: GraspResponse) -> BalanceEquations | None:
-    """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
+    """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance.
+
+    Whether gels stick, so that what they pull with is noise, all recordings of the fruit say together.
+    """
 
     def compute() -> BalanceEquations | None:
         if recording.case.support != "free" or len(recording.links) < 2:
             return None
+        sticky = forward.memoised("gels stick", lambda: gels_stick([one.case for one in forward.base.grasps]))
         return BalanceEquations.of(
-            recording, weight_N=NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum())
+            recording, weight_N=NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum()), gels_stick=sticky
         )
 
     return forward.memoised(("balance equations", recording.case.name), compute)

@@ -29,7 +29,7 @@ from fem.estimation.compliance_fit import (
 )
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.observation_delta import ARM_MM, wrench
-from fem.mismatch.model.pulling_markers import sticking_pull_N
+from fem.mismatch.model.pulling_markers import pull_N
 
 MARKER_VARIANCE_INFLATION = 1.15
 """Variance of the plain model's residual on null recordings, over that of their noise without contact."""
@@ -237,7 +237,7 @@ class BalanceEquations:
     Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, an
     imbalance that grows with the load, from the scales of single markers, the fruit's own weight, and whether
     moments balance where the markers are (flesh in large motion) or where they were at rest (small motion).
-    Where a gel sticks, the force of every marker that it pulls is added to the noise, as a standard deviation
+    Where gels stick, the force of every marker that they pull is added to the noise, as a standard deviation
     (fem.mismatch.model.pulling_markers): a rim of pull is narrower than a marker's square, which counts it in
     full or not at all.
     """
@@ -248,7 +248,9 @@ class BalanceEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, recording: GraspResponse, *, weight_N: float = 0.0) -> "BalanceEquations":
+    def of(
+        cls, recording: GraspResponse, *, weight_N: float = 0.0, gels_stick: bool = False
+    ) -> "BalanceEquations":
         """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
         position, force = recording.tracks.position_mm, recording.force_N
         centre = position.mean(axis=(0, 1))
@@ -275,8 +277,7 @@ class BalanceEquations:
         around = np.abs(position - centre).reshape(-1, 3)
         reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM
         count = len(recording.pad_of_marker) * variance_inflation(recording.tracks.lag1[:1])[0]
-        pads = zip(recording.case.history.pads, recording.case.pads, strict=True)
-        pull = sticking_pull_N([(pad, motion.pose[:, :3, 2]) for pad, motion in pads])[recording.used]
+        pull = pull_N(recording.case)[recording.used] if gels_stick else np.zeros_like(force)
         moment = np.cross(position - centre, pull) / ARM_MM
         between = (np.concatenate([pull, moment], axis=2) ** 2).sum(axis=1)
         weight = 1 / (noise**2 * count * np.concatenate([np.ones(3), reach**2]) + between)

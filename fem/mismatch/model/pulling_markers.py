@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.grasp_history import PadHistory
+from fem.mismatch.mismatch_case import GraspCase
 
 PULLS = 6.0
 """Standard deviations of a marker's normal force beyond which it pulls: 1e-9 in Gaussian noise, of some 1e5
@@ -59,23 +60,29 @@ def stick_evidence(after: int, before: int) -> float:
     return float(sum(n * np.log(n / mean) for n in (after, before) if n))
 
 
-def sticking_pull_N(
-    pads: Sequence[tuple[PadHistory, Float[np.ndarray, "t 3"]]],
-) -> Float[np.ndarray, "t n 3"]:
-    """What the gel pulls with at each marker, of all pads, after its touch; nothing where it does not stick.
+def pads_of(recording: GraspCase) -> list[tuple[PadHistory, Float[np.ndarray, "t 3"]]]:
+    """Each pad of a recording with its normal, out of its face, in every frame."""
+    return [
+        (history, motion.pose[:, :3, 2])
+        for history, motion in zip(recording.history.pads, recording.pads, strict=True)
+    ]
 
-    `pads`: each with its normal, as in `pulling`.
-    """
-    found = [pulling(pad, normal) for pad, normal in pads]
-    after, before = (
-        sum(int(which.any(axis=0).sum()) for which in own)
-        for own in ([one.later for one in found], [one.earlier for one in found])
+
+def gels_stick(recordings: Sequence[GraspCase]) -> bool:
+    """Whether gels stick to the fruit, by all its recordings together: one alone may have few that pull."""
+    found = [pulling(*pad) for recording in recordings for pad in pads_of(recording)]
+    after = sum(int(one.later.any(axis=0).sum()) for one in found)
+    before = sum(int(one.earlier.any(axis=0).sum()) for one in found)
+    return stick_evidence(after, before) > LEAST_EVIDENCE
+
+
+def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
+    """What the gel pulls with at each marker, of all pads, after its touch."""
+    pads = pads_of(recording)
+    pulled = [np.where(own.later, own.normal_N, 0.0) for own in (pulling(*pad) for pad in pads)]
+    return np.concatenate(
+        [own[..., None] * normal[:, None] for own, (_, normal) in zip(pulled, pads, strict=True)], axis=1
     )
-    pulls = np.concatenate([
-        np.where(one.later, one.normal_N, 0.0)[..., None] * normal[:, None]
-        for one, (_, normal) in zip(found, pads, strict=True)
-    ], axis=1)  # fmt: skip
-    return pulls if stick_evidence(after, before) > LEAST_EVIDENCE else np.zeros_like(pulls)
 
 
 def _less_untouched_median(
