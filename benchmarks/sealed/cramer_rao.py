@@ -11,8 +11,8 @@ category's spread themselves, so that their bounds are that spread at the least.
 one that is seen best counts, of two pads their mean.
 
 Noise is the finder's own: MARKER_VARIANCE_INFLATION of it, of LEAST_NOISE_SHARE at least, in the frames that
-it uses. For very quiet sensors and thinned recordings physics would allow less. Where gels stick, what they pull
-with is noise of the balance too (fem.mismatch.model.pulling_markers), which widens the bounds there.
+it uses. For very quiet sensors and thinned recordings physics would allow less. Where gels stick, what they
+pull with is noise of the balance too (fem.mismatch.model.pulling_markers), which widens the bounds there.
 """
 
 from collections.abc import Sequence
