@@ -1,8 +1,10 @@
 """A graded sample batch against its known moduli: order (Kendall's tau) and relative error of every E.
 
+Also whether each fruit has a watertight mesh among the results and stands on the page.
+
     python benchmarks/sample_answers.py RESULTS ANSWERS.json [--tau 1.0] [--error 0.08]
 
-Exit status 1 where the order or an error misses its bound.
+Exit status 1 where the order or an error misses its bound, or a mesh or a fruit on the page is missing.
 """
 
 import argparse
@@ -11,6 +13,7 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+import trimesh
 from scipy.stats import kendalltau
 
 
@@ -41,8 +44,23 @@ def main() -> int:
     tau = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
     worst = float(graded["error"].abs().max())
     print(f"Kendall's tau {tau:.2f}, {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")
+    lacking = lacks(options.results, sorted(truth))
+    print("\n".join(lacking) or "a watertight mesh of each fruit, and each on the page")
     missed = len(graded) < len(truth) or not (tau >= options.tau and worst <= options.error)
-    return int(missed)
+    return int(missed or bool(lacking))
+
+
+def lacks(results: Path, fruit_ids: list[str]) -> list[str]:
+    """What is missing among the results, one sentence each."""
+    page = (results / "report.html").read_text(encoding="utf-8")
+    said = [f"{fruit}: not on the page" for fruit in fruit_ids if fruit not in page]
+    for fruit in fruit_ids:
+        mesh = results / "fruits" / fruit / "fruit.ply"
+        if not mesh.is_file():
+            said.append(f"{fruit}: no {mesh}")
+        elif not trimesh.load_mesh(mesh).is_watertight:
+            said.append(f"{fruit}: {mesh} is not watertight")
+    return said
 
 
 if __name__ == "__main__":
