@@ -42,9 +42,12 @@ def explain_verdict(found: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
     named = found.verdict
     if named == (NOTHING,):
+        spread = f"E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found"
+        if len(found.grasps) == 1:
+            return f"Nothing is found to be missing, but one recording cannot show most effects ({spread})."
         return (
-            f"Nothing is found to be missing: the recordings agree with the model within their noise "
-            f"(E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found)."
+            "Nothing is found to be missing: the recordings agree with the model within their noise "
+            f"({spread})."
         )
     if found.E_withheld is not None:
         either = " or ".join(effect_name(effect) for effect in by_rank(found))

@@ -59,13 +59,13 @@ def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str])
     )
 
 
-def rms_chart(rms: tuple[float, float, float]) -> Markup:
-    """Force residual on recordings that the fit did not see: without the effect, with it, and of noise."""
-    rows = (
-        ("without", rms[0], "before"),
-        ("with the effect", rms[1], "after"),
-        ("noise alone", rms[2], "noise"),
-    )
+def rms_chart(rms: tuple[float, float, float], *, with_effect: bool) -> Markup:
+    """Force residual on recordings that the fit did not see: without the effect, with it, and of noise.
+
+    `with_effect`: whether there is one; else the model has one bar.
+    """
+    of_model = [("without", rms[0], "before"), ("with the effect", rms[1], "after")]
+    rows = [*(of_model if with_effect else [("model", rms[1], "after")]), ("noise alone", rms[2], "noise")]
     x = AxisScale(lowest=0.0, highest=1.1 * max(*rms, 1e-12), start_px=120.0, end_px=500.0)
     parts = []
     for k, (label, value, kind) in enumerate(rows):
@@ -85,32 +85,40 @@ def rms_chart(rms: tuple[float, float, float]) -> Markup:
     return drawing(
         *parts,
         width=560.0,
-        height=114.0,
+        height=12.0 + 34.0 * len(rows),
         title="Residual on recordings that the fit did not see",
         description="; ".join(f"{label}: {number(value)}" for label, value, _ in rows),
     )
 
 
-def modulus_over_time(found: ExplainEntry) -> list[tuple[str, Markup]]:
-    """Per grasp, E of every frame and pad over time; dashed: E without, solid: E with the effect."""
+def modulus_over_time(found: ExplainEntry, *, with_effect: bool) -> list[tuple[str, Markup]]:
+    """Per grasp, E of every frame and pad over time; dashed: E without, solid: E with the effect, or E."""
     sure = [cell for cell in found.cells if 0 < cell.E_sd_MPa < 0.25 * abs(cell.E_MPa)]
     if not sure:
         return []
     values = np.array([cell.E_MPa for cell in sure])
     low, high = np.quantile(values, [0.02, 0.98])
-    levels = [found.E_MPa.before.value, found.E_MPa.after.value]
-    limits = padded([float(low), float(high), *(level for level in levels if math.isfinite(level))])
+    levels = [(found.E_MPa.after.value, "after")]
+    if with_effect:
+        levels.insert(0, (found.E_MPa.before.value, "before"))
+    levels = [(value, kind) for value, kind in levels if math.isfinite(value)]  # E may be withheld
+    limits = padded([float(low), float(high), *(value for value, _ in levels)])
     pads = sorted({cell.pad for cell in sure})
     charts = []
     for grasp, cells in groupby(sorted(sure, key=lambda c: (c.grasp, c.time_s)), key=lambda c: c.grasp):
-        charts.append((grasp, _cells_chart(grasp, list(cells), found, limits=limits, pads=pads)))
+        charts.append((grasp, _cells_chart(grasp, list(cells), levels, limits=limits, pads=pads)))
     return charts
 
 
 def _cells_chart(
-    grasp: str, cells: list[CellEntry], found: ExplainEntry, *, limits: tuple[float, float], pads: list[str]
+    grasp: str,
+    cells: list[CellEntry],
+    levels: list[tuple[float, str]],
+    *,
+    limits: tuple[float, float],
+    pads: list[str],
 ) -> Markup:
-    """E of one grasp's frames over time, with E without and with the effect as lines."""
+    """E of one grasp's frames over time, with E without and with the effect as lines (`levels`)."""
     times = [cell.time_s for cell in cells]
     start, end = padded(times)
     x = AxisScale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
@@ -118,9 +126,7 @@ def _cells_chart(
     parts = [_phases([(c.time_s, c.phase) for c in cells], x)]
     parts.append(axis_x(x, label="time (s)", top=_TOP, bottom=_BOTTOM, at_most=7))
     parts.append(_axis_y(y, label="E of each frame (MPa)"))
-    for value, kind in ((found.E_MPa.before.value, "before"), (found.E_MPa.after.value, "after")):
-        if not math.isfinite(value):  # E is withheld
-            continue
+    for value, kind in levels:
         parts.append(element("line", x1=_LEFT, x2=_RIGHT, y1=y(value), y2=y(value), class_=f"level {kind}"))
     for cell in cells:
         k = pads.index(cell.pad)
@@ -138,12 +144,15 @@ def _cells_chart(
     )
 
 
-def force_and_residual(trace: TraceEntry) -> tuple[Markup, Markup]:
-    """Force over approach as measured and modelled, and what the models leave of the approach over time."""
-    return _force(trace), _residual(trace)
+def force_and_residual(trace: TraceEntry, *, with_effect: bool) -> tuple[Markup, Markup]:
+    """Force over approach as measured and modelled, and what the models leave of the approach over time.
+
+    `with_effect`: whether there is one; else the model has one line.
+    """
+    return _force(trace, with_effect=with_effect), _residual(trace, with_effect=with_effect)
 
 
-def _force(trace: TraceEntry) -> Markup:
+def _force(trace: TraceEntry, *, with_effect: bool) -> Markup:
     """One recording's force over approach, measured and modelled."""
     columns = (trace.given_mm, trace.before_mm, trace.after_mm)
     low_x, high_x = padded([float(v) for column in columns for v in column], from_zero=True)
@@ -153,13 +162,15 @@ def _force(trace: TraceEntry) -> Markup:
     parts = [
         axis_x(x, label="how far the flesh gave way (mm)", top=_TOP, bottom=_BOTTOM, at_most=7),
         _axis_y(y, label="force (N)"),
-        _line(x, y, trace.before_mm, trace.force_N, kind="before"),
     ]
+    if with_effect:
+        parts.append(_line(x, y, trace.before_mm, trace.force_N, kind="before"))
     for given, force in zip(trace.given_mm, trace.force_N, strict=True):
         if math.isfinite(given) and math.isfinite(force):
             parts.append(marker("circle", x(float(given)), y(float(force)), size=2.8, class_="measured"))
     parts.append(_line(x, y, trace.after_mm, trace.force_N, kind="after"))
-    parts += _legend([("measured", "measured", 0), ("without", "before", 0), ("with the effect", "after", 0)])
+    models = [("without", "before", 0), ("with the effect", "after", 0)]
+    parts += _legend([("measured", "measured", 0), *(models if with_effect else [("model", "after", 0)])])
     return drawing(
         *parts,
         width=_WIDTH,
@@ -169,7 +180,7 @@ def _force(trace: TraceEntry) -> Markup:
     )
 
 
-def _residual(trace: TraceEntry) -> Markup:
+def _residual(trace: TraceEntry, *, with_effect: bool) -> Markup:
     """What the models leave of one recording's approach, over time."""
     before, after = 1e3 * (trace.given_mm - trace.before_mm), 1e3 * (trace.given_mm - trace.after_mm)
     start, end = padded([float(v) for v in trace.time_s])
@@ -177,24 +188,24 @@ def _residual(trace: TraceEntry) -> Markup:
     x = AxisScale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
     y = AxisScale(lowest=low, highest=high, start_px=_BOTTOM, end_px=_TOP)
     rms = [float(np.sqrt(np.nanmean(leftover**2))) if len(leftover) else 0.0 for leftover in (before, after)]
+    models = [(f"without: {number(rms[0])} µm", "before", 0), (f"with: {number(rms[1])} µm", "after", 0)]
     parts = [
         _phases(list(zip(map(float, trace.time_s), trace.phase, strict=True)), x),
         axis_x(x, label="time (s)", top=_TOP, bottom=_BOTTOM, at_most=7),
         _axis_y(y, label="measured less model (µm)"),
         element("line", x1=_LEFT, x2=_RIGHT, y1=y(0.0), y2=y(0.0), class_="base"),
-        _line(x, y, trace.time_s, before, kind="before"),
+        *([_line(x, y, trace.time_s, before, kind="before")] if with_effect else []),
         _line(x, y, trace.time_s, after, kind="after"),
-        *_legend(
-            [(f"without: {number(rms[0])} µm", "before", 0), (f"with: {number(rms[1])} µm", "after", 0)],
-            step=150.0,
-        ),
+        *_legend(models if with_effect else [(f"model: {number(rms[1])} µm", "after", 0)], step=150.0),
     ]
     return drawing(
         *parts,
         width=_WIDTH,
         height=_BOTTOM + 42,
         title=f"Residual over time, {trace.grasp}",
-        description=f"Root mean square {number(rms[0])} µm without the effect, {number(rms[1])} µm with it",
+        description=f"Root mean square {number(rms[0])} µm without the effect, {number(rms[1])} µm with it"
+        if with_effect
+        else f"Root mean square {number(rms[1])} µm",
     )
 
 

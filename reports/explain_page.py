@@ -68,6 +68,7 @@ def explain_html(found: ExplainEntry) -> str:
         "with_sd": with_sd,
     }
     named = [one for one in found.ranking if one.effect in found.verdict]
+    with_effect = _kind(found) not in (NOTHING, UNEXPLAINED)
     return environment.get_template("templates/explain.html.j2").render(
         blind_share=_blind_share(found),
         component=component_in_words(found),
@@ -77,11 +78,12 @@ def explain_html(found: ExplainEntry) -> str:
         maps=_maps(found),
         meanings=_meanings(found),
         kind=_kind(found),
-        modulus_charts=modulus_over_time(found),
+        modulus_charts=modulus_over_time(found, with_effect=with_effect),
         next_picture=_next_picture(found),
         evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
-        rms=rms_chart(found.rms) if found.rms else None,
-        traces=[(trace.grasp, *force_and_residual(trace)) for trace in found.traces],
+        rms=rms_chart(found.rms, with_effect=with_effect) if found.rms else None,
+        traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in found.traces],
+        with_effect=with_effect,
         verdict=explain_verdict(found),
         when=when_in_words(found),
         where=where_in_words(found),
@@ -179,6 +181,8 @@ def _cut(found: ExplainEntry) -> str:
     if found.rms is None:
         return ""
     before, after, noise = found.rms
+    if _kind(found) in (NOTHING, UNEXPLAINED):
+        return ""
     excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
     if excess[0] <= 0.05 * noise:
         return "Beyond noise nothing is left of them without it either: they neither confirm nor deny it."

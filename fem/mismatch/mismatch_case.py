@@ -62,7 +62,8 @@ class MismatchCase:
 class GradedCase:
     """What grading makes of the same recordings: E without an effect, and its models about the prior's pit,
     one for each recording; None where it has no E of the recording, or none by displacement since first
-    touch. `solids`: what it has factorised about the prior's pit, by support; what is not there is made anew.
+    touch. `solids`: what it has factorised about the prior's pit, by support; the finder factorises any that
+    is missing itself.
     """
 
     modulus: Modulus

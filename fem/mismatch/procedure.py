@@ -67,7 +67,7 @@ def explain(
 
     with stage("plain model"):
         forward, fits = plain_forward_model(
-            case, known={} if graded is None else graded.solids, workers=workers
+            case, solids={} if graded is None else graded.solids, workers=workers
         )
         if graded is not None:
             forward = replace(forward, graded=graded.models)
@@ -87,7 +87,7 @@ def explain(
             forward, linear, detected=detection.mismatch, null_case=null_case
         )
     null = (linear.products, linear.nuisances)
-    with stage("proof"):
+    with stage("cross-validation"):
         found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))
         best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
         after = null if best is None else _model_of(best)
@@ -206,10 +206,10 @@ def _where(recording: Where, best: Refit) -> Where:
 
 
 def plain_forward_model(
-    case: MismatchCase, *, known: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+    case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
 ) -> tuple[ForwardModel, list[CompliantFit]]:
-    """The plain model with 1/E of the recordings' median; `known`: solids of the same mesh, by support."""
-    first = baseline(case, known=known, workers=workers)
+    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support."""
+    first = baseline(case, solids=solids, workers=workers)
     registered = plain_fits(first)
     base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
     fits = plain_fits(base)

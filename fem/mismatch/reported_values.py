@@ -24,7 +24,7 @@ NINETY = 1.645
 
 
 def candidates(found: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:
-    """The ranking, with parameters where an effect was refitted; by so many threads."""
+    """The ranking, with parameters where an effect was refitted; `workers`: threads."""
     base = predictive(linear.products, linear.nuisances)
     return tuple(parallel_map(lambda one: _candidate(one, linear, base), found.ranking, workers=workers))
 

@@ -22,8 +22,10 @@ REFIT_SHARE = 0.15
 signatures miss most of what laws that bend gain."""
 ENOUGH_GAIN, NEAR_EQUAL = 0.9, 0.5
 """Once a refit gains ENOUGH_GAIN of all that there is to gain, only what gains NEAR_EQUAL of the best in the
-linear round is refitted too, and what is else always refitted is not where that gain is clear (CLEAR_GAIN).
-Set by hand, to save refits that cannot win."""
+linear round is refitted too. Set by hand, to save refits that cannot win."""
+SIDE_BY_SIDE = 2
+"""Effects refitted at the same time, after the first. It decides what each is held against (BEATEN_SHARE)
+and so is the same for any number of threads. Set by hand, for two cores; each takes memory of its own."""
 OTHER_PAD_SHARE = 0.5
 """Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
 misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""

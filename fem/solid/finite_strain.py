@@ -10,11 +10,11 @@ loads. The pit turns by any angle (fem.solid.finite_rotation).
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
+from fem.cached_value import cached_value
 from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.law import UnitLaw
 from fem.solid.equilibrium import Ending, Tangent, Tangents, equilibrium
@@ -75,12 +75,12 @@ class FiniteStrainSolid:
                 f"{self.solid.poisson_ratio:g}; both must be the same",
             )
 
-    @cached_property
+    @cached_value
     def flesh(self) -> FiniteFlesh:
         """The elements."""
         return FiniteFlesh.of(self.solid.mesh, self.law)
 
-    @cached_property
+    @cached_value
     def rest(self) -> FiniteBalance:
         """Without load: all that every load shares, and the linear tangent."""
         return FiniteBalance.of(self.solid, self.flesh)

@@ -1,13 +1,13 @@
 """Displacement of the flesh under loads for E = 1 MPa; divide by E in MPa for the real one."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from fem.cached_value import cached_value
 from fem.elements.assembly import Stiffness, assemble
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.flesh_mesh import FleshMesh
@@ -119,14 +119,14 @@ class UnitModulusSolid:
             displacement -= body.modes[dofs] @ np.linalg.solve(body.inertia, work)
         return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
 
-    @cached_property
+    @cached_value
     def _contact_dofs(self) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
         """The contact nodes' dofs on all nodes; which of them move, and which of K's dofs those are."""
         dofs = (3 * self.contact_nodes[:, None] + np.arange(3)).ravel()
         rows = self.kinematics[dofs]
         return dofs, np.flatnonzero(np.diff(rows.indptr)), rows.indices
 
-    @cached_property
+    @cached_value
     def contact_compliance(self) -> Float[np.ndarray, "d d"]:
         """Displacement times E of the contact nodes' dofs (three a node, in order) under unit forces on them.
 

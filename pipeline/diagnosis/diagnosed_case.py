@@ -1,6 +1,7 @@
 """What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -123,8 +124,11 @@ _NO_CASE = f"case.toml: {_NEITHER}"
 def _which_fruit(root: Path) -> str:
     folder = root / "fruits"
     known = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
-    shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-    return f"is a batch; say which fruit with --fruit ({shown or 'it has none yet'})."
+    return f"is a batch; say which fruit with --fruit ({_in_short(known) or 'it has none yet'})."
+
+
+def _in_short(fruit_ids: Sequence[str]) -> str:
+    return ", ".join(fruit_ids[:6]) + (", ..." if len(fruit_ids) > 6 else "")
 
 
 def _of_its_own(folder: CaseFolder, work: Path) -> Case:
@@ -208,7 +212,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:
         near = difflib.get_close_matches(fruit_id, known, n=1)
-        hint = f'did you mean "{near[0]}"?' if near else "add a row for it."
+        hint = f'did you mean "{near[0]}"?' if near else f"there are: {_in_short(known) or 'none yet'}."
         raise BatchRefused([Problem(str(batch.folder.table), f'there is no fruit "{fruit_id}"; {hint}')])
     if said := ImplausibleNumbers(batch).said(batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])

@@ -85,7 +85,7 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
 
 def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[GradedCase, list[str]]:
     """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
-    widen it, and the models that it is inferred with; and what must be known of it. By so many threads.
+    widen it, and the models that it is inferred with; and what must be known of it. `jobs`: threads.
     Raises FemFailure.
     """
     fruit = with_stated_surface(case, fruit)

@@ -34,7 +34,9 @@ LARGE_DEFORMATION = (
 )
 TAKE_IT_IN = 'model = "neo-hookean" under [flesh] takes that part into account for every fruit of the batch.'
 TAKEN_IN = 'the batch\'s model = "neo-hookean", which takes that part into account, is left aside here.'
-CATEGORY_PIT = "There is no pit.ply: the category's pit is used; what the true one differs by may be named."
+CATEGORY_PIT = (
+    "There is no pit.ply: the category's pit is used, and a true pit that differs may be named as an effect."
+)
 
 
 def require_one_fruit(case: Case) -> None:

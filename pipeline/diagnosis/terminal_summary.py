@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from fem.mismatch.thresholds import DETECTION_P
 from reports.effect_words import (
     component_in_words,
     explain_verdict,
@@ -44,13 +45,16 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
         line(
             f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
         )
-    line(f"chance of so large a difference where nothing is missing: p {found.p_value:.2g}")
+    line(
+        f"chance of so large a difference where nothing is missing: p {found.p_value:.2g} "
+        f"(below {DETECTION_P:g} something is)"
+    )
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
         without, with_it, noise = map(number, found.rms)
         model = without if found.verdict == ("none",) else f"without {without}, with {with_it}"
-        line(f"held-out recordings, residual: {model}, noise {noise}")
+        line(f"held-out recordings, residual as a share of the response: {model}, noise {noise}")
     if found.next_grasp:
         line(f"record next: {found.next_grasp}")
     for note in found.notes:

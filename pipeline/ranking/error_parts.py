@@ -15,7 +15,7 @@ ADVICE = {
     REGISTRATION: "more photos, sharper ones, or a second set with the fruit upside down",
     PIT_PLACE: "another grasp, a quarter turn about the stem from the others",
     PIT_SIZE: "another grasp, a quarter turn about the stem from the others, or a pit prior of your cultivar "
-    "(pit.prior in batch.toml) from a dozen stones",
+    "([pit] prior in batch.toml), measured on a dozen pits of the cultivar",
     POISSON_RATIO: "poisson_ratio and poisson_ratio_sd of your cultivar in batch.toml",
     MODEL: "another grasp at another place; drupe explain says what the model leaves out",
     SCATTER: "more grasps, at other places",

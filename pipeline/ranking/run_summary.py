@@ -27,7 +27,7 @@ def decimals(sd_MPa: float) -> int:
 
 
 def cause(doubts: Sequence[str]) -> str:
-    """The first of a fruit's doubts, not too long for a line, and how many more there are.
+    """The first of a fruit's doubts or warnings, not too long for a line, and how many more there are.
 
     >>> cause(["grasp-1: forces look like grams.", "pit.ply is turned."])
     'grasp-1: forces look like grams (and 1 more)'
@@ -47,6 +47,15 @@ def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
     return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in by_doubts.items()]
 
 
+def warned(fruits: Sequence[FruitEntry]) -> list[str]:
+    """A line for each graded fruit with warnings, or for all that share theirs: ids and the first warning."""
+    by_warnings: dict[tuple[str, ...], list[str]] = {}
+    for fruit in fruits:
+        if fruit.ok and fruit.warnings:
+            by_warnings.setdefault(tuple(fruit.warnings), []).append(fruit.fruit_id)
+    return [f"warning: {_ids(ids)}: {cause(warnings)}" for warnings, ids in by_warnings.items()]
+
+
 def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
     """A line for all fruit of which the screen suggests the same, or that could not be screened for one
     reason.
@@ -64,7 +73,7 @@ def _ids(ids: Sequence[str]) -> str:
 
 
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
-    """The ranking as a table, failures with their reasons, doubts with their causes, where the files are."""
+    """The ranking as a table, failures with their reasons, doubts and warnings, where the files are."""
     table = Table(box=None, pad_edge=False)
     for name in ("rank", "fruit", "E (MPa)", "±"):
         table.add_column(name, justify="left" if name == "fruit" else "right")
@@ -92,7 +101,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
                 markup=False,
                 soft_wrap=True,
             )
-    for line in doubted(batch.fruits):
+    for line in (*doubted(batch.fruits), *warned(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     fruits = without_references(batch.fruits)
     graded = sum(fruit.ok for fruit in fruits)

@@ -66,13 +66,13 @@ def _gain_finding(
     detail = ""
     if blamed == "displacement" and unit_u:
         kind, detail = FindingKind.DISPLACEMENT_UNIT, unit_u
-        says = f"displacement looks like {unit_u}: {scaled}"
+        says = f"displacement looks like {unit_u}: {scaled}; record millimetres, or convert it"
     elif blamed == "displacement":
         kind = FindingKind.DISPLACEMENT_SCALE
         says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
     elif blamed == "force" and unit_F:
         kind, detail = FindingKind.FORCE_UNIT, unit_F
-        says = f"forces look like {unit_F}: {said}"
+        says = f"forces look like {unit_F}: {said}; record newtons, or convert force_N"
     elif blamed == "force":
         kind = FindingKind.FORCE_SCALE
         says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"

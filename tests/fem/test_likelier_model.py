@@ -66,6 +66,15 @@ def test_full_models_decide_where_signatures_leave_it_open(selected):
     assert linear.other.null.log_evidence == LARGELY
 
 
+def test_two_threads_give_the_same(selected):
+    first = linear_round(LARGELY, largely=10.0, other=linear_round(LITTLE))
+    linear, found = select_likelier_model(
+        SimpleNamespace(workers=2), first, detected=True, null_case=NULL_CASE
+    )
+    assert sorted(selected) == [LITTLE, LARGELY]
+    assert (linear.null.log_evidence, found.verdict) == (LITTLE, "40")
+
+
 def test_a_round_that_still_stands_has_the_full_models_evidence(selected):
     linear, found = likelier(10.0, other=STILL_LESS)
     assert selected == [LARGELY, STILL_LESS]

@@ -21,9 +21,15 @@ from plain_model import plain_forward_model
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
 from fem.mismatch.evidence import equation_cache
-from fem.mismatch.evidence.equation_cache import balance_equations
+from fem.mismatch.evidence.equation_cache import balance_equations, pull_of
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.pulling_markers import (
+    LEAST_EVIDENCE,
+    pads_with_normals,
+    pulled,
+    stick_evidence,
+)
 from fem.mismatch.model.third_force import ForceBalance
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
 from fem.mismatch.selection.screening import screened
@@ -109,7 +115,7 @@ def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
 
 
 def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
-    value, sd = adhesion.EFFECT._pull(sticky).reach_mm
+    value, sd = pull_of(sticky).reach_mm
     assert NOISE_MM <= sd < 0.02
     assert abs(value - REACH_MM) < 3 * sd
 
@@ -135,7 +141,13 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
 def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
     """What the pads are out of balance by is then not borne by anything else."""
     case = injected_case(unevenly(lambda phase: phase == "unload"))
-    assert third_contact.EFFECT.signatures(plain_forward_model(case)[0]) == []
+    forward = plain_forward_model(case)[0]
+    alone = [
+        sum(pulled(*pad).after for pad in pads_with_normals(recording.case))
+        for recording in forward.base.grasps
+    ]
+    assert stick_evidence(min(alone), 0) < LEAST_EVIDENCE < stick_evidence(sum(alone), 0)
+    assert third_contact.EFFECT.signatures(forward) == []
     with monkeypatch.context() as patched:
         patched.setattr(equation_cache, "gels_stick", lambda _: False)
         assert third_contact.EFFECT.signatures(plain_forward_model(case)[0]) != []

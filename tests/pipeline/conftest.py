@@ -41,8 +41,12 @@ def finder(monkeypatch):
         handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
         return handed.get("answer", fake_explanation())
 
+    def graded_case(_case, _fruit, *, jobs):
+        handed["jobs of grading"] = jobs
+        return GRADED, []
+
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
-    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", lambda *_: (GRADED, []))
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", graded_case)
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
     return handed
 

@@ -80,7 +80,7 @@ def test_the_finder_is_handed_the_whole_case(drupe, finder, case):
 def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
     drupe, finder, case, tmp_path, monkeypatch
 ):
-    def none(*_):
+    def none(*_, jobs):
         raise FemFailure(FemProblem.NOT_CONVERGED, "the grasps contradict each other")
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", none)
@@ -233,7 +233,7 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
 def test_jobs_are_handed_on_while_blas_keeps_to_one_thread(drupe, finder, case):
     with threadpool_limits(2):  # the tests' own limit is one
         assert drupe("explain", case, "--jobs", "3").status == 0
-    assert finder["jobs"] == 3
+    assert (finder["jobs"], finder["jobs of grading"]) == (3, 3)
     assert finder["blas threads"] == {1}, "threads of BLAS beside those of the finder hinder each other"
 
 

@@ -34,13 +34,17 @@ def inference(*, grasps=(), warnings=()):
 
 @pytest.mark.parametrize(("stated_mm", "counts_mm"), [(None, 0.2), (0.05, 0.05)])
 def test_it_is_what_grading_infers_from_the_surface_that_the_case_states(monkeypatch, stated_mm, counts_mm):
-    def inferred(task, placed, mesh, *, poisson_ratio, budget):
+    def inferred(task, placed, mesh, *, poisson_ratio, budget, solids, workers):
         assert (task, placed, mesh, poisson_ratio) == ("the task", (), "the mesh", 0.45)
+        assert workers == 3
+        solids["free"] = "factorised"
         assert budget.surface_sd_mm == counts_mm
         return inference()
 
     monkeypatch.setattr(diagnosis, "fruit_modulus", inferred)
-    assert graded_case(case_with(stated_mm), FRUIT)[0].modulus == Modulus(value=0.7, sd=0.02)
+    graded, _ = graded_case(case_with(stated_mm), FRUIT, jobs=3)
+    assert graded.modulus == Modulus(value=0.7, sd=0.02)
+    assert graded.solids == {"free": "factorised"}
 
 
 def test_where_no_recording_gives_a_modulus_the_first_ones_reason_is_said(monkeypatch):

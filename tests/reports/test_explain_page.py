@@ -336,8 +336,8 @@ def test_a_map_of_nothing_still_is_a_picture():
 
 def test_frames_that_say_nothing_of_E_are_not_drawn():
     lost = entry().cells[0].model_copy(update={"E_sd_MPa": 0.3})
-    assert modulus_over_time(entry(cells=(lost,))) == []
-    ((grasp, chart),) = modulus_over_time(entry())
+    assert modulus_over_time(entry(cells=(lost,)), with_effect=True) == []
+    ((grasp, chart),) = modulus_over_time(entry(), with_effect=True)
     assert grasp == "grasp-1"
     assert chart.count("<circle") == 20 + 1
 

@@ -21,6 +21,7 @@ from fem.mismatch.design.candidate_grasps import TWICE, PlaceKind, Protocol
 from fem.mismatch.design.placed_candidate import PlacedCourse, candidate_recording, frames_of
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
+from fem.mismatch.evidence.equation_cache import STICK_KEY, gels_stick
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances
@@ -92,7 +93,9 @@ class CandidateSet:
 
 
 def with_grasps(forward: ForwardModel, grasps: Sequence[GraspResponse], memo: MemoTable) -> ForwardModel:
-    """The same model with other recordings."""
+    """The same model with other recordings; whether gels stick is known from the fruit's own."""
+    sticky = gels_stick(forward)
+    memo.memoised(STICK_KEY, lambda: sticky)
     return replace(
         forward,
         base=replace(forward.base, grasps=tuple(grasps)),

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.grasp_history import PadHistory
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.evidence.equation_cache import gels_stick, pull_of
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, pads_of, pulling, stick_evidence
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
@@ -56,29 +55,6 @@ SPEC = EffectSpec(
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pull:
-    """Markers that pull `after` and `before` their first touch, by how far they are drawn out (mm) and the
-    noise of that.
-    """
-
-    after: int
-    before: int
-    stretch_mm: Float[np.ndarray, " k"]
-    noise_mm: float
-
-    @property
-    def evidence(self) -> float:
-        """ln evidence that the gel sticks (fem.mismatch.model.pulling_markers)."""
-        return stick_evidence(self.after, self.before)
-
-    @property
-    def reach_mm(self) -> tuple[float, float]:
-        """The reach and its standard deviation."""
-        second, largest = np.sort(self.stretch_mm)[-2:]
-        return float(2 * largest - second), float(np.hypot(largest - second, self.noise_mm))
-
-
 @dataclass(frozen=True)
 class Adhesion:
     """The effect; see the module."""
@@ -87,51 +63,25 @@ class Adhesion:
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One without columns, where markers pull."""
-        seen = self._pull(forward).evidence > LEAST_EVIDENCE
-        return [Signature(variant=ONE_WAY, columns=())] if seen else []
+        return [Signature(variant=ONE_WAY, columns=())] if gels_stick(forward) else []
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The reach as measured."""
-        return {REACH: float(np.clip(self._pull(forward).reach_mm[0], LOWEST_MM, HIGHEST_MM))}
+        return {REACH: float(np.clip(pull_of(forward).reach_mm[0], LOWEST_MM, HIGHEST_MM))}
 
     def direct_evidence(self, forward: ForwardModel) -> float:
         """That of the markers that pull."""
-        return self._pull(forward).evidence
+        return pull_of(forward).evidence
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """Of the reach."""
-        return {REACH: self._pull(forward).reach_mm[1]}
+        return {REACH: pull_of(forward).reach_mm[1]}
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The plain model's: the recorded forces hold the pull."""
         return Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
 
-    def _pull(self, forward: ForwardModel) -> Pull:
-        """How far the gels are pulled away from the skin in all recordings together; kept for the case."""
-
-        def found() -> Pull:
-            pads = [pulled(*pad) for one in forward.base.grasps for pad in pads_of(one.case)]
-            return Pull(
-                after=sum(pad.after for pad in pads),
-                before=sum(pad.before for pad in pads),
-                stretch_mm=np.concatenate([pad.stretch_mm for pad in pads]),
-                noise_mm=max(pad.noise_mm for pad in pads),
-            )
-
-        return forward.memoised("pulling markers", found)
-
 
 EFFECT: Effect = Adhesion()
-
-
-def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
-    """One pad of one recording, all its frames; `normal` as in `pulling`."""
-    pulls = pulling(history, normal)
-    return Pull(
-        after=int(pulls.later.any(axis=0).sum()),
-        before=int(pulls.earlier.any(axis=0).sum()),
-        stretch_mm=pulls.stretch_mm[pulls.later],
-        noise_mm=history.displacement_sd_mm,
-    )

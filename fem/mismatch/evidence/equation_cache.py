@@ -1,12 +1,16 @@
-"""A recording's equations at the model's compliance, formed once for all fits."""
+"""A recording's equations at the model's compliance, and whether gels stick: formed once for all fits."""
+
+import numpy as np
 
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
-from fem.mismatch.model.pulling_markers import gels_stick
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull, pads_with_normals, pulled
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
+STICK_KEY = "gels stick"
+"""Under which a model remembers whether they do."""
 
 
 def marker_equations(forward: ForwardModel, recording: GraspResponse) -> MarkerEquations:
@@ -36,9 +40,29 @@ def balance_equations(forward: ForwardModel, recording: GraspResponse) -> Balanc
     def compute() -> BalanceEquations | None:
         if recording.case.support != "free" or len(recording.links) < 2:
             return None
-        sticky = forward.memoised("gels stick", lambda: gels_stick([one.case for one in forward.base.grasps]))
-        return BalanceEquations.of(
-            recording, weight_N=NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum()), gels_stick=sticky
-        )
+        weight_N = NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum())
+        return BalanceEquations.of(recording, weight_N=weight_N, gels_stick=gels_stick(forward))
 
     return forward.memoised(("balance equations", recording.case.name), compute)
+
+
+def pull_of(forward: ForwardModel) -> Pull:
+    """How far gels are pulled away from the skin, all recordings of the fruit together; computed once."""
+
+    def found() -> Pull:
+        pads = [
+            pulled(*pad) for recording in forward.base.grasps for pad in pads_with_normals(recording.case)
+        ]
+        return Pull(
+            after=sum(pad.after for pad in pads),
+            before=sum(pad.before for pad in pads),
+            stretch_mm=np.concatenate([pad.stretch_mm for pad in pads]),
+            noise_mm=max(pad.noise_mm for pad in pads),
+        )
+
+    return forward.memoised("pulling markers", found)
+
+
+def gels_stick(forward: ForwardModel) -> bool:
+    """Whether gels stick to the fruit, by all its recordings together: one alone may have few that pull."""
+    return forward.memoised(STICK_KEY, lambda: pull_of(forward).evidence > LEAST_EVIDENCE)

@@ -22,7 +22,7 @@ from fem.mismatch.effect import Response
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.noise_of_change import noise_of_change, noise_products
 from fem.mismatch.model.force_products import ForceNoise, OfAll
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.forward_model import ForwardModel, MemoTable
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.parallel_map import parallel_map
 
@@ -85,7 +85,7 @@ class GramMatrix:
         noise: Sequence[ForceNoise] = (),
     ) -> None:
         self._noise, self._workers = tuple(noise), forward.workers
-        self._noise_products: dict[tuple[int, ...], np.ndarray] = {}
+        self._noise_products = MemoTable()
         plain_fields = [_plain(forward, one) for one in recorded]
         self.columns = [
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=OfAll()),
@@ -131,7 +131,7 @@ class GramMatrix:
         found = cls.__new__(cls)
         found.columns, found.rows, found.products = list(columns), list(rows), list(products)
         found.weighed, found.data, found._recorded = [], [], []
-        found._noise, found._noise_products, found._workers = (), {}, 1
+        found._noise, found._noise_products, found._workers = (), MemoTable(), 1
         found.bias = np.zeros((len(rows), len(columns)))
         return found
 
@@ -200,18 +200,19 @@ class GramMatrix:
     def _products_of_noise(self, biased: Sequence[int]) -> Float[np.ndarray, "k c1 c1"]:
         """Of the noise in the plain model's column and in these, recording by recording; solved for once."""
         chosen = (0, *biased)
-        if chosen not in self._noise_products:
-            found = np.zeros((len(self._recorded), len(chosen), len(chosen)))
 
-            def of_recording(k: int) -> np.ndarray:
-                known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in chosen]
-                of_forces = [None if column is None else column.of_forces for column in known]
-                return noise_products(of_forces, self._noise[k], self._recorded[k].weighed_markers)
+        def of_recording(k: int) -> np.ndarray:
+            known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in chosen]
+            of_forces = [None if column is None else column.of_forces for column in known]
+            return noise_products(of_forces, self._noise[k], self._recorded[k].weighed_markers)
 
-            if biased and self._noise:
-                found[:] = parallel_map(of_recording, range(len(self._noise)), workers=self._workers)
-            self._noise_products[chosen] = found
-        return self._noise_products[chosen]
+        def of_all() -> np.ndarray:
+            if not (biased and self._noise):
+                return np.zeros((len(self._recorded), len(chosen), len(chosen)))
+            return np.stack(parallel_map(of_recording, range(len(self._noise)), workers=self._workers))
+
+        found: np.ndarray = self._noise_products.memoised(chosen, of_all)
+        return found
 
     def _amounts_of(
         self, columns: Sequence[int], changes: Sequence[Sequence[ObservationDelta | None]]

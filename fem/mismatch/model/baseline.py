@@ -144,17 +144,19 @@ class Baseline:
 
 
 def baseline(
-    case: MismatchCase, *, known: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+    case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
 ) -> Baseline:
-    """Solves for the patterns; `known` as in `solids_of`. Raises FemFailure as its parts do."""
-    solids = solids_of(case, known or {})
+    """Solves for the patterns; `solids`: factorised before, as in `solids_of`. Raises FemFailure as its parts
+    do.
+    """
+    held = solids_of(case, solids or {})
     return Baseline(
         case=case,
-        solids=solids,
+        solids=held,
         grasps=tuple(
             parallel_map(
                 lambda grasp: project_recording(
-                    grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd
+                    grasp, held[grasp.support], force_scale_sd=case.budget.force_scale_sd
                 ),
                 case.grasps,
                 workers=workers,
@@ -164,9 +166,10 @@ def baseline(
 
 
 def solids_of(
-    case: MismatchCase, known: Mapping[Support, UnitModulusSolid]
+    case: MismatchCase, solids: Mapping[Support, UnitModulusSolid]
 ) -> dict[Support, UnitModulusSolid]:
-    """The solid for each kind of support: one of `known` (of the same mesh), or factorised here.
+    """The solid for each kind of support: that of `solids`, or factorised here where none of them is of this
+    case's mesh and Poisson's ratio.
 
     All the skin counts as contact, which only gives places their numbers. Raises FemFailure.
     """
@@ -174,8 +177,8 @@ def solids_of(
     parts = None
     found: dict[Support, UnitModulusSolid] = {}
     for support in dict.fromkeys(grasp.support for grasp in case.grasps):
-        solid = known.get(support)
-        if solid is None:
+        solid = solids.get(support)
+        if solid is None or solid.mesh is not case.mesh or solid.poisson_ratio != case.poisson_ratio:
             parts = assemble(case.mesh.nodes_mm, case.mesh.tets) if parts is None else parts
             solid = UnitModulusSolid.factorise(
                 case.mesh, poisson_ratio=case.poisson_ratio, support=support, parts=parts

@@ -18,12 +18,12 @@ with each other, q = E[phi(df) . W phi(df)], say from where on more of it leaves
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
+from fem.cached_value import cached_value
 from fem.estimation.sensitivity import inner_work
 from fem.mismatch.model.baseline import GraspResponse
 from fem.solid.linear_solid import UnitModulusSolid
@@ -64,7 +64,7 @@ class ForceNoise:
         shares = self.recording.shares[:, : response.shape[1]]
         return np.asarray(self.compliance * np.einsum("fr,prnx->pfnx", shares, response))
 
-    @cached_property
+    @cached_value
     def inner_products(self) -> dict[str, float]:
         """n / s of pit and Poisson's ratio, cause by cause (fem.estimation.sensitivity).
 

@@ -9,7 +9,6 @@ a, b: markers that pull at some time after and before their first touch (likelih
 counts, one-sided).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +22,8 @@ PULLS = 6.0
 numbers a recording. In 16 labelled cases without it, four recordings each, no marker had one after its touch;
 with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
 LEAST_EVIDENCE = 20.0
-"""ln evidence: 29 pulling markers, where none does before its touch. A null case has none."""
+"""ln evidence, of all recordings together: 29 pulling markers, where none does before its touch. The sound
+cases of `benchmarks/mismatch_bank.py FOLDER null` have none."""
 FEWEST_APART = 4
 """Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
 fewer a pull cannot be told from a drift, and none is seen."""
@@ -60,7 +60,30 @@ def stick_evidence(after: int, before: int) -> float:
     return float(sum(n * np.log(n / mean) for n in (after, before) if n))
 
 
-def pads_of(recording: GraspCase) -> list[tuple[PadHistory, Float[np.ndarray, "t 3"]]]:
+@dataclass(frozen=True, kw_only=True)
+class Pull:
+    """Markers that pull `after` and `before` their first touch, by how far they are drawn out (mm) and the
+    noise of that.
+    """
+
+    after: int
+    before: int
+    stretch_mm: Float[np.ndarray, " k"]
+    noise_mm: float
+
+    @property
+    def evidence(self) -> float:
+        """ln evidence that the gel sticks, of the module's docstring."""
+        return stick_evidence(self.after, self.before)
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """The reach and its standard deviation."""
+        second, largest = np.sort(self.stretch_mm)[-2:]
+        return float(2 * largest - second), float(np.hypot(largest - second, self.noise_mm))
+
+
+def pads_with_normals(recording: GraspCase) -> list[tuple[PadHistory, Float[np.ndarray, "t 3"]]]:
     """Each pad of a recording with its normal, out of its face, in every frame."""
     return [
         (history, motion.pose[:, :3, 2])
@@ -68,17 +91,20 @@ def pads_of(recording: GraspCase) -> list[tuple[PadHistory, Float[np.ndarray, "t
     ]
 
 
-def gels_stick(recordings: Sequence[GraspCase]) -> bool:
-    """Whether gels stick to the fruit, by all its recordings together: one alone may have few that pull."""
-    found = [pulling(*pad) for recording in recordings for pad in pads_of(recording)]
-    after = sum(int(one.later.any(axis=0).sum()) for one in found)
-    before = sum(int(one.earlier.any(axis=0).sum()) for one in found)
-    return stick_evidence(after, before) > LEAST_EVIDENCE
+def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
+    """One pad of one recording, all its frames; `normal` as in `pulling`."""
+    pulls = pulling(history, normal)
+    return Pull(
+        after=int(pulls.later.any(axis=0).sum()),
+        before=int(pulls.earlier.any(axis=0).sum()),
+        stretch_mm=pulls.stretch_mm[pulls.later],
+        noise_mm=history.displacement_sd_mm,
+    )
 
 
 def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
     """What the gel pulls with at each marker, of all pads, after its touch."""
-    pads = pads_of(recording)
+    pads = pads_with_normals(recording)
     pulled = [np.where(own.later, own.normal_N, 0.0) for own in (pulling(*pad) for pad in pads)]
     return np.concatenate(
         [own[..., None] * normal[:, None] for own, (_, normal) in zip(pulled, pads, strict=True)], axis=1

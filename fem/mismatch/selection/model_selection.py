@@ -8,6 +8,7 @@ fem.mismatch.thresholds.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -44,14 +45,12 @@ from fem.mismatch.thresholds import (
     PAIR_SHARE,
     PAIR_SHARE_ELSE,
     REFIT_SHARE,
+    SIDE_BY_SIDE,
     TEMPERATURE,
     UNKNOWN_EXCESS,
     UNKNOWN_LEFT,
 )
 from fem.parallel_map import parallel_map
-
-SIDE_BY_SIDE = 2
-"""Effects refitted at the same time. Each takes memory of its own, and two cores are what is usual."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,35 +206,30 @@ def refitted_singles(
     against those before them alone, so that threads change no answer.
     """
     most = max((one.gain for one in found), default=0.0)
-    best, tried = 0.0, list[_Candidate]()
-    while len(tried) < len(found):
-        first = len(tried)
+    best, at_once, tried, waiting = 0.0, 1, list[_Candidate](), list(enumerate(found))
+    while waiting:
         enough = best > ENOUGH_GAIN * (linear.null.chi2 - null_case.chi2) / 2
         share = NEAR_EQUAL if enough else REFIT_SHARE
-
-        def tried_in_full(
-            number: int, *, best: float = best, enough: bool = enough, share: float = share
-        ) -> _Candidate:
-            one = found[number]
+        due: list[_Candidate] = []
+        while waiting and len(due) < at_once:
+            number, one = waiting.pop(0)
             hopeful = number < MOST_SINGLES and one.gain > share * most
-            if hopeful or (one.always_refitted and not (enough and best > CLEAR_GAIN)):
-                return _refitted(forward, linear, one, best, null_case)
-            return one
-
-        numbers = range(first, min(first + (SIDE_BY_SIDE if first else 1), len(found)))
-        tried += parallel_map(tried_in_full, numbers, workers=forward.workers)
-        best = max([best, *(one.gain for one in tried if one.refit is not None)])
+            (due if hopeful or one.always_refitted else tried).append(one)
+        in_full = partial(_refitted, forward, linear, best=best, null_case=null_case)
+        refitted, at_once = parallel_map(in_full, due, workers=forward.workers), SIDE_BY_SIDE
+        tried += refitted
+        best = max([best, *(one.gain for one in refitted if one.refit is not None)])
     for _ in found:
         tried.sort(key=lambda one: -one.gain)
         if tried[0].refit is not None:
             break
-        again = _refitted(forward, linear, tried[0], best, null_case)
+        again = _refitted(forward, linear, tried[0], best=best, null_case=null_case)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
     return tried
 
 
 def _refitted(
-    forward: ForwardModel, linear: LinearRound, one: _Candidate, best: float, null_case: NullCase
+    forward: ForwardModel, linear: LinearRound, one: _Candidate, *, best: float, null_case: NullCase
 ) -> _Candidate:
     """The best refit over the pads in question; unchanged where no model can be computed."""
     found, failed = [], ""
