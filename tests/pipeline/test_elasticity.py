@@ -165,6 +165,28 @@ def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, 
     assert kept.displacement_correction is None
 
 
+@pytest.mark.slow
+def test_two_threads_give_the_same_models(workplace, mesh, histories):
+    task, _ = workplace
+    names = ("along-x", "along-y")
+    one, two = (
+        elasticity.responses(
+            task,
+            f"response-{workers}",
+            grasps(*names),
+            [prepared_grasp(histories[name], turns_of(name)) for name in names],
+            mesh,
+            poisson_ratio=NU,
+            budget=ErrorBudget(),
+            workers=workers,
+        )
+        for workers in (1, 2)
+    )
+    for own, other in zip(one, two, strict=True):
+        np.testing.assert_array_equal(own.compliance, other.compliance)
+        np.testing.assert_array_equal(own.place_mm, other.place_mm)
+
+
 def test_a_grasp_off_the_skin_does_not_cost_the_others(workplace, mesh):
     task, made = workplace
     found = modulus(task, mesh, "lost", "along-x")
