@@ -133,15 +133,21 @@ def _cells_chart(
         if limits[0] <= cell.E_MPa <= limits[1]:
             parts.append(error_bar_y(y, cell.E_MPa, cell.E_sd_MPa, x(cell.time_s), class_=f"thin pad{k % 4}"))
             parts.append(marker(_MARKS[k % 4], x(cell.time_s), y(cell.E_MPa), size=3.0, class_=f"pad{k % 4}"))
-    parts += _legend([(f"pad {pad}", "mark", k) for k, pad in enumerate(pads)])
+    parts += _legend([(_pad_said(pad), "mark", k) for k, pad in enumerate(pads)])
     mean = {pad: np.mean([c.E_MPa for c in cells if c.pad == pad] or [np.nan]) for pad in pads}
     return drawing(
         *parts,
         width=_WIDTH,
         height=_BOTTOM + 42,
         title=f"E over time, {grasp}",
-        description="; ".join(f"pad {pad}: mean {number(float(value))} MPa" for pad, value in mean.items()),
+        description="; ".join(
+            f"{_pad_said(pad)}: mean {number(float(value))} MPa" for pad, value in mean.items()
+        ),
     )
+
+
+def _pad_said(pad: str) -> str:
+    return "all pads" if pad == "all" else f"pad {pad}"
 
 
 def force_and_residual(trace: TraceEntry, *, with_effect: bool) -> tuple[Markup, Markup]:

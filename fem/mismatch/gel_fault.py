@@ -166,7 +166,15 @@ class GelFault:
         if measured is None:
             return 0.0
         response = self.respond(forward, measured.values, ONE_WAY)
-        return (_flesh_chi2(forward, None) - _flesh_chi2(forward, response)) / 2
+        return (_flesh_fit(forward, None)[0] - _flesh_fit(forward, response)[0]) / 2
+
+    def modulus_change(self, forward: ForwardModel) -> float:
+        """Relative change of E by undoing the law as measured; zero where the relation says nothing of it."""
+        measured = self.measured(forward)
+        if measured is None:
+            return 0.0
+        response = self.respond(forward, measured.values, ONE_WAY)
+        return _flesh_fit(forward, None)[1] / _flesh_fit(forward, response)[1] - 1
 
 
 def faults_of_relation(effects: Sequence[Effect]) -> list["GelFault"]:
@@ -274,8 +282,8 @@ def _per_amount(forward: ForwardModel, grasp: int, there: Response, amount: floa
     )
 
 
-def _flesh_chi2(forward: ForwardModel, response: Response | None) -> float:
-    """chi-square of the markers' motion with the best 1/E."""
+def _flesh_fit(forward: ForwardModel, response: Response | None) -> tuple[float, float]:
+    """chi-square of the markers' motion with the best 1/E, and that 1/E (1/MPa)."""
     data, plain, along = 0.0, 0.0, 0.0
     for k, recording in enumerate(forward.base.grasps):
         tracks, equations = recording.tracks, marker_equations(forward, recording)
@@ -288,4 +296,4 @@ def _flesh_chi2(forward: ForwardModel, response: Response | None) -> float:
         data += float((seen[touching] * heavy).sum())
         along += float((unit[touching] * heavy).sum())
         plain += float((unit[touching] * driven).sum())
-    return float(data - along**2 / plain)
+    return float(data - along**2 / plain), float(along / plain)

@@ -29,7 +29,9 @@ from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_verdict import (
+    HiddenGelFault,
     borne_out,
+    hidden_gel_faults,
     reported_modulus,
     second_spread,
     undetected_spread,
@@ -98,6 +100,8 @@ def explain(
             if best is None
             else second_spread(linear, best, null_case)
         )
+        hidden = hidden_gel_faults(forward, linear.gel_faults, best)
+        unseen = float(np.linalg.norm([unseen, *(fault.spread for fault in hidden)]))
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -133,6 +137,7 @@ def explain(
             *(WITHDRAWN_NOTE.format(name=name.replace("_", " ")) for name in worse),
             *([] if best is None else _remarks(best, ranking[0].parameters)),
             *([] if best is None else _other_pads(found.ranking[0])),
+            *([] if found.verdict == UNKNOWN else _hidden(hidden)),
         ),
         seconds=seconds,
     )
@@ -149,6 +154,27 @@ LARGE_DEFORMATION_NOTE = (
     "The flesh deforms largely: recordings hold {share:.2f} ± {sd:.2f} of what Neo-Hookean flesh does beyond "
     "small strain. That is no fault, and counts as no mismatch."
 )
+HIDDEN_GEL_NOTE = (
+    "{name} ({values}) is neither shown nor excluded by the gels' forces against their displacement. With it "
+    "E would change by {change:+.0%}, which its error bar holds. Quieter or deeper recordings tell, or the gel "
+    "pressed on a load cell."
+)
+NOTED_SPREAD = 0.03
+"""Relative spread of E by a hidden fault of a gel from which on it is said. Set by hand, at twice what E is
+usually known to."""
+
+
+def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
+    """Faults of the gel that may be there and widen E's error bar much."""
+    return [
+        HIDDEN_GEL_NOTE.format(
+            name=fault.name.replace("_", " "),
+            values=", ".join(f"{name} {value:.3g}" for name, value in fault.values.items()),
+            change=fault.modulus_change,
+        )
+        for fault in faults
+        if fault.spread > NOTED_SPREAD
+    ]
 
 
 def _on_large_deformation(

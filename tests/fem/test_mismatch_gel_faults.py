@@ -1,5 +1,6 @@
 """Faults of a gel that show in force against its own displacement: what is injected comes back."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.forward_selection import direct_evidence, second_faults
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
+from fem.mismatch.selection.reported_verdict import hidden_gel_faults
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.mismatch.thresholds import PAIR_GAIN
@@ -131,6 +133,36 @@ def test_a_gel_that_bends_and_is_read_rightly_is_no_fault_of_the_reading():
     assert found.evidence > 20  # the relation alone would have it
     assert effect.flesh_gain(forward) < 0
     assert not effect.signatures(forward)
+
+
+def spread(forward: ForwardModel, faults: Sequence[GelFault]) -> float:
+    return float(np.linalg.norm([fault.spread for fault in hidden_gel_faults(forward, faults, None)]))
+
+
+@pytest.mark.parametrize(("evidence", "there"), [(-3.0, 0.047), (2.6, 0.931), (6.0, 0.998)])
+def test_a_fault_that_is_neither_shown_nor_excluded_is_in_the_error_bar(
+    bent_reading, monkeypatch, evidence, there
+):
+    fault = sensor_nonlinear.EFFECT
+    found = fault.measured(bent_reading)
+    assert found is not None
+    weak = replace(found, evidence=evidence)
+    monkeypatch.setitem(bent_reading.memo.values, ("gel relation", fault.spec.name), weak)
+    moved = fault.modulus_change(bent_reading)
+    before = modulus_of(bent_reading).value
+    after = modulus_of(bent_reading, fault.respond(bent_reading, weak.values, ONE_WAY)).value
+    assert moved == pytest.approx(after / before - 1, abs=0.03)
+    assert spread(bent_reading, (fault,)) == pytest.approx(there**0.5 * moved, rel=0.01)
+    named = SimpleNamespace(effects=(gel_creep.EFFECT,))
+    assert hidden_gel_faults(bent_reading, (fault,), named) == []
+
+
+def test_a_sound_gel_hardly_widens_the_error_bar(unaltered):
+    assert spread(unaltered, FAULTS) < 0.005
+
+
+def test_a_gel_that_bends_and_is_read_rightly_does_not_widen_it():
+    assert spread(forward_of(bending_gel(0.5)), (sensor_nonlinear.EFFECT,)) == 0.0
 
 
 @pytest.mark.parametrize("effect", ALL)

@@ -10,11 +10,14 @@ second effect beside them may do; and where something unknown is missing that of
 as unknown physics has made it.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
+from fem.mismatch.gel_fault import GelFault, faults_of_relation
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
 from fem.mismatch.selection.detection import statistic_p
 from fem.mismatch.selection.forward_selection import added_gains
@@ -112,6 +115,46 @@ def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> flo
     return _spread_of_some(known, statistic_p("best single", most / null_case.compliance_ratio))
 
 
+@dataclass(frozen=True, kw_only=True)
+class HiddenGelFault:
+    """A fault of the gel that force against displacement neither shows nor excludes: its parameters as
+    measured, its probability, and the relative change of E by it.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    probability: float
+    modulus_change: float
+
+    @property
+    def spread(self) -> float:
+        """Relative spread of E, which is without it: root mean square."""
+        return float(np.sqrt(self.probability) * abs(self.modulus_change))
+
+
+def hidden_gel_faults(
+    forward: ForwardModel, faults: Sequence[GelFault], named: Refit | None
+) -> list[HiddenGelFault]:
+    """Those of `faults` with which the flesh's equations fit better.
+
+    At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named
+    fault of the gel: each shows in part as another.
+    """
+    if named is not None and any(isinstance(effect, GelFault) for effect in named.effects):
+        return []
+    measured = [(fault, fault.measured(forward)) for fault in faults_of_relation(faults)]
+    return [
+        HiddenGelFault(
+            name=fault.spec.name,
+            values=known.values,
+            probability=float(expit(known.evidence)),
+            modulus_change=fault.modulus_change(forward),
+        )
+        for fault, known in measured
+        if known is not None and fault.flesh_gain(forward) > 0
+    ]
+
+
 def _spread_of_some(known: Sequence[tuple[float, float]], p_value: float) -> float:
     """Relative spread of E by one of several effects, given the gain of each and the spread of E with it.
 
@@ -135,8 +178,8 @@ def reported_modulus(
     undetected: float = 0.0,
     proof: HeldOut | None = None,
 ) -> Modulus:
-    """E as the module's docstring says. `undetected`: of undetected_spread, or second_spread beside a name;
-    `proof`: of the plain model.
+    """E as the module's docstring says. `undetected`: of undetected_spread, or second_spread beside a name,
+    and of hidden_gel_faults; `proof`: of the plain model.
     """
     if verdict == UNKNOWN:
         return _widened(plain, unknown_spread(proof))
