@@ -156,8 +156,8 @@ LARGE_DEFORMATION_NOTE = (
 )
 HIDDEN_GEL_NOTE = (
     "{name} ({values}) is neither shown nor excluded by the gels' forces against their displacement. With it "
-    "E would change by {change:+.0%}, which its error bar holds. Quieter or deeper recordings tell, or the gel "
-    "pressed on a load cell."
+    "E would change by {change:+.0%}, which its error bar holds. Quieter or deeper recordings tell, or the "
+    "gel pressed on a load cell."
 )
 NOTED_SPREAD = 0.03
 """Relative spread of E by a hidden fault of a gel from which on it is said. Set by hand, at twice what E is
