@@ -13,7 +13,8 @@ _THIS_THREAD = local()
 def parallel_map(call: Callable[[A], B], items: Iterable[A], *, workers: int) -> list[B]:
     """`call` of every item, in their order, up to `workers` at once; the first one's exception is raised.
 
-    Then, and where the caller is interrupted, what still runs ends where it next comes here itself.
+    After an exception, or when the caller is interrupted, work that still runs ends the next time it calls
+    this function itself.
 
     Work that is itself one of several does its own pieces one after the other. What `call` changes outside of
     itself it must guard. BLAS should be held to one thread meanwhile (threadpoolctl): two that each use all
