@@ -155,9 +155,9 @@ LARGE_DEFORMATION_NOTE = (
     "small strain. That is no fault, and counts as no mismatch."
 )
 HIDDEN_GEL_NOTE = (
-    "{name} ({values}) is neither shown nor excluded by the gels' forces against their displacement. With it "
-    "E would change by {change:+.0%}, which its error bar holds. Quieter or deeper recordings tell, or the "
-    "gel pressed on a load cell."
+    "{name} ({values}) has a probability of {probability:.0%} by the gels' forces against their displacement "
+    "and is not part of the answer. With it E would change by {change:+.0%}, which its error bar holds. "
+    "Quieter or deeper recordings tell, or the gel pressed on a load cell."
 )
 NOTED_SPREAD = 0.03
 """Relative spread of E by a hidden fault of a gel from which on it is said. Set by hand, at twice what E is
@@ -170,6 +170,7 @@ def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
         HIDDEN_GEL_NOTE.format(
             name=fault.name.replace("_", " "),
             values=", ".join(f"{name} {value:.3g}" for name, value in fault.values.items()),
+            probability=fault.probability,
             change=fault.modulus_change,
         )
         for fault in faults

@@ -47,7 +47,7 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
         )
     line(
         f"chance of so large a difference where nothing is missing: p {found.p_value:.2g} "
-        f"(below {DETECTION_P:g} something is)"
+        f"(below {DETECTION_P:g} counts as a mismatch)"
     )
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")

@@ -105,9 +105,9 @@ def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
 def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
     """What the gel pulls with at each marker, of all pads, after its touch."""
     pads = pads_with_normals(recording)
-    pulled = [np.where(own.later, own.normal_N, 0.0) for own in (pulling(*pad) for pad in pads)]
+    sizes = [np.where(own.later, own.normal_N, 0.0) for own in (pulling(*pad) for pad in pads)]
     return np.concatenate(
-        [own[..., None] * normal[:, None] for own, (_, normal) in zip(pulled, pads, strict=True)], axis=1
+        [own[..., None] * normal[:, None] for own, (_, normal) in zip(sizes, pads, strict=True)], axis=1
     )
 
 

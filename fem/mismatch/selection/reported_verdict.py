@@ -117,8 +117,8 @@ def second_spread(linear: LinearRound, named: Refit, null_case: NullCase) -> flo
 
 @dataclass(frozen=True, kw_only=True)
 class HiddenGelFault:
-    """A fault of the gel that force against displacement neither shows nor excludes: its parameters as
-    measured, its probability, and the relative change of E by it.
+    """A fault of the gel that is not named and that force against displacement does not exclude: its
+    parameters as measured, its probability, and the relative change of E by it.
     """
 
     name: str
