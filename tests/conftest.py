@@ -12,10 +12,13 @@ from pathlib import Path
 import array_annotations  # the hook's checks, while their folder is on the path
 import jaxtyping
 import pytest
+import scipy.linalg  # noqa: F401  # loads the libraries of linear algebra, whose threads are limited below
 from jaxtyping import config, install_import_hook
+from threadpoolctl import threadpool_limits
 
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
+threadpool_limits(1)  # two workers share two cores; threads that wait for each other take a third more time
 ROOT = Path(__file__).parents[1]
 CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline")
 """The rooms, all of whose modules are checked."""

@@ -44,6 +44,19 @@ class AtValue:
 
 
 @dataclass(frozen=True, kw_only=True)
+class AtGap:
+    """A gap about the pit, from which the search starts; whether the pit turns in it."""
+
+    gap_mm: float
+    pit_turns: bool
+
+    @property
+    def label(self) -> str:
+        """Such as "gap 0.1 mm, pit turns"."""
+        return f"gap {self.gap_mm:g} mm, pit {'turns' if self.pit_turns else 'does not turn'}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class AtPlace:
     """The effect in a ball somewhere in the flesh, fruit frame."""
 
@@ -57,7 +70,7 @@ class AtPlace:
         return f"{x:.2f} {y:.2f} {z:.2f} radius {self.radius_mm:.2f} mm"
 
 
-Variant: TypeAlias = OneWay | OfPad | AtValue | AtPlace
+Variant: TypeAlias = OneWay | OfPad | AtValue | AtGap | AtPlace
 ONE_WAY = OneWay()
 
 

@@ -2,11 +2,8 @@
 
 import pytest
 from fem_shapes import ball
-from threadpoolctl import threadpool_limits
 
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
-
-threadpool_limits(1)  # two workers share two cores
 
 
 @pytest.fixture(scope="session")

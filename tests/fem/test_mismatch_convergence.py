@@ -14,7 +14,7 @@ from fem.mismatch.model import slip_path, stress_history
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.screening import screened
-from fem.mismatch.signature_variant import ONE_WAY, OfPad
+from fem.mismatch.signature_variant import ONE_WAY, AtGap, OfPad
 
 LAWS = [
     (damage.EFFECT, {"dmax": 0.35, "W0_over_E": 0.004}, {"dmax": 0.3, "W0_over_E": 0.003}),
@@ -99,5 +99,5 @@ def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypat
 def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr(loose_pit, "STILL", 0.0)
     with pytest.raises(FemFailure, match="gap") as failure:
-        loose_pit.EFFECT.respond(forward_of(), {"gap_mm": 0.1}, ONE_WAY)
+        loose_pit.EFFECT.respond(forward_of(), {"gap_mm": 0.1}, AtGap(gap_mm=0.1, pit_turns=True))
     assert failure.value.problem is FemProblem.NOT_CONVERGED

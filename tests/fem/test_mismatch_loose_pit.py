@@ -2,25 +2,33 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import coarse_fruit
 import numpy as np
 import pytest
+from fem_shapes import ball
 from pinched_forward_model import facing
 from scipy.optimize import nnls
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
-from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import skin_quadrature
 from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
-from fem.mismatch.signature_variant import ONE_WAY
+from fem.mismatch.selection.screening import LinearFit, screened
+from fem.mismatch.signature_variant import AtGap
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
+from samples.brick_flesh import flesh_of
+from samples.hexahedra import Fineness, flesh_bricks, lagrange
+from samples.mismatch.freestone import loose_compliance, pit_contact
+from samples.mismatch.skin_compliance import skin_compliance
 
 NU = 0.45
 INNER_MM, OUTER_MM = 10.0, 30.0
@@ -54,11 +62,13 @@ def shell(cored_ball: FleshMesh) -> tuple[UnitModulusSolid, LooseFlesh, np.ndarr
     return bonded, LooseFlesh.of(bonded), load
 
 
-def pressed(flesh: LooseFlesh, load: np.ndarray, gap: float) -> tuple[np.ndarray, np.ndarray]:
+def pressed(
+    flesh: LooseFlesh, load: np.ndarray, gap: float, *, pit_turns: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """Pressures on the patches, and displacement of the skin."""
     moved = flesh.solid.displacement(load)
     opening = (flesh.load.T @ moved.reshape(1, -1).T).T + gap * flesh.area_mm2
-    found = pressures(flesh.compliance, opening)
+    found = pressures(flesh.compliance(pit_turns=pit_turns), opening)
     return found[0], moved[0, flesh.solid.contact_nodes] + np.tensordot(found[0], flesh.skin, axes=1)
 
 
@@ -91,6 +101,93 @@ def test_without_a_gap_even_pressure_cannot_tell_loose_from_bonded(shell):
     moved = pressed(flesh, load, 0.0)[1]
     held = bonded.displacement(load)[0, bonded.contact_nodes]
     assert moved == pytest.approx(held, abs=0.01 * np.abs(held).max())
+
+
+ASKEW = np.array([0.6, 0.55, 0.58]) / np.linalg.norm([0.6, 0.55, 0.58])
+LOADED_COS, GAP = np.cos(np.radians(16)), 0.02
+
+
+def pinch_at(points_mm: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Pressure, MPa, on a ball's skin, at both ends of an axis."""
+    cos = np.abs(points_mm @ axis) / np.linalg.norm(points_mm, axis=1)
+    return PRESSURE_MPA * np.clip((cos - LOADED_COS) / (1 - LOADED_COS), 0, None)
+
+
+def flesh_about(pit_semi_axes_mm: tuple[float, float, float]) -> tuple[UnitModulusSolid, LooseFlesh]:
+    """Bonded and loose flesh of a ball."""
+    mesh = tetrahedralise(
+        *ball(4000, semi_axes_mm=(26, 26, 26)), *ball(3000, semi_axes_mm=pit_semi_axes_mm), edge_mm=7.0
+    )
+    nodes = np.sort(mesh.outer_nodes)
+    bonded = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free", contact_nodes=nodes)
+    return bonded, LooseFlesh.of(bonded)
+
+
+def softer(flesh: tuple[UnitModulusSolid, LooseFlesh], axis: np.ndarray, *, pit_turns: bool) -> float:
+    """Work of a pinch along the axis, of what it does about a bonded pit."""
+    bonded, loose = flesh
+    nodes = bonded.contact_nodes
+    points, area = skin_quadrature(bonded.mesh)
+    push = -(pinch_at(points.point_mm, axis) * area)[:, None] * points.normal
+    load = np.zeros((1, *bonded.mesh.nodes_mm.shape))
+    load[0, nodes] = points.among(nodes).interpolation.T @ push
+    moved = pressed(loose, load, GAP, pit_turns=pit_turns)[1]
+    return float((moved * load[0, nodes]).sum() / (bonded.displacement(load) * load).sum())
+
+
+def test_a_pit_that_is_almost_round_gives_way_as_much_pressed_askew():
+    flesh = flesh_about((10.0, 9.8, 9.9))
+    straight, *askew = (
+        softer(flesh, axis, pit_turns=turns)
+        for axis, turns in ((np.eye(3)[0], True), (ASKEW, True), (ASKEW, False))
+    )
+    assert straight == pytest.approx(1.1, abs=0.03)
+    assert askew == pytest.approx([straight, straight], abs=0.01)
+
+
+def softer_bricks(pit_semi_axes_mm: np.ndarray, axis: np.ndarray) -> float:
+    """The same by hexahedra about a pit that is free to turn, its contact node by node."""
+
+    class Ellipsoid:
+        def __init__(self, semi_axes_mm: np.ndarray) -> None:
+            self.semi_axes_mm = semi_axes_mm
+
+        def points_mm(self, directions: np.ndarray) -> np.ndarray:
+            return directions / np.linalg.norm(directions / self.semi_axes_mm, axis=1, keepdims=True)
+
+    fruit = SimpleNamespace(skin=Ellipsoid(np.full(3, 26.0)), pit=Ellipsoid(pit_semi_axes_mm))
+    bricks = flesh_bricks(
+        fruit, axis, Fineness(degrees=(0, 5, 10, 15, 28, 45), along=2, depths=(0, 0.15, 0.5, 1))
+    )
+    flesh = flesh_of(bricks, E_MPa=1.0, poisson_ratio=NU, law="linear")
+    cells = bricks.nodes_mm[bricks.skin_cells.reshape(-1, 3, 3)]
+    value, slope = lagrange(np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]))
+    weight = np.array([5, 8, 5]) / 9
+    x = np.einsum("ia,jb,kabx->kijx", value, value, cells)
+    across = np.einsum("ia,jb,kabx->kijx", slope, value, cells)
+    along = np.einsum("ia,jb,kabx->kijx", value, slope, cells)
+    area = np.linalg.norm(np.cross(across, along), axis=-1) * np.outer(weight, weight)
+    inward = -x / np.linalg.norm(x, axis=-1, keepdims=True)
+    push = (pinch_at(x.reshape(-1, 3), axis).reshape(area.shape) * area)[..., None] * inward
+    load = np.zeros_like(bricks.nodes_mm)
+    np.add.at(load, bricks.skin_cells.reshape(-1, 3, 3), np.einsum("ia,jb,kijx->kabx", value, value, push))
+    unknown = np.concatenate([load[flesh.free_nodes].ravel(), np.zeros(6)])
+    chosen = np.flatnonzero(unknown)
+    force, skin = unknown[chosen], slice(0, len(chosen))
+    compliance, inner = loose_compliance(flesh, chosen).dense(), pit_contact(flesh, gap_mm=GAP)
+    pit = slice(len(chosen), None)
+    opening = compliance[pit, skin] @ force + GAP
+    pushed = pressures(compliance[pit, pit] + np.diag(1 / inner.N_per_mm), opening[None])[0]
+    loose = force @ (compliance[skin, skin] @ force + compliance[skin, pit] @ pushed)
+    return float(loose / (force @ skin_compliance(flesh.stiffness, chosen).dense() @ force))
+
+
+def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_than_one_that_is_held():
+    semi_axes = (12.0, 9.0, 15.0)
+    flesh = flesh_about(semi_axes)
+    turned, held = (softer(flesh, ASKEW, pit_turns=turns) for turns in (True, False))
+    assert turned == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW), rel=0.02)
+    assert turned - 1 > 1.5 * (held - 1)
 
 
 def test_the_patches_cover_the_pit(shell, cored_ball):
@@ -160,7 +257,7 @@ def test_the_looser_the_pit_the_more_the_pinch_works():
     forward = pinched()
     recording = forward.base.grasps[0]
     gaps = [0.0, 0.01, 0.02, 0.05, 10.0]
-    done = [work(forward, loose_response(forward, recording, gap)) for gap in gaps]
+    done = [work(forward, loose_response(forward, recording, gap, pit_turns=True)) for gap in gaps]
     assert work(forward, recording.tracks.unit_displacement) < done[0]
     assert (np.diff(done) > -1e-12).all()
     assert done[-1] > 1.02 * done[0]
@@ -171,7 +268,7 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
     recording = forward.base.grasps[0]
     flesh = loose_flesh(forward, recording)
     opening = recording.shares @ flesh.marker_response(recording)[1]
-    found = pressures(flesh.compliance, opening)[1]
+    found = pressures(flesh.compliance(pit_turns=True), opening)[1]
     assert found.min() >= 0
     assert found.max() > 0
     total = np.asarray(flesh.load @ found).reshape(-1, 3).sum(axis=0)
@@ -190,17 +287,17 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
         pose=np.repeat(recording.pose[:, 1:2], len(load), axis=1),
         load=load,
     )
-    found = loose_response(forward, held, gap)
+    found = loose_response(forward, held, gap, pit_turns=True)
     flesh = loose_flesh(forward, recording)
     free, opening, pushed = flesh.marker_response(recording)
-    each = pressures(flesh.compliance, held.shares @ opening + gap * flesh.area_mm2)
+    each = pressures(flesh.compliance(pit_turns=True), held.shares @ opening + gap * flesh.area_mm2)
     assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
     exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)
     assert found == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
 
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
-    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, ONE_WAY).unit[0]
+    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, AtGap(gap_mm=GAPS_MM[0], pit_turns=True)).unit[0]
     forward = moved_by(unit)
     recording = forward.base.grasps[0]
     first = EFFECT.signatures(forward)[0]
@@ -210,5 +307,18 @@ def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
     assert field == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
+def best_loose(forward: ForwardModel) -> LinearFit:
+    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    return screened(forward, recorded, [EFFECT]).best[0]
+
+
 def test_a_bonded_pit_shows_no_looseness():
-    assert not EFFECT.signatures(moved_by(pinched().base.grasps[0].tracks.unit_displacement))
+    assert best_loose(moved_by(pinched().base.grasps[0].tracks.unit_displacement)).gain <= 0
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_looseness_that_one_pinch_cannot_exclude_is_in_the_spread_of_E(turns):
+    way = AtGap(gap_mm=GAPS_MM[1], pit_turns=turns)
+    best = best_loose(moved_by(EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[1]}, way).unit[0]))
+    assert -0.5 < best.gain < 0.5
+    assert best.modulus_spread > 0

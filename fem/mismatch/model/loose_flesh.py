@@ -6,8 +6,10 @@ B_j' u / a_j, with
 
     B_j = integral of N phi_j n,        a_j = integral of phi_j,        n: out of the pit, into the flesh
 
-so that both do the same work. The pit is rigid and free: under pressures it moves until they balance. It
-hangs in springs so weak (HELD) that they carry next to nothing, and are there for when nothing touches it.
+so that both do the same work. The pit is rigid: under pressures it shifts until they balance, hanging in
+springs so weak that they carry next to nothing and are there for when nothing touches it. Whether it turns as
+well, as a smooth one does, or friction and fibres hold it, is not known beforehand: there is a compliance of
+each.
 """
 
 from dataclasses import dataclass, replace
@@ -29,19 +31,26 @@ MOST_PATCHES = 200
 """On the pit's surface: a solution each, about 3 mm apart on a nectarine's pit. Set by hand."""
 AT_ONCE = 50
 """Right-hand sides solved together: memory, nothing else."""
-HELD = 1e-3
-"""Stiffness (N/mm at E = 1 MPa, rotations at the pit's mean radius) of the springs that hold the pit."""
+HELD_N_PER_MM = 1e-3
+"""Stiffness (at E = 1 MPa) of the springs that keep the pit from floating off."""
+TURNING_SHARE = 0.02
+"""Stiffness against turning of a pit that is free to turn, N mm per rad, as a share of E r^3 (r: its mean
+radius; bonded in flesh it is 8 pi G r^3 = 8.7 E r^3). Without it a pit that is almost round would turn by
+radians to give way by tenths of a millimetre, where motions are linear for angles below 0.1. The hollow of an
+oblong pit holds it many times more stiffly. Set by hand."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LooseFlesh:
-    """`compliance`: openings (times area) under pressures, the pit's own motion included; `skin`: the skin's
-    displacement under each; all for E = 1 MPa."""
+    """`shifting`: openings (times area) under pressures, the pit's shift included; `turning`: what its
+    turning adds to them; `skin`: the skin's displacement under each pressure; all for E = 1 MPa.
+    """
 
     solid: UnitModulusSolid
     load: csr_array
     area_mm2: Float[np.ndarray, " c"]
-    compliance: Float[np.ndarray, "c c"]
+    shifting: Float[np.ndarray, "c c"]
+    turning: Float[np.ndarray, "c c"]
     skin: Float[np.ndarray, "c o 3"]
 
     @classmethod
@@ -63,13 +72,19 @@ class LooseFlesh:
             moved = solid.displacement(_as_loads(load[:, these]))
             skin[these] = moved[:, bonded.contact_nodes]
             compliance[these] = (load.T @ moved.reshape(len(moved), -1).T).T
+        shift, turn = _pit_gives(mesh, load)
         return cls(
-            replace(solid, contact_nodes=bonded.contact_nodes),
-            load,
-            area,
-            (compliance + compliance.T) / 2 + _pit_gives(mesh, load),
-            skin,
+            solid=replace(solid, contact_nodes=bonded.contact_nodes),
+            load=load,
+            area_mm2=area,
+            shifting=(compliance + compliance.T) / 2 + shift,
+            turning=turn,
+            skin=skin,
         )
+
+    def compliance(self, *, pit_turns: bool) -> Float[np.ndarray, "c c"]:
+        """Openings (times area) under pressures, about a pit that turns or does not."""
+        return self.shifting + self.turning if pit_turns else self.shifting
 
     def marker_response(
         self, recording: GraspResponse
@@ -127,14 +142,14 @@ def _gathered(corner_mm: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " k"]:
     return np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])
 
 
-def _pit_gives(mesh: FleshMesh, load: csr_array) -> Float[np.ndarray, "c c"]:
-    """What the pit's own motion under the pressures adds to the openings, by work: H H' / HELD."""
+def _pit_gives(mesh: FleshMesh, load: csr_array) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, "c c"]]:
+    """What the pit's shift and its turning add to the openings, by work: H H' / stiffness."""
     pit = mesh.nodes_mm[mesh.pit_nodes]
     centre = pit.mean(axis=0)
-    modes = rigid_modes(mesh.nodes_mm, centre_mm=centre).reshape(-1, 6)
-    modes[:, 3:] /= np.linalg.norm(pit - centre, axis=1).mean()
-    push = load.T @ modes
-    return np.asarray(push @ push.T) / HELD
+    radius_mm = float(np.linalg.norm(pit - centre, axis=1).mean())
+    push = load.T @ rigid_modes(mesh.nodes_mm, centre_mm=centre).reshape(-1, 6)
+    shift, turn = push[:, :3], push[:, 3:]
+    return shift @ shift.T / HELD_N_PER_MM, turn @ turn.T / (TURNING_SHARE * radius_mm**3)
 
 
 def _as_loads(columns: csr_array) -> Float[np.ndarray, "f n 3"]:
