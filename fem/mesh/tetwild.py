@@ -5,8 +5,9 @@ pytetwild and PyVista are imported when they are called: only what meshes a frui
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
+from functools import cache
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -28,7 +29,8 @@ def simplified(
     wanted = max(area / (edge_mm**2 * np.sqrt(3) / 4), 64)
     if wanted >= len(faces):
         return vertices_mm, faces
-    import pyvista
+    with _ctrl_c_waits():
+        import pyvista
 
     surface = pyvista.PolyData.from_regular_faces(vertices_mm, faces)
     small = surface.decimate(1 - wanted / len(faces), volume_preservation=True)
@@ -44,28 +46,22 @@ def fill(
     """Tetrahedra, positively oriented, of the region that the surfaces bound together.
 
     The normals of an inner surface point into its hole, so that winding numbers leave the hole empty.
-    The mesher takes Ctrl-C away from Python, which is mended here. It shuffles with a seed from the machine's
-    entropy, so two runs differ in their elements (by less than the discretisation error), not in their shape.
-    It leaves a file in the working directory: it gets one to throw away. Raises FemFailure where nothing
-    comes back.
+    The mesher shuffles with a seed from the machine's entropy, so two runs differ in their elements (by less
+    than the discretisation error), not in their shape. Ctrl-C comes when it is done, within seconds. Raises
+    FemFailure where nothing comes back.
     """
-    import pytetwild
-
     vertices = np.vstack([v for v, _ in surfaces])
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
     faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)
     diagonal_mm = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     try:
-        with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
-            nodes, tets = pytetwild.tetrahedralize(
-                vertices,
-                np.ascontiguousarray(faces),
-                edge_length_abs=edge_mm,
-                epsilon=envelope_mm / diagonal_mm,
-                stop_energy=10.0,
-                num_threads=1,
-                quiet=True,
-            )
+        nodes, tets = _mesher()(
+            vertices,
+            np.ascontiguousarray(faces),
+            edge_length_abs=edge_mm,
+            epsilon=envelope_mm / diagonal_mm,
+            stop_energy=10.0,
+        )
     except RuntimeError as error:
         raise FemFailure(
             FemProblem.MESHING_FAILED,
@@ -76,7 +72,6 @@ def fill(
             FemProblem.MESHING_FAILED,
             "the tetrahedral mesher found no inside; check that the surface is closed",
         )
-    nodes, tets = np.asarray(nodes, dtype=float), np.asarray(tets, dtype=np.int64)
     backward = signed_volumes_mm3(nodes, tets) < 0
     tets[backward] = tets[backward][:, [0, 2, 1, 3]]
     nodes, tets = compact(nodes, tets)
@@ -94,6 +89,36 @@ def fill(
     return compact(nodes, tets[piece == volume.argmax()])
 
 
+@cache
+def _mesher() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """pytetwild's, on one thread. Its first call of a process takes Ctrl-C away from Python, which is mended
+    afterwards; that call is made here, on one tetrahedron (0.05 s), so that Ctrl-C ends no run without a word
+    while a fruit is meshed.
+
+    It leaves a file in the working directory: it gets one to throw away.
+    """
+    with _ctrl_c_waits():
+        import pytetwild
+
+    def tetrahedralize(
+        vertices: np.ndarray, faces: np.ndarray, **settings: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
+            nodes, tets = pytetwild.tetrahedralize(vertices, faces, num_threads=1, quiet=True, **settings)
+        return np.asarray(nodes, dtype=float), np.asarray(tets, dtype=np.int64)
+
+    corners, sides = np.vstack([np.zeros(3), np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    tetrahedralize(
+        corners,
+        np.array(sides, dtype=np.int32),
+        edge_length_abs=0.2,
+        epsilon=0.1,
+        simplify=False,
+        optimize=False,
+    )
+    return tetrahedralize
+
+
 @contextmanager
 def _ctrl_c_kept() -> Iterator[None]:
     """Python's own handler of SIGINT installed again afterwards; only the main thread may."""
@@ -103,3 +128,19 @@ def _ctrl_c_kept() -> Iterator[None]:
     finally:
         if threading.current_thread() is threading.main_thread() and before is not None:
             signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """SIGINT, while VTK is imported, comes afterwards: in the middle of it the process would crash."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+        if came:
+            signal.raise_signal(signal.SIGINT)
