@@ -29,7 +29,7 @@ def simplified(
     wanted = max(area / (edge_mm**2 * np.sqrt(3) / 4), 64)
     if wanted >= len(faces):
         return vertices_mm, faces
-    with _ctrl_c_waits():
+    with _signals_wait():
         import pyvista
 
     surface = pyvista.PolyData.from_regular_faces(vertices_mm, faces)
@@ -54,8 +54,9 @@ def fill(
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
     faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)
     diagonal_mm = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    tetrahedralize = _mesher()
     try:
-        nodes, tets = _mesher()(
+        nodes, tets = tetrahedralize(
             vertices,
             np.ascontiguousarray(faces),
             edge_length_abs=edge_mm,
@@ -89,34 +90,40 @@ def fill(
     return compact(nodes, tets[piece == volume.argmax()])
 
 
-@cache
 def _mesher() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    """pytetwild's, on one thread. Its first call of a process takes Ctrl-C away from Python, which is mended
-    afterwards; that call is made here, on one tetrahedron (0.05 s), so that Ctrl-C ends no run without a word
-    while a fruit is meshed.
+    """pytetwild's, on one thread.
 
-    It leaves a file in the working directory: it gets one to throw away.
+    Its first call of a process takes Ctrl-C away from Python, which is mended afterwards. The main thread
+    makes that call here, on one tetrahedron (0.1 s), so that Ctrl-C ends no run without a word while a
+    fruit is meshed.
     """
-    with _ctrl_c_waits():
-        import pytetwild
+    with _signals_wait():
+        import pytetwild  # noqa: F401
+    if _in_main_thread():
+        _first_call()
+    return _tetrahedralize
 
-    def tetrahedralize(
-        vertices: np.ndarray, faces: np.ndarray, **settings: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
-            nodes, tets = pytetwild.tetrahedralize(vertices, faces, num_threads=1, quiet=True, **settings)
-        return np.asarray(nodes, dtype=float), np.asarray(tets, dtype=np.int64)
 
-    corners, sides = np.vstack([np.zeros(3), np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    tetrahedralize(
-        corners,
-        np.array(sides, dtype=np.int32),
-        edge_length_abs=0.2,
-        epsilon=0.1,
-        simplify=False,
-        optimize=False,
-    )
-    return tetrahedralize
+@cache
+def _first_call() -> None:
+    sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int32)
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    _tetrahedralize(corners, sides, edge_length_abs=0.2, epsilon=0.1, simplify=False, optimize=False)
+
+
+def _tetrahedralize(
+    vertices: np.ndarray, faces: np.ndarray, **settings: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """In a working directory to throw away: the mesher leaves a file in it."""
+    import pytetwild
+
+    with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
+        nodes, tets = pytetwild.tetrahedralize(vertices, faces, num_threads=1, quiet=True, **settings)
+    return np.asarray(nodes, dtype=float), np.asarray(tets, dtype=np.int64)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 @contextmanager
@@ -126,21 +133,25 @@ def _ctrl_c_kept() -> Iterator[None]:
     try:
         yield
     finally:
-        if threading.current_thread() is threading.main_thread() and before is not None:
+        if _in_main_thread() and before is not None:
             signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
-def _ctrl_c_waits() -> Iterator[None]:
-    """SIGINT, while VTK is imported, comes afterwards: in the middle of it the process would crash."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def _signals_wait() -> Iterator[None]:
+    """Signals that Python answers, while VTK is imported, come afterwards: an exception in the middle of it
+    crashes the process.
+    """
+    ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    answered = [number for number in ends if callable(signal.getsignal(number))]
+    if not _in_main_thread():
+        answered = []
     came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in answered}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if came:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(came[0])

@@ -88,6 +88,13 @@ def value_of(variant: Variant) -> float:
     return variant.value
 
 
+def gap_of(variant: Variant) -> AtGap:
+    """The gap; raises TypeError where the variant is none."""
+    if not isinstance(variant, AtGap):
+        raise TypeError(f"{variant!r} is no gap about a pit")
+    return variant
+
+
 def significant(value: float, digits: int) -> float:
     """Rounded to so many significant digits.
 

@@ -11,6 +11,7 @@ from fem_shapes import ball
 from pinched_forward_model import facing
 from scipy.optimize import nnls
 
+import fem.mismatch.model.loose_flesh
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
@@ -25,9 +26,9 @@ from fem.mismatch.selection.screening import LinearFit, screened
 from fem.mismatch.signature_variant import AtGap
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
-from samples.brick_flesh import flesh_of
+from samples.brick_flesh import HOLDING_N_PER_MM, flesh_of
 from samples.hexahedra import Fineness, flesh_bricks, lagrange
-from samples.mismatch.freestone import loose_compliance, pit_contact
+from samples.mismatch.freestone import THREADS_N_PER_MM, loose_compliance, pit_contact
 from samples.mismatch.skin_compliance import skin_compliance
 
 NU = 0.45
@@ -182,12 +183,17 @@ def softer_bricks(pit_semi_axes_mm: np.ndarray, axis: np.ndarray) -> float:
     return float(loose / (force @ skin_compliance(flesh.stiffness, chosen).dense() @ force))
 
 
-def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_than_one_that_is_held():
+def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_than_one_that_is_held(
+    monkeypatch,
+):
     semi_axes = (12.0, 9.0, 15.0)
+    radius = np.mean(semi_axes)
+    spring = 400 * HOLDING_N_PER_MM + THREADS_N_PER_MM * 2 / 3 * radius**2  # of the bricks' pit, N mm per rad
+    monkeypatch.setattr(fem.mismatch.model.loose_flesh, "TURNING_SHARE", spring / radius**3)
     flesh = flesh_about(semi_axes)
     turned, held = (softer(flesh, ASKEW, pit_turns=turns) for turns in (True, False))
-    assert turned == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW), rel=0.02)
-    assert turned - 1 > 1.5 * (held - 1)
+    assert turned - 1 == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW) - 1, rel=0.1)
+    assert turned - 1 > 2 * (held - 1)
 
 
 def test_the_patches_cover_the_pit(shell, cored_ball):
@@ -263,12 +269,13 @@ def test_the_looser_the_pit_the_more_the_pinch_works():
     assert done[-1] > 1.02 * done[0]
 
 
-def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
+@pytest.mark.parametrize("turns", [True, False])
+def test_the_pit_is_in_equilibrium_and_pulls_at_nothing(turns):
     forward = pinched()
     recording = forward.base.grasps[0]
     flesh = loose_flesh(forward, recording)
     opening = recording.shares @ flesh.marker_response(recording)[1]
-    found = pressures(flesh.compliance(pit_turns=True), opening)[1]
+    found = pressures(flesh.compliance(pit_turns=turns), opening)[1]
     assert found.min() >= 0
     assert found.max() > 0
     total = np.asarray(flesh.load @ found).reshape(-1, 3).sum(axis=0)
@@ -314,11 +321,3 @@ def best_loose(forward: ForwardModel) -> LinearFit:
 
 def test_a_bonded_pit_shows_no_looseness():
     assert best_loose(moved_by(pinched().base.grasps[0].tracks.unit_displacement)).gain <= 0
-
-
-@pytest.mark.parametrize("turns", [True, False])
-def test_looseness_that_one_pinch_cannot_exclude_is_in_the_spread_of_E(turns):
-    way = AtGap(gap_mm=GAPS_MM[1], pit_turns=turns)
-    best = best_loose(moved_by(EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[1]}, way).unit[0]))
-    assert -0.5 < best.gain < 0.5
-    assert best.modulus_spread > 0

@@ -1,4 +1,4 @@
-"""`loose_pit`: freestone. An even gap lies between flesh and pit, frictionless, closed by being pressed.
+"""`loose_pit`: freestone. An even gap lies between flesh and pit, closed by being pressed, without friction.
 
 With no pit the flesh answers the measured forces f and pressures p on its inner surface linearly; at every
 patch of that surface, u_n its displacement out of the pit and v_n the rigid pit's,
@@ -6,9 +6,10 @@ patch of that surface, u_n its displacement out of the pit and v_n the rigid pit
     gap / s + u_n(f, p) - v_n >= 0,      p >= 0,      p (gap / s + u_n - v_n) = 0,      pit in equilibrium
 
 for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The answer
-depends on the forces of the moment alone. A smooth pit turns until no moment is left on it, one that friction
-holds does not; an oblong pit that is pressed askew gives way twice as much if it turns, so that these are two
-ways of the effect to show. Signature: this less the bonded answer, for a few gaps, amount 1.
+depends on the forces of the moment alone. These are of a pit that turns until next to no moment is left on
+it. One that friction holds (fem.mismatch.model.loose_flesh) does not turn; pressed askew, flesh about an
+oblong pit gives way up to three times as much more than bonded flesh if the pit turns, so that these are two
+ways of the effect to show. Signature: this less the bonded answer, for a few gaps and both ways, amount 1.
 However small the gap, the amount is not: what asks for less than LEAST_AMOUNT of it is something else.
 """
 
@@ -26,7 +27,7 @@ from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import loose_flesh
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.signature_variant import AtGap, Variant
+from fem.mismatch.signature_variant import AtGap, Variant, gap_of
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
@@ -81,7 +82,7 @@ class LoosePit:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """One for each gap; none where the flesh has no pit."""
+        """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit."""
         if not len(forward.base.mesh.pit_nodes):
             return []
         found = []
@@ -107,7 +108,7 @@ class LoosePit:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own gap: its amount is one."""
-        return {GAP: _way(signature.variant).gap_mm}
+        return {GAP: gap_of(signature.variant).gap_mm}
 
     def respond(
         self,
@@ -116,7 +117,7 @@ class LoosePit:
         variant: Variant,
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it."""
-        return Response(unit=self._fixed_point(forward, parameters[GAP], pit_turns=_way(variant).pit_turns))
+        return Response(unit=self._fixed_point(forward, parameters[GAP], pit_turns=gap_of(variant).pit_turns))
 
     @staticmethod
     def _fixed_point(
@@ -142,12 +143,6 @@ class LoosePit:
 
 
 EFFECT: Effect = LoosePit()
-
-
-def _way(variant: Variant) -> AtGap:
-    if not isinstance(variant, AtGap):
-        raise TypeError(f"{variant!r} is no gap about a pit")
-    return variant
 
 
 def loose_response(

@@ -31,8 +31,7 @@ class ObservationDelta:
 class Regressor:
     """One unknown amount: its name, prior mean and standard deviation, its field in every recording.
 
-    None: the recording does not depend on it. `positive`: a negative amount has no meaning; `least`: the
-    cause is there in full, 1, or not at all, and an amount below this is that of something else.
+    None: the recording does not depend on it. `positive`: an amount below `least` has no meaning.
     `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).

@@ -86,7 +86,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
-        if not violates_sign_constraint(products, own, fit):
+        if not violates_sign_constraint(products, own, amounts):
             gain = fit.log_evidence - before.log_evidence + conditional.get(one.name, 0.0)
             spread = modulus_spread_of(before, fit)
             found.append((gain, replace(one, amounts=amounts, modulus_spread=spread)))

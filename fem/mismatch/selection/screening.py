@@ -180,7 +180,7 @@ def linear_round(
     for a, b in combinations(best.values(), 2):
         both = (*a.columns, *b.columns)
         fit = products.fit([*own, *both])
-        if not violates_sign_constraint(products, both, fit):
+        if not violates_sign_constraint(products, both, fit.amounts[-len(both) :]):
             gain = fit.log_evidence - null.log_evidence + _auxiliary_of_pair(a, b)
             pairs.append((gain, a, b))
     return LinearRound(
@@ -235,7 +235,7 @@ def _linear_fit(
     """One signature fitted beside the nuisances; it gains nothing with an amount that has no meaning."""
     fit = products.fit([*own, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
-    wrong = violates_sign_constraint(products, columns, fit)
+    wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence
     said, direct = auxiliary(effect, signature, amounts)
     auxiliary_log_likelihood = min(said, max(moved, 0.0))
@@ -262,20 +262,11 @@ def modulus_spread_of(before: Fit, after: Fit) -> float:
     return float(np.hypot((1 + before.amounts[0]) / changed - 1, np.sqrt(more) / changed))
 
 
-def violates_sign_constraint(products: GramMatrix, columns: Sequence[int], fit: Fit) -> bool:
-    """Whether an amount, the last of the fit, has the wrong sign, or is less than has a meaning.
-
-    What is there in full or not at all (`least` of a Regressor) is not excluded while in full, 1, is within
-    two standard deviations.
-    """
-    count = len(columns)
+def violates_sign_constraint(
+    products: GramMatrix, columns: Sequence[int], amounts: Float[np.ndarray, " k"]
+) -> bool:
+    """Whether an amount has the wrong sign, or is less than has a meaning."""
     return any(
-        _has_no_meaning(products.columns[j], float(amount), float(sd))
-        for j, amount, sd in zip(columns, fit.amounts[-count:], fit.sd[-count:], strict=True)
+        products.columns[j].positive and amount < products.columns[j].least
+        for j, amount in zip(columns, amounts, strict=True)
     )
-
-
-def _has_no_meaning(column: Regressor, amount: float, sd: float) -> bool:
-    if not column.positive or (column.least and amount + 2 * sd >= 1):
-        return False
-    return amount < column.least
