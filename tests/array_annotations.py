@@ -88,8 +88,7 @@ def _checked_once_per_form(defined: Any, hints: dict[str, Any], wrap: Wrap) -> A
         return defined  # of a class, by its parent
     if not isinstance(function, types.FunctionType) or any(isinstance(hint, str) for hint in hints.values()):
         return None
-    kinds = {parameter.kind for parameter in inspect.signature(function).parameters.values()}
-    if kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}:
+    if function.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
         return None
     if not _has_form(hints.get("return")):
         return None
@@ -123,15 +122,31 @@ class _Checks(threading.local):
     call: Callable[[], Any] = _nothing
 
 
-_CHECKERS: dict[tuple[int, str], tuple[types.CodeType, Callable[..., Any], _Checks, dict[Any, set[Any]]]] = {}
+@dataclasses.dataclass(frozen=True)
+class _Checker:
+    """Of one function: `places` and `names` of its arguments that hold arrays; `sound`: forms of arguments,
+    and of results given them, that passed.
+    """
+
+    code: types.CodeType
+    run: Callable[..., Any]
+    checks: _Checks
+    places: list[int]
+    names: list[str]
+    gives_array: bool
+    sound: dict[Any, set[Any]]
+
+
+_CHECKERS: dict[tuple[int, str], _Checker] = {}
 """By code and hints: a function within a function is defined with each call, its checks once."""
 
 
-def _remembering(function: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
-    code = function.__code__
-    key = id(code), repr(hints)
+def _checker(function: Any, hints: dict[str, Any], wrap: Wrap) -> _Checker:
+    key = id(function.__code__), repr(hints)
     if key not in _CHECKERS:
         checks = _Checks()
+        signature = inspect.signature(function)
+        gives_array = has_array(hints.get("return"))
 
         @functools.wraps(function)
         def called(*args: Any, **named: Any) -> Any:
@@ -139,42 +154,53 @@ def _remembering(function: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
             return call()
 
         called.__annotations__ = {
-            name: hint for name, hint in hints.items() if name != "return" or has_array(hint)
+            name: hint for name, hint in hints.items() if name != "return" or gives_array
         }
-        called.__signature__ = inspect.signature(function).replace(  # type: ignore[attr-defined]
-            **({} if has_array(hints.get("return")) else {"return_annotation": inspect.Signature.empty})
+        called.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            **({} if gives_array else {"return_annotation": inspect.Signature.empty})
         )
-        _CHECKERS[key] = (code, wrap(called), checks, {})
-    _, checker, checks, sound = _CHECKERS[key]
-    places = [
-        k for k, name in enumerate(inspect.signature(function).parameters) if has_array(hints.get(name))
-    ]
-    names = [name for name, hint in hints.items() if name != "return" and has_array(hint)]
-    gives_array = has_array(hints.get("return"))
+        _CHECKERS[key] = _Checker(
+            code=function.__code__,
+            run=wrap(called),
+            checks=checks,
+            places=[k for k, name in enumerate(signature.parameters) if has_array(hints.get(name))],
+            names=[name for name, hint in hints.items() if name != "return" and has_array(hint)],
+            gives_array=gives_array,
+            sound={},
+        )
+    return _CHECKERS[key]
+
+
+def _remembering(function: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
+    """The checker is made at the first call: most functions are called in few of the tests' processes."""
+    made: list[_Checker] = []
 
     @functools.wraps(function)
     def checked(*args: Any, **named: Any) -> Any:
         if config.jaxtyping_disable:
             return function(*args, **named)
+        if not made:
+            made.append(_checker(function, hints, wrap))
+        known = made[0]
         count = len(args)
-        form: Any = tuple([_form(args[k]) if k < count else None for k in places])
+        form: Any = tuple([_form(args[k]) if k < count else None for k in known.places])
         if named:
-            form = form, tuple([(name, _form(named[name])) for name in names if name in named])
+            form = form, tuple([(name, _form(named[name])) for name in known.names if name in named])
         if UNKNOWN in form or (named and (UNKNOWN in form[0] or any(one is UNKNOWN for _, one in form[1]))):
-            checks.call = lambda: function(*args, **named)
-            return checker(*args, **named)
-        results = sound.get(form)
+            known.checks.call = lambda: function(*args, **named)
+            return known.run(*args, **named)
+        results = known.sound.get(form)
         if results is None:
-            checks.call = lambda: function(*args, **named)
-            result = checker(*args, **named)
-            sound[form] = {_form_of_result(result)} if gives_array else set()
+            known.checks.call = lambda: function(*args, **named)
+            result = known.run(*args, **named)
+            known.sound[form] = {_form_of_result(result)} if known.gives_array else set()
             return result
         result = function(*args, **named)
-        if gives_array:
+        if known.gives_array:
             of_result = _form_of_result(result)
             if of_result is UNKNOWN or of_result not in results:
-                checks.call = lambda: result
-                checker(*args, **named)
+                known.checks.call = lambda: result
+                known.run(*args, **named)
                 results.add(of_result)
         return result
 

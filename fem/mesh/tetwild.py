@@ -5,7 +5,7 @@ pytetwild and PyVista are imported when they are called: only what meshes a frui
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from functools import cache
 from tempfile import TemporaryDirectory
@@ -54,9 +54,9 @@ def fill(
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
     faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)
     diagonal_mm = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    tetrahedralize = _mesher()
+    _prepare_mesher()
     try:
-        nodes, tets = tetrahedralize(
+        nodes, tets = _tetrahedralize(
             vertices,
             np.ascontiguousarray(faces),
             edge_length_abs=edge_mm,
@@ -90,18 +90,16 @@ def fill(
     return compact(nodes, tets[piece == volume.argmax()])
 
 
-def _mesher() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    """pytetwild's, on one thread.
+def _prepare_mesher() -> None:
+    """Import pytetwild and make its first call of this process on one tetrahedron (0.1 s).
 
-    Its first call of a process takes Ctrl-C away from Python, which is mended afterwards. The main thread
-    makes that call here, on one tetrahedron (0.1 s), so that Ctrl-C ends no run without a word while a
-    fruit is meshed.
+    That call takes Ctrl-C away from Python, which is mended after it: if it were the one that meshes a fruit,
+    Ctrl-C would end the run without a word meanwhile. Only the main thread can mend it.
     """
     with _signals_wait():
         import pytetwild  # noqa: F401
     if _in_main_thread():
         _first_call()
-    return _tetrahedralize
 
 
 @cache

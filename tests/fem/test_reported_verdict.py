@@ -46,9 +46,9 @@ def test_a_name_that_leaves_more_than_half_of_the_misfit_is_no_name(after, fails
     assert fails_held_out(HeldOut(rms_before=0.05, rms_after=after, noise_rms=0.01), of_fruit=True) == fails
 
 
-@pytest.mark.parametrize(("after", "fails"), [(0.0140, False), (0.0143, True), (0.0160, True)])
+@pytest.mark.parametrize(("after", "fails"), [(0.0147, False), (0.0150, True), (0.0160, True)])
 def test_a_name_that_leaves_what_sound_recordings_leave_stands(after, fails) -> None:
-    """0.01 beside a noise of 0.01 is 0.01414 together, of which half of the misfit alone would be 0.0129."""
+    """0.011 beside a noise of 0.01 is 0.01487 together; by half of the misfit alone it would be 0.0129."""
     assert fails_held_out(HeldOut(rms_before=0.0153, rms_after=after, noise_rms=0.01), of_fruit=True) == fails
 
 

@@ -22,10 +22,10 @@ except KeyboardInterrupt:
 INTERRUPT_WHILE_MESHING = """
 import os, signal, subprocess
 from fem_shapes import ball
-from fem.mesh.tetwild import _mesher, fill
+from fem.mesh.tetwild import _prepare_mesher, fill
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-_mesher()
+_prepare_mesher()
 killer = subprocess.Popen(["sh", "-c", f"sleep 1; kill -INT {os.getpid()}"])
 try:
     fill([ball(1500, semi_axes_mm=(30, 30, 30))], edge_mm=5.0, envelope_mm=0.1)
