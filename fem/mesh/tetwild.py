@@ -141,9 +141,7 @@ def _signals_wait() -> Iterator[None]:
     crashes the process.
     """
     ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    answered = [number for number in ends if callable(signal.getsignal(number))]
-    if not _in_main_thread():
-        answered = []
+    answered = [number for number in ends if _in_main_thread() and callable(signal.getsignal(number))]
     came: list[int] = []
     before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in answered}
     try:

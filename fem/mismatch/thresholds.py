@@ -92,7 +92,8 @@ measured when noise counted in full; what fits take of it (3 to 8 %) is counted 
 HELD_OUT_FLOOR = 0.011
 """Share of the markers' motion, root mean square beyond noise in recordings left out: a name that leaves less
 is not withdrawn for it, as the plain model leaves 0.007 of sound ones (median) and 0.011 in nine of ten (73
-sound cases of both sealed proofs and both laws; 0.0107 and 0.0118 of even and of odd numbers)."""
+sound cases of both sealed proofs and both laws; 0.0107 and 0.0118 of even and of odd numbers): the root of
+before^2 - noise^2 of "heldout" in benchmarks/sealed/proof*/answers.jsonl."""
 LARGE_MISFIT = 2.0
 """Times the noise, root mean square in recordings left out. Set by hand."""
 UNKNOWN_MODULUS_SD, LARGE_MISFIT_MODULUS_SD = 0.17, 0.3

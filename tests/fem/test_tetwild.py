@@ -21,12 +21,19 @@ except KeyboardInterrupt:
 
 INTERRUPT_WHILE_MESHING = """
 import os, signal, subprocess
+import pytetwild
 from fem_shapes import ball
-from fem.mesh.tetwild import _prepare_mesher, fill
+from fem.mesh.tetwild import fill
 
+mesher = pytetwild.tetrahedralize
+
+def interrupted_mesher(vertices, *arguments, **named):
+    if len(vertices) > 1000:  # the ball's own mesh, which takes seconds
+        subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -INT {os.getpid()}"])
+    return mesher(vertices, *arguments, **named)
+
+pytetwild.tetrahedralize = interrupted_mesher
 signal.signal(signal.SIGINT, signal.default_int_handler)
-_prepare_mesher()
-killer = subprocess.Popen(["sh", "-c", f"sleep 1; kill -INT {os.getpid()}"])
 try:
     fill([ball(1500, semi_axes_mm=(30, 30, 30))], edge_mm=5.0, envelope_mm=0.1)
     print("meshed before it came")

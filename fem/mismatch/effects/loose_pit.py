@@ -41,8 +41,8 @@ MOST_FRAMES = 30
 PEAK = 0.3
 """Peaks of the load above such a share of the greatest are solved for."""
 LEAST_AMOUNT = 0.5
-"""Of the gap that gains most, sound recordings ask for 0.44 at most, loose pits for 0.69 to 1.02
-(docs/validation.md, A pit that turns in its hollow)."""
+"""Set between what recordings ask for of the gap that gains most: eight sound ones 0.44 at most, six loose
+pits 0.69 to 1.02 (docs/validation.md, A pit that turns in its hollow)."""
 MOST_ROUNDS, STILL = 12, 1e-3
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it, until it changes
 by a smaller share than STILL (a tenth of what E is known to)."""
