@@ -153,7 +153,7 @@ def _poses_at(
         return pose
     moved = np.tile(np.eye(4), (len(then), 1, 1))
     moved[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(pose[:, :3, :3]))(then).as_matrix()
-    moved[:, :3, 3] = np.stack([np.interp(then, time_s, pose[:, axis, 3]) for axis in range(3)], axis=1)
+    moved[:, :3, 3] = np.column_stack([np.interp(then, time_s, one) for one in pose[:, :3, 3].T])
     return moved
 
 
@@ -180,7 +180,8 @@ def _stiff(recording: Recording, gave: Sequence[Float[np.ndarray, " _t"]]) -> Re
     pads = []
     for pad, back in zip(recording.pads, gave, strict=True):
         pose = pad.pose.copy()
-        pose[:, :3, 3] -= back[:, None] * pose[:, :3, 2]
+        along = pose[:, :3, 2]
+        pose[:, :3, 3] -= back[:, None] * along
         pads.append(replace(pad, pose=pose))
     aperture = recording.aperture_mm - closing * np.sum(gave, axis=0)
     return replace(recording, pads=tuple(pads), aperture_mm=aperture)

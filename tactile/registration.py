@@ -107,7 +107,8 @@ def depth_along(
     flat, spots = triangles @ across.T, points @ across.T
     edge_1, edge_2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = _cross(edge_1, edge_2)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    first = triangles[:, 0]
+    normals = np.cross(triangles[:, 1] - first, triangles[:, 2] - first)
     low, high = spots.min(axis=0), spots.max(axis=0)
     near = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
     facing = np.flatnonzero(near & (normals @ direction < 0) & (np.abs(area) > 0))

@@ -4,6 +4,7 @@ The hook holds for what this process imports; workers that tests start as proces
 checked.
 """
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from threadpoolctl import threadpool_limits
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
 threadpool_limits(1)  # numpy and scipy: two workers share two cores
+gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
 ROOT = Path(__file__).parents[1]
 CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline")
 """The rooms, all of whose modules are checked."""
@@ -36,6 +38,12 @@ def modules_with_arrays() -> list[str]:
 
 jaxtyping.jaxtyped = array_annotations.only_with_arrays(jaxtyping.jaxtyped)
 install_import_hook(modules_with_arrays(), "array_annotations.check")
+
+
+def pytest_collection_finish() -> None:
+    """Garbage is looked for from now on, less often than by default: the modules alone are many objects."""
+    gc.enable()
+    gc.set_threshold(10_000, 20, 20)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Elastic force of a fruit, an ellipsoid round a rigid pit, between two rigid plates."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -117,7 +118,8 @@ def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_acros
     """
     table = spheroid_table()
     at, _, _, roots = table.grid
-    nu = float(np.clip(-np.log(1 - 2 * poisson_ratio), at[0], at[-1]))
+    least, most = float(at[0]), float(at[-1])
+    nu = min(max(-math.log(1 - 2 * poisson_ratio), least), most)
     others = np.broadcast_to([nu, pit_share, np.log(along_over_across)], (len(roots), 3))
     return CubicSpline(roots, np.exp(table(np.column_stack([others, roots]))))
 

@@ -151,7 +151,9 @@ def _without_measured(
     Raises FemFailure (NOT_CONVERGED) where force and travel do not agree within STILL after MOST_ROUNDS.
     """
     blind = trace.force_N.copy()
-    blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
+    seen = ~mask
+    known_s, known_N = trace.time_s[seen], trace.force_N[seen]
+    blind[mask] = np.interp(trace.time_s[mask], known_s, known_N)
     gives_way = any(u.name == "mm_per_N" for u in law.unknowns)
     for _ in range(MOST_ROUNDS):
         force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]

@@ -163,9 +163,9 @@ def _barycentric(
     points_mm: Float[np.ndarray, "m p 3"], corners_mm: Float[np.ndarray, "m 4 3"]
 ) -> Float[np.ndarray, "m p 4"]:
     """Coordinates of points in straight elements."""
-    sides = np.swapaxes(corners_mm[:, 1:] - corners_mm[:, :1], 1, 2)
-    rest = np.linalg.solve(sides, np.swapaxes(points_mm - corners_mm[:, :1], 1, 2))
-    rest = np.swapaxes(rest, 1, 2)
+    first_mm = corners_mm[:, :1]
+    sides, way = corners_mm[:, 1:] - first_mm, points_mm - first_mm
+    rest = np.linalg.solve(sides.swapaxes(1, 2), way.swapaxes(1, 2)).swapaxes(1, 2)
     return np.concatenate([1 - rest.sum(axis=2, keepdims=True), rest], axis=2)
 
 

@@ -190,7 +190,8 @@ class FiniteBalance:
     def tangent(self, state: FiniteState) -> BorderedTangent:
         """Assembled and factorised; the order of elimination is found once."""
         stiffness = self.flesh.stiffness(state.displacement_mm)
-        loose = csr_array(stiffness[self.loose][:, self.loose])
+        rows = stiffness[self.loose]
+        loose: csr_array = rows[:, self.loose]
         if self.pattern.analysis is None:
             self.pattern.analysis = analyse(loose)
         factor = self.pattern.analysis.factorise(loose)

@@ -127,7 +127,8 @@ def _started(
     for pair in inner:
         some = np.unique(np.linspace(0, len(pair.places_a) - 1, most).astype(int))
         a, b = pair.places_a[some], pair.places_b[some]
-        onto = np.linalg.inv(K @ poses[pair.a][:3][:, [0, 1, 3]])
+        pose = poses[pair.a]
+        onto = np.linalg.inv(K @ pose[:3, [0, 1, 3]])
         at = np.column_stack([a, np.ones(len(a))]) @ onto.T
         ahead = at[:, 2] > 1e-9  # the inverse of the depth
         ground.append(at[ahead, :2] / at[ahead, 2:])

@@ -131,7 +131,8 @@ def _solved(
     matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order."""
-    in_order = sparse.csc_array(matrix[order][:, order])
+    rows = matrix[order]
+    in_order = sparse.csc_array(rows[:, order])
     factor = splu(in_order, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     found = np.empty_like(right)
     found[order] = factor.solve(right[order])

@@ -131,7 +131,8 @@ def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
 def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
     """T6 faces round the pit, their normals out of the flesh."""
     _, whose = boundary_faces(mesh.tets[:, :4])
-    faces = mesh.tets[whose[:, :1], TET_FACES[whose[:, 1]]]
+    tet, side = whose.T
+    faces = mesh.tets[tet[:, None], TET_FACES[side]]
     return np.asarray(faces[np.isin(faces, mesh.pit_nodes).all(axis=1)])
 
 
