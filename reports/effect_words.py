@@ -13,8 +13,8 @@ VERDICTS: dict[str, EffectEntry] = {
     ),
     UNEXPLAINED: EffectEntry(
         short="something that none of the known effects explains",
-        meaning="The recordings differ from the model in a way that repeats from grasp to grasp, and no "
-        "known effect, alone or in pairs, accounts for it.",
+        meaning="The recordings differ from the model by more than noise and what is not known exactly, and "
+        "no known effect, alone or in pairs, accounts for it.",
         advice="Do not trust the modulus of this fruit. Look at the maps below, check fruit and gripper by "
         "eye, and record the fruit again.",
     ),

@@ -20,7 +20,8 @@ from threadpoolctl import threadpool_limits
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
 threadpool_limits(1)  # numpy and scipy: two workers share two cores
-gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
+if "PYTEST_XDIST_WORKER" in os.environ:
+    gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
 ROOT = Path(__file__).parents[1]
 CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline")
 """The rooms, all of whose modules are checked."""

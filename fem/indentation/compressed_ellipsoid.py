@@ -119,7 +119,7 @@ def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_acros
     table = spheroid_table()
     at, _, _, roots = table.grid
     least, most = float(at[0]), float(at[-1])
-    nu = min(max(-math.log(1 - 2 * poisson_ratio), least), most)
+    nu = min(max(-math.log(max(1 - 2 * poisson_ratio, 1e-300)), least), most)
     others = np.broadcast_to([nu, pit_share, np.log(along_over_across)], (len(roots), 3))
     return CubicSpline(roots, np.exp(table(np.column_stack([others, roots]))))
 

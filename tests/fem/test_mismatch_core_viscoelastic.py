@@ -1,5 +1,7 @@
 """Flesh that relaxes: creep against closed forms and the convolution that defines it, and found again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, TIME_S, injected_case, linear_and_refitted, only_grasp
@@ -101,6 +103,34 @@ def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_a
     whole = over_all_frames(recording, values)
     np.testing.assert_array_equal(whole[recording.used], values)
     np.testing.assert_array_equal(whole[:3], 0)
+    last, before = np.flatnonzero(recording.used)[[5, 3]]
+    fewer = recording.used.copy()
+    fewer[before + 1 : last] = False
+    time, kept = recording.case.history.time_s, whole[fewer]
+    filled = over_all_frames(replace(recording, used=fewer), kept)
+    share = (time[before + 1] - time[before]) / (time[last] - time[before])
+    expected = (1 - share) * whole[before] + share * whole[last]
+    np.testing.assert_allclose(filled[before + 1], expected, atol=1e-12)
+
+
+def test_a_first_touch_that_is_not_used_is_as_the_first_frame_that_is():
+    """Of a recording that begins with it, or ends with a last one."""
+    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
+    recording = forward.base.grasps[0]
+    case = recording.case
+    touched = recording.used & (np.arange(len(recording.used)) < 9)
+    history = replace(
+        case.history,
+        pads=tuple(replace(pad, episode=np.zeros_like(pad.episode)) for pad in case.history.pads),
+    )
+    always = replace(recording, case=replace(case, history=history), used=touched)
+    values = np.random.default_rng(0).normal(size=(touched.sum(), 3))
+    whole = over_all_frames(always, values)
+    first, last = np.flatnonzero(touched)[[0, -1]]
+    assert first > 0
+    assert last < len(touched) - 1
+    np.testing.assert_array_equal(whole[:first], np.broadcast_to(values[0], (first, 3)))
+    np.testing.assert_array_equal(whole[last:], np.broadcast_to(values[-1], (len(touched) - last, 3)))
 
 
 def test_flesh_that_relaxes_is_found():

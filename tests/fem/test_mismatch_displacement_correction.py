@@ -15,7 +15,9 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mismatch import displacement_correction
+from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.displacement_correction import KnownEffect, displacement_corrections
+from fem.mismatch.effect_spec import Entry
 from fem.mismatch.effects import skin, viscoelastic
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.signature_variant import ONE_WAY
@@ -139,3 +141,26 @@ def test_known_effects_of_a_fruit_that_does_not_move_have_no_modulus():
     with pytest.raises(FemFailure, match="do not move the fruit") as failure:
         displacement_corrections(as_case(long_pinch()), [known])
     assert failure.value.problem is FemProblem.NO_MODULUS
+
+
+OF_A_NUMBER = {"radius_mm": 5.0, "ratio": 0.5, "nu": 0.42, "scale": 0.95, "mu": 0.3, "gap_mm": 0.006}
+"""Parameters that half of their range, or 0.05 of it, would make no model of."""
+
+
+@pytest.mark.parametrize(
+    "effect", [one for one in EFFECTS if one.spec.enters is Entry.RESPONSE], ids=lambda one: one.spec.name
+)
+def test_every_effect_that_changes_the_response_has_a_correction(effect):
+    """By its parameters alone: settings know no more of it."""
+    forward = forward_of()
+    values = {
+        spec.name: OF_A_NUMBER.get(spec.name, 0.05 * spec.high if spec.low >= 0 else 0.01 * spec.high)
+        for spec in effect.spec.searched
+    }
+    (correction,) = displacement_correction._corrections(
+        forward, [KnownEffect(effect=effect, parameters=lambda _: values)]
+    )
+    assert correction.shape == forward.base.grasps[0].tracks.unit_displacement.shape
+    assert np.isfinite(correction).all()
+    if effect.spec.family == "object":  # a contact corrects what the recording shows of it, here nothing
+        assert np.abs(correction).max() > 0

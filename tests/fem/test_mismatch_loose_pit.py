@@ -23,7 +23,7 @@ from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
 from fem.mismatch.selection.screening import LinearFit, screened
-from fem.mismatch.signature_variant import AtGap
+from fem.mismatch.signature_variant import ONE_WAY, AtGap
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 from samples.brick_flesh import HOLDING_N_PER_MM, flesh_of
@@ -323,3 +323,15 @@ def test_a_bonded_pit_shows_no_looseness():
     best = best_loose(moved_by(pinched().base.grasps[0].tracks.unit_displacement))
     assert best.gain <= 0
     assert best.amounts == pytest.approx([0], abs=0.05)
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_of_a_gap_alone_the_way_that_fits_is_taken(turns):
+    gap = {"gap_mm": 0.002 * COMPLIANCE}  # the pinch closes it
+    true_way, other = (AtGap(gap_mm=gap["gap_mm"], pit_turns=own) for own in (turns, not turns))
+    bare = pinched()
+    forward = moved_by(loose_response(bare, bare.base.grasps[0], 0.002, pit_turns=turns))
+    ways = [EFFECT.respond(forward, gap, one).unit[0] for one in (true_way, other)]
+    found = EFFECT.respond(forward, gap, ONE_WAY).unit[0]
+    assert np.abs(ways[0] - ways[1]).max() > 1e-3 * np.abs(ways[0]).max()
+    np.testing.assert_array_equal(found, ways[0])

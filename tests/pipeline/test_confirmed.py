@@ -103,7 +103,7 @@ def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
     assert (third.displacement_correction == 3.0).all()
 
 
-def test_every_effect_that_can_be_confirmed_reaches_the_modulus():
+def test_every_effect_that_can_be_confirmed_has_the_parameters_of_its_model():
     values = {"number": 0.4, "pair": (0.1, 0.2), "triple": (0.1, 0.2, 0.3), "pad": "left"}
     for name, spec in SPECS.items():
         parameters = {parameter.name: values[parameter.kind] for parameter in spec.parameters}

@@ -32,7 +32,8 @@ from fem.mismatch.model.inner_changes import store_inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import slid_response
 from fem.mismatch.model.warm_start import WarmStarts
-from fem.mismatch.selection.refinement import Refit, slope_fields, superposed
+from fem.mismatch.response_changes import slope_fields, superposed
+from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.signature_variant import Variant
 
 PATH_FRAMES_SHARE = 0.2

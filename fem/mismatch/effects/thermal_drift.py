@@ -136,6 +136,8 @@ def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:
     """
     weight, right, chi2, count = np.zeros(2), np.zeros(2), 0.0, 0
     for record in records:
+        if not record.air.any():
+            continue
         root = root_of_time(record)[record.air]
         chosen = ~record.ever if (~record.ever).sum() >= FEWEST_APART else np.ones_like(record.ever)
         white = float(variance_inflation(np.array([record.lag1]))[0])

@@ -144,7 +144,8 @@ class ForwardModel:
 def over_all_frames(
     recording: GraspResponse, values: Float[np.ndarray, "f ..."]
 ) -> Float[np.ndarray, "t ..."]:
-    """Values of the frames used, in all frames of the recording: zero without contact, linear in between.
+    """Values of the frames used, in all frames of the recording: zero without contact, linear in between, and
+    held before the first and after the last of these.
 
     For laws that depend on the history.
     """
@@ -156,7 +157,7 @@ def over_all_frames(
     at = np.flatnonzero(known)
     for frame in np.flatnonzero(~known):
         after = int(np.searchsorted(at, frame))
-        a, b = at[after - 1], at[min(after, len(at) - 1)]
-        share = (time[frame] - time[a]) / max(time[b] - time[a], 1e-12)
+        a, b = at[max(after - 1, 0)], at[min(after, len(at) - 1)]
+        share = (time[frame] - time[a]) / (time[b] - time[a]) if b > a else 0.0
         whole[frame] = (1 - share) * whole[a] + share * whole[b]
     return whole

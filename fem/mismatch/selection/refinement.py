@@ -19,8 +19,9 @@ from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.evidence.discrepancy_prior import trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.response_changes import slope_fields, superposed
 from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
@@ -370,38 +371,3 @@ class _Search:
             chosen=chosen,
             fit=fit,
         )
-
-
-def slope_fields(
-    forward: ForwardModel, here: Response, ahead: Response, step: float
-) -> list[ObservationDelta]:
-    """d(what the recordings show) / d(parameter)."""
-    fields = []
-    for k in range(len(here.unit)):
-        markers = forward.compliance * (ahead.unit[k] - here.unit[k])
-        if here.shift_mm is not None and ahead.shift_mm is not None:
-            markers = markers + ahead.shift_mm[k] - here.shift_mm[k]
-        balance = None
-        if here.balance is not None and ahead.balance is not None:
-            balance = (ahead.balance[k] - here.balance[k]) / step
-        rest = None
-        if here.rest is not None and ahead.rest is not None:
-            rest = (ahead.rest[k] - here.rest[k]) / step
-        fields.append(ObservationDelta(markers=markers / step, balance=balance, rest=rest))
-    return fields
-
-
-def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
-    """One response with the changes of all: small changes add up."""
-    unit, shift, balance, rest = [], [], [], []
-    for k, recording in enumerate(forward.base.grasps):
-        plain = recording.tracks.unit_displacement
-        unit.append(plain + sum(own.unit[k] - plain for own in responses))
-        shift.append(
-            sum((own.shift_mm[k] for own in responses if own.shift_mm is not None), np.zeros_like(plain))
-        )
-        zero = np.zeros((len(plain), 6))
-        balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
-        nothing = np.zeros(len(recording.links))
-        rest.append(sum((own.rest[k] for own in responses if own.rest is not None), nothing))
-    return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)

@@ -137,10 +137,10 @@ def hidden_gel_faults(
 ) -> list[HiddenGelFault]:
     """Those of `faults` with which the flesh's equations fit better.
 
-    At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named
-    fault of the gel: each shows in part as another.
+    At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
+    of the same relation: each shows in part as another.
     """
-    if named is not None and any(isinstance(effect, GelFault) for effect in named.effects):
+    if named is not None and faults_of_relation(named.effects):
         return []
     measured = [(fault, fault.measured(forward)) for fault in faults_of_relation(faults)]
     return [

@@ -22,7 +22,7 @@ from fem.mismatch.evidence.large_deformation import (
 )
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
-from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.gel_fault import GelFault, faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -214,12 +214,12 @@ def _auxiliary(
 
 
 def _auxiliary_of_pair(a: LinearFit, b: LinearFit) -> float:
-    """What else is known of both. Of two faults of the gel the greater direct evidence counts: one alone
+    """What else is known of both. Of two faults in one relation the greater direct evidence counts: one alone
     shows in part as another. What a second one adds is known once the first is refitted
     (fem.mismatch.selection.forward_selection.direct_evidence).
     """
     both = a.auxiliary_log_likelihood + b.auxiliary_log_likelihood
-    of_one_relation = isinstance(a.effect, GelFault) and isinstance(b.effect, GelFault)
+    of_one_relation = len(faults_of_relation([a.effect, b.effect])) == 2
     return both - min(a.direct, b.direct) if of_one_relation else both
 
 
