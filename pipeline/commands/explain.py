@@ -65,7 +65,8 @@ def explain(
     All recordings of the fruit are looked at together; four that differ in place, speed and hold, each with
     frames in the air before it, tell most effects apart. The verdict is "none", one effect, several that
     these recordings cannot tell apart, or "unknown". Nothing is written but the files asked for and, for a
-    batch's fruit, mismatch.json among its results, which a later `drupe grade` puts into its table.
+    batch's fruit, what belongs to it among the results (--out; BATCH/results without): mismatch.json, which a
+    later `drupe grade` puts into its table, and shape and pictures, made anew where they are not there yet.
 
     Exit status: 0 an answer was given (whatever it says), 1 internal error, 2 usage or settings, 3 the fruit
     or its recordings could not be used, 130 interrupted.

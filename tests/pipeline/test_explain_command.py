@@ -198,7 +198,7 @@ BAD = {
     "truncated": (
         lambda case: [p.write_bytes(p.read_bytes()[:9000]) for p in case.glob("*.h5")],
         3,
-        ["grasp-1.h5", "cut short or damaged"],
+        ["grasp-1.h5", "one that is cut short"],
     ),
 }
 
