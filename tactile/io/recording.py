@@ -277,7 +277,9 @@ def is_of_bare_indenter(path: Path) -> bool:
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     said = "" if isinstance(cause, KeyError) else first_line(cause)
     if "truncated file" in said:
-        return unreadable(path, "the file", "one that is cut short", COMPLETE, "copy it again from the recorder")
+        return unreadable(
+            path, "the file", "one that is cut short", COMPLETE, "copy it again from the recorder"
+        )
     found = f"no readable HDF5 ({said})" if said else "no readable HDF5"
     return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
 

@@ -19,7 +19,7 @@ from fem.mismatch.selection.forward_selection import direct_evidence, second_fau
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_verdict import hidden_gel_faults
-from fem.mismatch.selection.screening import screened
+from fem.mismatch.selection.screening import _auxiliary_of_pair, screened
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.mismatch.thresholds import PAIR_GAIN
 
@@ -155,6 +155,21 @@ def test_a_fault_that_is_neither_shown_nor_excluded_is_in_the_error_bar(
     assert spread(bent_reading, (fault,)) == pytest.approx(there**0.5 * moved, rel=0.01)
     named = SimpleNamespace(effects=(gel_creep.EFFECT,))
     assert hidden_gel_faults(bent_reading, (fault,), named) == []
+    warming = SimpleNamespace(effects=(thermal_drift.EFFECT,))  # seen in the air, not in the relation
+    assert [one.name for one in hidden_gel_faults(bent_reading, (fault,), warming)] == [fault.spec.name]
+
+
+def test_evidence_of_two_faults_counts_twice_where_it_is_not_of_one_relation():
+    def seen(effect: GelFault, evidence: float) -> SimpleNamespace:
+        return SimpleNamespace(effect=effect, auxiliary_log_likelihood=evidence, direct=evidence)
+
+    creep, loop, warm = (
+        seen(gel_creep.EFFECT, 30),
+        seen(gel_hysteresis.EFFECT, 20),
+        seen(thermal_drift.EFFECT, 50),
+    )
+    assert _auxiliary_of_pair(creep, loop) == 30
+    assert _auxiliary_of_pair(creep, warm) == 80
 
 
 def test_a_sound_gel_hardly_widens_the_error_bar(unaltered):
@@ -248,6 +263,15 @@ def test_a_warming_gel_is_measured_where_it_touches_nothing(monkeypatch):
     assert found.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
     assert found.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
     assert found.evidence > 100
+
+
+def test_a_pad_that_is_never_in_the_air_says_nothing_of_warming(monkeypatch):
+    pressed = replace(still(1e-3, 0.3), air=np.zeros(60, dtype=bool))
+    assert warmed(monkeypatch, pressed) is None
+    other = still(1e-3, 0.3, seed=1)
+    alone, together = warmed(monkeypatch, other), warmed(monkeypatch, pressed, other)
+    assert alone is not None
+    assert together == alone
 
 
 def test_a_drift_of_the_force_alone_is_no_warming(monkeypatch):
