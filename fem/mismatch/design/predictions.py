@@ -246,23 +246,22 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
     amounts, covariance = explained.fit.amounts, explained.fit.covariance
     found = []
     chosen = [explained.products.columns[j] for j in explained.fit.chosen]
-    names = [column.name for column in chosen]
     for k in range(len(grasps)):
         known: list[tuple[int, ObservationDelta, float]] = []
         plain = ObservationDelta(markers=at.compliance * here.unit[k])
         known.append((0, plain, 1.0 + float(amounts[0])))
         met: dict[str, int] = {}
-        for place, (name, amount) in enumerate(zip(names, amounts, strict=True)):
-            if place == 0 or (again is not None and place >= len(names) - len(slopes)):
+        for place, (own, amount) in enumerate(zip(chosen, amounts, strict=True)):
+            if place == 0 or (again is not None and place >= len(chosen) - len(slopes)):
                 continue
-            number = met.get(name, 0)
-            met[name] = number + 1
-            column = next(iter(candidates.nuisances.get(name, [])[number : number + 1]), None)
+            number = met.get(own.name, 0)
+            met[own.name] = number + 1
+            column = next(iter(candidates.nuisances.get(own.name, [])[number : number + 1]), None)
             field = None if column is None else column.fields[k]
             if column is not None and field is not None:
-                known.append((place, field, chosen[place].mean + float(amount)))
+                known.append((place, field, own.mean + float(amount)))
         for number, slope in enumerate(slopes):
-            place = len(names) - len(slopes) + number
+            place = len(chosen) - len(slopes) + number
             known.append((place, slope[k], float(amounts[place])))
         mean = _sum([(field, amount) for _, field, amount in known])
         shift = None if here.shift_mm is None else here.shift_mm[k]
