@@ -42,7 +42,9 @@ install_import_hook(modules_with_arrays(), "array_annotations.check")
 
 
 def pytest_collection_finish() -> None:
-    """Garbage is looked for from now on, less often than by default: the modules alone are many objects."""
+    """Garbage is looked for from now on, less often than by default (700, 10, 10): modules are many objects that
+    stay. Set by hand; without looking for it at all four files of tests took 0 to 6 % less.
+    """
     gc.enable()
     gc.set_threshold(10_000, 20, 20)
 

@@ -33,7 +33,8 @@ FEWEST_MARKERS = 3
 LEAST_SPREAD = 0.01
 """Least spread of a gel's markers across over along (standard deviations): a row 20 mm long whose places are
 read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
-COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
+COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder"
+DAMAGED = f"{COPY_AGAIN}: it is cut short or damaged"
 MOST_BYTES = 8_000_000_000
 """Of a recording with its images; nothing but the fields asked for is read into memory."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
@@ -248,7 +249,7 @@ def opened(path: Path) -> Iterator[Any]:
         raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
     if not texts_can_be_read(path):
         found = f"texts that the HDF5 library does not come to the end of in {PATIENCE_S:.0f} s"
-        raise unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
+        raise unreadable(path, "the file", found, COMPLETE, DAMAGED)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
@@ -277,11 +278,9 @@ def is_of_bare_indenter(path: Path) -> bool:
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     said = "" if isinstance(cause, KeyError) else first_line(cause)
     if "truncated file" in said:
-        return unreadable(
-            path, "the file", "one that is cut short", COMPLETE, "copy it again from the recorder"
-        )
+        return unreadable(path, "the file", "one that is cut short", COMPLETE, COPY_AGAIN)
     found = f"no readable HDF5 ({said})" if said else "no readable HDF5"
-    return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
+    return unreadable(path, "the file", found, COMPLETE, DAMAGED)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:

@@ -143,8 +143,8 @@ def test_known_effects_of_a_fruit_that_does_not_move_have_no_modulus():
     assert failure.value.problem is FemProblem.NO_MODULUS
 
 
-OF_A_NUMBER = {"radius_mm": 5.0, "ratio": 0.5, "nu": 0.42, "scale": 0.95, "mu": 0.3, "gap_mm": 0.006}
-"""Parameters that half of their range, or 0.05 of it, would make no model of."""
+VALUES = {"radius_mm": 5.0, "ratio": 0.5, "nu": 0.42, "scale": 0.95, "mu": 0.3, "gap_mm": 0.006}
+"""Where a small share of the upper bound, as taken for the other parameters, is no effect that can be."""
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_every_effect_that_changes_the_response_has_a_correction(effect):
     """By its parameters alone: settings know no more of it."""
     forward = forward_of()
     values = {
-        spec.name: OF_A_NUMBER.get(spec.name, 0.05 * spec.high if spec.low >= 0 else 0.01 * spec.high)
+        spec.name: VALUES.get(spec.name, 0.05 * spec.high if spec.low >= 0 else 0.01 * spec.high)
         for spec in effect.spec.searched
     }
     (correction,) = displacement_correction._corrections(

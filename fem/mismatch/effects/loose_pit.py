@@ -119,21 +119,21 @@ class LoosePit:
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it.
 
-        Of a gap alone (ONE_WAY) whichever of both ways fits the recordings better: as the module says, a gap
-        does not tell. Raises FemFailure where neither can be computed.
+        Where the variant does not say whether the pit turns (ONE_WAY, of settings) both are computed, and the
+        one that fits the recordings better is taken. Raises FemFailure where neither can be computed.
         """
         gap_mm = parameters[GAP]
         if isinstance(variant, AtGap):
             return Response(unit=self._fixed_point(forward, gap_mm, pit_turns=variant.pit_turns))
         found: list[list[Float[np.ndarray, "_f _n 3"]]] = []
-        failed: FemFailure | None = None
+        failures: list[FemFailure] = []
         for turns in (True, False):
             try:
                 found.append(self._fixed_point(forward, gap_mm, pit_turns=turns))
             except FemFailure as failure:
-                failed = failure
-        if not found and failed is not None:
-            raise failed
+                failures.append(failure)
+        if not found:
+            raise failures[0]
         return Response(unit=max(found, key=lambda unit: _explained(forward, unit)))
 
     @staticmethod
