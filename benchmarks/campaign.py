@@ -10,7 +10,8 @@ with limits of time and memory. The verdicts:
 - clear error: a sentence with the file's own name, with no traceback and no words of a library;
 - same: accepted, and every number read is that of the sound input;
 - other: accepted, and what is read differs: a valid file with other content, its numbers within all limits;
-- FAILED: a hang, too much memory, an exception, an error that names no file or shows a library.
+- FAILED: a hang, too much memory, an exception, an error that names no file or shows a library; and, for a
+  case that states what it expects (`Broken.expects`), every other value or message, silence included.
 """
 
 import argparse
@@ -107,9 +108,14 @@ def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, 
         return "FAILED", f"{memory_MB:.0f} MB of memory", cpu_s, memory_MB
     lines, found = said
     text = " | ".join(lines).replace(f"{root}/", "")
-    if not lines:
+    if not lines and broken.expects in ("", "same"):
         kind = broken.command if broken.command != "convert" else broken.path.partition("/AD2")[0]
-        return ("same" if found == digest[kind] else "other"), "", cpu_s, memory_MB
+        verdict = "same" if found == digest.get(kind) else "other"
+        return ("FAILED" if verdict != (broken.expects or verdict) else verdict), "", cpu_s, memory_MB
+    if broken.expects == "same":
+        return "FAILED", f"expected the sound input's numbers, got {text!r}", cpu_s, memory_MB
+    if broken.expects not in ("", "same") and not re.search(broken.expects, text):
+        return "FAILED", f"expected {broken.expects!r}, got {text!r}", cpu_s, memory_MB
     named = Path(broken.path).name in text
     shown = LIBRARY.search(text) or not text.isprintable() or any(len(line) > 1200 for line in lines)
     if named and not shown:

@@ -3,16 +3,20 @@
     python benchmarks/campaign_grade.py
 
 Prints, for each, the exit status, what became of the broken fruit, and how far the other fruit's E is from
-what it is in the sound batch: one bad fruit never costs its batch, and never changes a neighbour.
+what it is in the sound batch: one bad fruit never costs its batch, and never changes a neighbour. Each case
+states what it expects; the last column says whether that came.
 """
 
+import argparse
 import csv
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -75,57 +79,122 @@ def _device(root: Path) -> None:
 
 
 BOTH = ("grasp-1.h5", "grasp-2.h5")
-BROKEN: dict[str, Callable[[Path], None]] = {
-    "fruits.csv: B's height in cm": _text("fruits.csv", "B,57.6", "B,5.76"),
-    "fruits.csv: B's mass in kg": _text("fruits.csv", "B,57.6,122", "B,57.6,0.122"),
-    "fruits.csv: all heights in cm": _text("fruits.csv", "A,57.6,122\nB,57.6", "A,5.76,122\nB,5.76"),
-    "batch.toml: limits in kPa": _text("batch.toml", "E_max_MPa = 0.3", "E_max_MPa = 300"),
-    "batch.toml: gel_scale_sd = 1e300": _text("batch.toml", "[sensor]", "[sensor]\ngel_scale_sd = 1e300"),
-    "batch.toml: a link to /dev/zero": _device,
-    "fruit.ply of B in metres": _metres,
-    "recordings of B: rest_mm 1e300": _recordings("pads/left/rest_mm", 1e300, BOTH),
-    "one recording of B: force_N nan": _recordings("pads/left/force_N", np.nan, BOTH[:1]),
-    "one recording of B: a named pipe": _pipe,
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A change of the sound batch, and what must come of it.
+
+    `expects`: a regular expression for B's outcome and reason, or for the refusal of the batch; for a graded
+    fruit the text is "graded: MESSAGES", with all that the command printed. `E_over_sound`: B's E over that
+    of the sound batch, within `within`.
+    """
+
+    change: Callable[[Path], None]
+    expects: str
+    E_over_sound: float | None = None
+    within: float = 0.01
+
+
+BROKEN: dict[str, Case] = {
+    "fruits.csv: B's height in cm": Case(
+        change=_text("fruits.csv", "B,57.6", "B,5.76"), expects=r"height_mm 5\.76: .* in cm \(57\.6 mm\)"
+    ),
+    "fruits.csv: B's mass in kg": Case(
+        change=_text("fruits.csv", "B,57.6,122", "B,57.6,0.122"),
+        expects=r"mass_g 0\.122: .* in kg \(122 g\)",
+    ),
+    "fruits.csv: all heights in cm": Case(
+        change=_text("fruits.csv", "A,57.6,122\nB,57.6", "A,5.76,122\nB,5.76"),
+        expects=r"height_mm of all 2 fruit is 5\.76.* in cm \(57\.6 mm\)",
+    ),
+    "batch.toml: limits in kPa": Case(
+        change=_text("batch.toml", "E_max_MPa = 0.3", "E_max_MPa = 300"),
+        expects=r"batch\.toml: .*E_max_MPa must grow",
+    ),
+    "batch.toml: gel_scale_sd = 1e300": Case(
+        change=_text("batch.toml", "[sensor]", "[sensor]\ngel_scale_sd = 1e300"),
+        expects=r"batch\.toml: .*gel_scale_sd.*at most 0\.5",
+    ),
+    "batch.toml: a link to /dev/zero": Case(change=_device, expects=r"batch\.toml: is a device"),
+    "fruit.ply of B in metres": Case(change=_metres, expects=r"is it in m \(61\.28 mm\)"),
+    "recordings of B: rest_mm 1e300": Case(
+        change=_recordings("pads/left/rest_mm", 1e300, BOTH), expects=r"grasp-1\.h5: pads/left/rest_mm: found"
+    ),
+    "one recording of B: force_N nan": Case(
+        change=_recordings("pads/left/force_N", np.nan, BOTH[:1]),
+        expects=r"grasp-1\.h5.*force_N",
+        E_over_sound=1.0,
+        within=0.02,
+    ),
+    "one recording of B: a named pipe": Case(
+        change=_pipe, expects=r"grasp-1\.h5.*pipe", E_over_sound=1.0, within=0.02
+    ),
 }
 
 
 def grade(root: Path) -> tuple[int, dict[str, dict[str, str]], str]:
-    """Exit status, the ranking's rows by fruit, and the last line of what was said."""
+    """Exit status, the ranking's rows by fruit, and all that was printed, in one line."""
     command = [str(Path(sys.executable).with_name("drupe")), "grade", str(root), "--jobs", "1"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=MOST_S, check=False)
-    said = (ran.stderr.strip().splitlines() or [""])[-1].replace(f"{root}/", "")
-    if "Traceback" in ran.stderr + ran.stdout:
-        said = f"TRACEBACK {said}"
+    printed = " ".join((ran.stdout + " " + ran.stderr).replace(f"{root}/", "").split())
     ranking = root / "results" / "ranking.csv"
     rows: dict[str, dict[str, str]] = {}
     if ran.returncode != 2 and ranking.is_file():
         with ranking.open(newline="") as file:
             rows = {row["fruit_id"]: row for row in csv.DictReader(file)}
-    return ran.returncode, rows, said
+    return ran.returncode, rows, printed
+
+
+def judged(case: Case, row: dict[str, str] | None, printed: str, sound_MPa: float) -> tuple[str, str]:
+    """What became of B, and what is wrong with that; empty where it is as expected."""
+    if row is None:
+        became = f"batch refused: {printed[-600:]}"
+    elif row["outcome"] != "graded":
+        became = f"{row['outcome']}: {row['reason']}"
+    else:
+        became = f"graded, E {row['E_MPa']} MPa: {row['reason']}"
+    if "Traceback" in printed:
+        return became, "a traceback"
+    searched = became if row is not None and row["outcome"] != "graded" else f"{became} {printed}"
+    if not re.search(case.expects, searched):
+        return became, f"expected {case.expects!r}"
+    if case.E_over_sound is not None:
+        share = float(row["E_MPa"]) / sound_MPa if row is not None and row["E_MPa"] else float("nan")
+        if not abs(share - case.E_over_sound) <= case.within:
+            return became, f"E over sound is {share:.4f}, expected {case.E_over_sound} ± {case.within}"
+    return became, ""
 
 
 def main() -> None:
-    """Prints the table."""
+    """Prints the table; exit status 1 where a case is not as expected."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--only", default="", help="Only cases whose name contains this text.")
+    only = parser.parse_args().only
+    failures = 0
     with tempfile.TemporaryDirectory() as scratch:
         sound = Path(scratch) / "sound"
         write_batch(sound)
         status, rows, _ = grade(sound)
-        E_MPa = float(rows["A"]["E_MPa"])
-        print(f"sound: exit status {status}, E {E_MPa:.4g} MPa\n")
-        print("| broken | exit status | B | A's E over sound |")
-        print("|---|---:|---|---:|", flush=True)
-        for k, (name, change) in enumerate(BROKEN.items()):
+        sound_MPa = {name: float(rows[name]["E_MPa"]) for name in ("A", "B")}
+        print(f"sound: exit status {status}, E {sound_MPa['A']:.4g} MPa\n")
+        print("| broken | exit status | B | A's E over sound | as expected |")
+        print("|---|---:|---|---:|---|", flush=True)
+        for k, (name, case) in enumerate(BROKEN.items()):
+            if only not in name:
+                continue
             root = Path(scratch) / str(k)
             shutil.copytree(sound, root, symlinks=True)  # with results: what is unchanged is kept
-            change(root)
-            status, rows, said = grade(root)
-            if not rows:
-                print(f"| {name} | {status} | batch refused: {said} | |", flush=True)
-                continue
-            own, other = rows["B"], rows["A"]
-            became = own["reason"] if own["outcome"] != "graded" else f"graded, E {own['E_MPa']} MPa"
-            share = float(other["E_MPa"]) / E_MPa if other["E_MPa"] else float("nan")
-            print(f"| {name} | {status} | {own['outcome']}: {became} | {share:.4f} |", flush=True)
+            case.change(root)
+            status, rows, printed = grade(root)
+            became, wrong = judged(case, rows.get("B"), printed, sound_MPa["B"])
+            share = float(rows["A"]["E_MPa"]) / sound_MPa["A"] if rows.get("A", {}).get("E_MPa") else np.nan
+            if rows and not abs(share - 1) < 0.01:
+                wrong = wrong or "the other fruit changed"
+            failures += bool(wrong)
+            print(f"| {name} | {status} | {became} | {share:.4f} | {wrong or 'yes'} |", flush=True)
+    print(f"\n{failures} failures")
+    sys.exit(1 if failures else 0)
 
 
 if __name__ == "__main__":

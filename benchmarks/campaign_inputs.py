@@ -30,7 +30,11 @@ from recon.surface.mesh_file import mesh_bytes
 
 @dataclass(frozen=True, kw_only=True)
 class Broken:
-    """One case: which file of the sound folders is changed, how, and which command then reads it."""
+    """One case: which file of the sound folders is changed or added, how, and which command then reads it.
+
+    `expects`: "same" where every number must be read as from the sound input, otherwise a regular expression
+    that the message must match; empty: any clear error, or any valid reading.
+    """
 
     format: str
     kind: str
@@ -38,6 +42,7 @@ class Broken:
     change: Change
     command: str = "check"
     seed: int = 0
+    expects: str = ""
 
 
 def _text(format: str, path: str, kind: str, *, command: str = "check", numbers: int = 4) -> Iterator[Broken]:
