@@ -108,6 +108,13 @@ def _require_size(
         raise _unreadable(path, found, "a photo: take it again or remove it")
 
 
+def _require_promised(path: Path, size: tuple[int, int], promised: tuple[int, int]) -> None:
+    """Refuse a picture that is decoded to another size than its header says, turned or not."""
+    if sorted(size) != sorted(promised):
+        found = f"is damaged (its header says {promised[0]} x {promised[1]} pixels, it holds {size[0]} x {size[1]})"
+        raise _unreadable(path, found)
+
+
 def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray, "h w 3"]:
     """The picture, reduced while it is decoded where it is too large; raises ReconFailure."""
     size = picture_px(data)
@@ -117,30 +124,41 @@ def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray,
     progressive = jpeg and not in_one_pass(data)
     most = MOST_PIXELS if jpeg and not progressive else MOST_WHOLE_PIXELS
     _require_size(path, *size, most, progressive=progressive)
+    part = 1
     if size[0] * size[1] > MOST_WHOLE_PIXELS:
         share = max(size) / longest_side_px
-        for part, flag in _REDUCED:
-            if share >= part:
-                way = flag
-                break
+        part, way = next((one for one in _REDUCED if share >= one[0]), (part, way))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), way)
     except cv2.error as error:
         raise _unreadable(path, "cannot be decoded") from error
     if image is None:
         raise _unreadable(path, "is no picture that can be decoded")
+    height, width = image.shape[:2]
+    _require_promised(path, (width, height), (-(-size[0] // part), -(-size[1] // part)))
     return np.asarray(image, np.uint8)
 
 
 def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
-    """A phone's HEIC (ISO/IEC 23008-12), turned upright by its own rotation property, and its EXIF block."""
+    """A phone's HEIC (ISO/IEC 23008-12), turned upright by its own rotation property, and its EXIF block.
+
+    The pixels are copied at once: their memory is freed with `picture`, whatever arrays still look at it.
+    """
     try:
         picture = pi_heif.open_heif(data, convert_hdr_to_8bit=True, bgr_mode=True)
-        _require_size(path, picture.size[0], picture.size[1], MOST_WHOLE_PIXELS)
-        image = np.asarray(picture, np.uint8)[..., :3]
-    except (ValueError, RuntimeError, SyntaxError, EOFError, MemoryError) as error:
+        promised = picture.size
+        _require_size(path, *promised, MOST_WHOLE_PIXELS)
+        pixels = np.array(picture)
+        exif = bytes(picture.info.get("exif") or b"")
+    except (ValueError, RuntimeError, SyntaxError, EOFError, MemoryError, OSError) as error:
         raise _unreadable(path, "is a HEIC that cannot be decoded") from error
-    return np.ascontiguousarray(image), bytes(picture.info.get("exif") or b"")
+    height, width = pixels.shape[:2]
+    _require_promised(path, (width, height), promised)
+    if pixels.dtype != np.uint8:  # grey of 10 or 12 bits, which the library spreads over 16
+        pixels = (pixels >> 8).astype(np.uint8)
+    grey = pixels.ndim == 2 or pixels.shape[2] < 3
+    colours = np.repeat(pixels.reshape(height, width, -1)[..., :1], 3, axis=2) if grey else pixels[..., :3]
+    return np.ascontiguousarray(colours), exif
 
 
 def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ...]:

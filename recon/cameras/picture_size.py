@@ -54,11 +54,16 @@ def in_one_pass(jpeg: bytes) -> bool:
 
 
 def _segments(jpeg: bytes) -> Iterator[tuple[int, int]]:
-    """Each marker of a JPEG's headers and its place, up to the first scan or the first broken one."""
+    """Each marker of a JPEG's headers and its place, up to the first scan.
+
+    Markers are found as libjpeg finds them: bytes between two segments, a zero behind 0xFF included, are
+    skipped (jdmarker.c, next_marker). A reader that took such bytes for a segment could be shown another
+    frame header than the decoder uses.
+    """
     place = 2 if jpeg[:3] == b"\xff\xd8\xff" else len(jpeg)
-    while place + 1 < len(jpeg) and jpeg[place] == 0xFF:
+    while 0 <= (place := jpeg.find(b"\xff", place)) < len(jpeg) - 1:
         marker = jpeg[place + 1]
-        if marker == 0xFF:  # fill bytes before a marker
+        if marker in (0x00, 0xFF):  # no marker; a fill byte before one
             place += 1
             continue
         yield marker, place

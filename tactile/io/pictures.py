@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
 """Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
 MOST_HEADER_BYTES = 1_000_000
 """In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
+_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+"""JPEG's markers of a frame header, which holds height and width (ITU-T T.81, table B.1)."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
 
@@ -48,11 +51,12 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
     except FileNotReadable as cause:
         raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
-    _require_size(named, data)
+    pixels = _require_size(named, data)
     picture = None
     if len(data) and not _cut_short(data, path.suffix.lower()):
-        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    if picture is None:
+        with suppress(cv2.error):
+            picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if picture is None or picture.shape[0] * picture.shape[1] != pixels:
         raise unusable(named, "a damaged picture", "a whole one; copy it again")
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
@@ -130,8 +134,10 @@ def _video(path: Path) -> Pictures:
     return Pictures(path.name, tuple(range(said)), frames)
 
 
-def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> None:
-    """Refuse, before it is decoded, a picture larger than any camera in a gel, and one that does not say how
+def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:
+    """The pixels of a picture as its header says.
+
+    Refuse, before it is decoded, a picture larger than any camera in a gel, and one that does not say how
     large it is: other kinds than PNG and JPEG unpack to any size.
     """
     pixels = picture_pixels(data[:MOST_HEADER_BYTES].tobytes())
@@ -140,19 +146,28 @@ def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> None:
     if pixels > MOST_PIXELS:
         found = f"a picture of {pixels / 1e6:.0f} million pixels"
         raise unusable(named, found, f"at most {MOST_PIXELS / 1e6:g} million")
+    return pixels
 
 
 def picture_pixels(data: bytes) -> int:
-    """Width times height as the header of a PNG or a JPEG says; 0 where it has none."""
+    """Width times height as the header of a PNG or a JPEG says; 0 where it has none.
+
+    Markers of a JPEG are found as libjpeg finds them (recon.cameras.picture_size says why).
+    """
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
         return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
-    place = 2
-    while data[:2] == b"\xff\xd8" and place + 9 <= len(data) and data[place] == 0xFF:
+    place = 2 if data[:3] == b"\xff\xd8\xff" else len(data)
+    while 0 <= (place := data.find(b"\xff", place)) < len(data) - 8:
         marker = data[place + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # the frame header, ITU-T T.81 B.2.2
+        if marker in _FRAMES:
             high, wide = data[place + 5 : place + 7], data[place + 7 : place + 9]
             return int.from_bytes(high, "big") * int.from_bytes(wide, "big")
-        place += 1 if marker == 0xFF else 2 + max(int.from_bytes(data[place + 2 : place + 4], "big"), 2)
+        if marker in (0x00, 0xFF):  # no marker; a fill byte before one
+            place += 1
+        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:  # no length follows
+            place += 2
+        else:
+            place += 2 + max(int.from_bytes(data[place + 2 : place + 4], "big"), 2)
     return 0
 
 
