@@ -57,6 +57,14 @@ def named_in_utf8(path: Path) -> bool:
 
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
     """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
+    data = read_head(path, most_bytes + 1)
+    if len(data) > most_bytes:
+        raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
+    return data
+
+
+def read_head(path: Path, count: int) -> bytes:
+    """The first `count` bytes of a plain file; raises NotReadable."""
     if wrong := not_plain(path):
         raise NotReadable(wrong)
     try:
@@ -64,12 +72,9 @@ def read_bytes(path: Path, *, most_bytes: int) -> bytes:
         with os.fdopen(handle, "rb") as file:
             if wrong := _kind(os.fstat(handle).st_mode):
                 raise NotReadable(wrong)
-            data = file.read(most_bytes + 1)
+            return file.read(count)
     except OSError as error:
         raise NotReadable(f"cannot be opened ({_why(error)})") from error
-    if len(data) > most_bytes:
-        raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
-    return data
 
 
 def read_text(path: Path, *, most_bytes: int) -> str:

@@ -20,7 +20,8 @@ from pipeline.files.manifest import (
     writing_alone,
 )
 from pipeline.files.whole_file import MARK, put, sweep
-from recon.cameras.photos import photo_paths
+from recon.cameras.photos import SUFFIXES, photo_paths
+from recon.cameras.unused_photos import unused_photos
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
 
@@ -75,10 +76,17 @@ class FruitFolder:
         if others:
             kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
             return (
-                f"holds {len(others)} files ({kinds}), but only .jpg, .jpeg, .png, .heic and .heif "
-                f"are read; convert them."
+                f"holds {len(others)} files ({kinds}), but only {', '.join(SUFFIXES)} are read; convert "
+                "them to JPEG, or rename those that are JPEG."
             )
         return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
+
+    def unused_photos(self) -> list[str]:
+        """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
+        if _stands(self.fruit_ply):
+            return []
+        places = (self.photos, self.photos_flipped)
+        return [f"{place.name}/: {said}" for place in places for said in unused_photos(place)]
 
     def grasp_files(self) -> tuple[Path, ...]:
         """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""

@@ -100,6 +100,7 @@ def fruit_task(
             keyed(own),
             row.height_mm,
             *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),
+            *folder.unused_photos(),
             category,
             repr(body),
             repr(prior),

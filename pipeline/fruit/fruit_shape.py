@@ -119,7 +119,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         shape,
         views=made.views,
         sd_mm=made.sd_mm,
-        warnings=made.warnings,
+        warnings=(*folder.unused_photos(), *made.warnings),
         record=shape.record.model_copy(
             update={
                 "scale_sd": made.scale_sd,

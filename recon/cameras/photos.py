@@ -11,11 +11,14 @@ import numpy as np
 import pi_heif
 from jaxtyping import Float, Int, UInt8
 
-from recon.cameras.picture_size import first_scan, in_one_pass, picture_px
+from recon.cameras.picture_size import first_scan, in_one_pass, picture_kind, picture_px
 from recon.plain_file import NotReadable, named_in_utf8, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
+SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")
+"""In any case. What cameras and phones write, and how browsers and Windows name a JPEG; WebP, TIFF, AVIF and
+raw pictures are not read (unused_photos.py names such files).
+"""
 FEWEST_PHOTOS = 3
 """Of any reconstruction: two that err agree with each other, a third one tells."""
 MOST_PHOTOS = 500
@@ -77,6 +80,9 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
         raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
     if data[:4] == b"\x89PNG" and b"IEND" not in data[-4096:]:
         raise _unreadable(path, "is a PNG that was cut short (its end mark is missing)")
+    kind = picture_kind(data[:32])
+    if kind not in ("", "JPEG", "PNG", "HEIC"):
+        raise _unreadable(path, f"is a {kind} picture", "a JPEG, PNG or HEIC: convert it or remove it")
     if data[4:8] == b"ftyp":
         image, exif = _heif(data, path)
     else:

@@ -1,4 +1,6 @@
-"""What a picture's header tells before anything is decoded: its size, and if it can be decoded by rows."""
+"""What a picture's header tells before anything is decoded: its kind, its size, and if it can be decoded by
+rows.
+"""
 
 import struct
 from collections.abc import Iterator
@@ -9,6 +11,45 @@ _SEQUENTIAL = {0xC0, 0xC1}
 """The frames whose scans can be decoded row by row (the same table); of others every coefficient is kept."""
 _SCAN = 0xDA
 """JPEG's marker "start of scan" (ITU-T T.81): the picture's data follow."""
+
+
+_HEIF_BRANDS = {
+    **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), "HEIC"),
+    **dict.fromkeys((b"avif", b"avis"), "AVIF"),
+    b"crx ": "raw",
+}
+"""Major brands of pictures in an ISO base media file (ISO/IEC 23008-12; crx: Canon's raw pictures)."""
+_FIRST_BYTES = (
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"\x89PNG\r\n\x1a\n", "PNG"),
+    (b"II*\0", "TIFF or raw"),
+    (b"MM\0*", "TIFF or raw"),
+    (b"II+\0", "TIFF"),
+    (b"MM\0+", "TIFF"),
+    (b"IIU\0", "raw"),
+    (b"IIRO", "raw"),
+    (b"IIRS", "raw"),
+    (b"FUJIFILMCCD-RAW", "raw"),
+    (b"GIF8", "GIF"),
+    (b"\xff\x0a", "JPEG XL"),
+    (b"\0\0\0\x0cJXL ", "JPEG XL"),
+    (b"\0\0\0\x0cjP  ", "JPEG 2000"),
+)
+
+
+def picture_kind(head: bytes) -> str:
+    """What kind of picture a file is by its first bytes, of which 32 do; empty where it is none.
+
+    >>> picture_kind(b"\\xff\\xd8\\xff\\xe0"), picture_kind(b"RIFF1234WEBP"), picture_kind(b"text")
+    ('JPEG', 'WebP', '')
+    """
+    if head[4:8] == b"ftyp":
+        return _HEIF_BRANDS.get(head[8:12], "")
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return "WebP"
+    if head[:2] == b"BM" and head[6:10] == bytes(4):
+        return "bitmap (BMP)"
+    return next((kind for first, kind in _FIRST_BYTES if head.startswith(first)), "")
 
 
 def picture_px(data: bytes) -> tuple[int, int] | None:
