@@ -32,7 +32,7 @@ def plain(*, rows: int = 1, columns: int = 1) -> bytes:
     if rows == columns == 1:
         return _container([tile])
     tiles = rows * columns
-    whole = _grid(tile, rows, columns)
+    whole = _grid(rows, columns)
     links = [(b"dimg", tiles + 1, list(range(1, tiles + 1)))]
     return _container([*[tile] * tiles, whole], links, primary=tiles + 1)
 
@@ -71,7 +71,7 @@ def _tile(*, depth: int = 8, promised: tuple[int, int] = (WIDTH, HEIGHT)) -> _It
     return _Item(kind=b"hvc1", data=coded, properties=(_box(b"hvcC", bytes(record)), size, bits))
 
 
-def _grid(tile: _Item, rows: int, columns: int) -> _Item:
+def _grid(rows: int, columns: int) -> _Item:
     size = (columns * WIDTH, rows * HEIGHT)
     held = struct.pack(">BBBBHH", 0, 0, rows - 1, columns - 1, *size)
     return _Item(kind=b"grid", data=held, properties=(_full(b"ispe", struct.pack(">II", *size)),))
@@ -134,7 +134,8 @@ def _container(
         _full(b"pitm", struct.pack(">H", primary)),
         _full(b"iinf", struct.pack(">H", len(items)) + names),
         _box(
-            b"iprp", _box(b"ipco", b"".join(properties)) + _full(b"ipma", struct.pack(">I", len(items)) + owned)
+            b"iprp",
+            _box(b"ipco", b"".join(properties)) + _full(b"ipma", struct.pack(">I", len(items)) + owned),
         ),
         *([_full(b"iref", refers)] if refers else []),
     ]

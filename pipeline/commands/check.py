@@ -1,5 +1,7 @@
 """`drupe check`."""
 
+from typing import Annotated
+
 import typer
 
 from pipeline.commands.batch_argument import BatchArgument
@@ -9,25 +11,34 @@ from pipeline.exit_status import DONE, DOUBTED, USAGE
 from pipeline.safe_start import elsewhere
 
 
-def check(batch: BatchArgument) -> None:
+def check(
+    batch: BatchArgument,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Read photos, but do not look at them: saves seconds for a fruit.")
+    ] = False,
+) -> None:
     """Say everything that is wrong with a batch, without computing.
 
     Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
-    "E will be in doubt". Exit status: 0 nothing found, 2 problems found, 4 no problem but some E will be in
-    doubt (as `drupe grade` ends then).
+    "E will be in doubt". Remarks name files that are not used, photos to retake and sides without a photo.
+    Exit status: 0 nothing found, 2 problems found, 4 no problem, but some E will be in doubt or a remark.
     """
     require_libraries()
     with elsewhere():
         from pipeline.run.checking import check as check_batch
+        from pipeline.run.photo_checks import VIEWS_UNKNOWN, views_unknown
     with said_when_interrupted(""):
-        found = check_batch(batch)
+        found = check_batch(batch, quick=quick)
     for one in found:
         typer.echo(f"{one}")
-    doubts = sum(one.doubtful for one in found)
-    problems = len(found) - doubts
+    if not quick and views_unknown(batch):
+        typer.echo(VIEWS_UNKNOWN)
+    doubts, remarks = sum(one.doubtful for one in found), sum(one.remark for one in found)
+    problems = len(found) - doubts - remarks
     more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
+    more += f", and {_so_many(remarks, 'remark')}" if remarks else ""
     typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")
-    raise typer.Exit(USAGE if problems else DOUBTED if doubts else DONE)
+    raise typer.Exit(USAGE if problems else DOUBTED if doubts or remarks else DONE)
 
 
 def _so_many(count: int, what: str) -> str:

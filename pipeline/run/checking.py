@@ -1,14 +1,13 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
 import unicodedata
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.fem_failure import FemFailure
 from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
@@ -33,7 +32,10 @@ from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
-from recon.cameras.photos import SUFFIXES, read_photo, require_enough
+from pipeline.run.file_problems import at as _at
+from pipeline.run.file_problems import doubted as _doubted
+from pipeline.run.file_problems import tried as _tried
+from pipeline.run.photo_checks import photo_problems
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -42,10 +44,8 @@ from tactile.checks.finding import Finding
 from tactile.correction import corrected
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import Recording, read_recording
-from tactile.io.recording_fields import first_line
 from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
-from tactile.tactile_failure import TactileFailure
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
@@ -56,19 +56,20 @@ Read = dict[str, list[tuple[FruitRow, Path]]]
 """Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
 
 
-def check(root: Path) -> tuple[Problem, ...]:
+def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     """Everything that would stop the batch or any fruit of it, and, `doubtful`, what would put an E in doubt;
-    as far as reading the files can tell.
+    as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
+    the mat, sides without a photo), which takes seconds for each fruit.
     """
     found = survey(root)
     if found.rows is None:
         rows: tuple[FruitRow, ...] = tuple(
             FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found)
         )
-        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {})))
+        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {}, quick=quick)))
     read: Read = {}
     columns = TableColumns(found.rows)
-    fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns)]
+    fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns, quick=quick)]
     return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
 
 
@@ -118,11 +119,17 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
 
 
 def fruit_problems(
-    batch: Survey, row: FruitRow, read: Read, columns: TableColumns | None = None
+    batch: Survey,
+    row: FruitRow,
+    read: Read,
+    columns: TableColumns | None = None,
+    *,
+    quick: bool = False,
 ) -> Iterator[Problem]:
     """What stands in the way of grading one fruit, and what puts its E in doubt.
 
     Its recordings that can be used are added to `read`; `columns`: of the batch's table, where many ask.
+    `quick`: photos are read, but not looked at.
     """
     kind = kind_of(category_of(row, batch.category))
     for sentence in row_doubts(row, columns or batch.rows or (), kind):
@@ -141,7 +148,7 @@ def fruit_problems(
         yield from _pressed_problems(batch, row, folder, read)
         return
     elif not broken and shape_from_photos(folder, row):
-        yield from _photo_problems(batch, row, folder)
+        yield from photo_problems(batch, row, folder, quick=quick)
     grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
     if not grasps and not raw:
         yield _at(
@@ -263,17 +270,15 @@ def _owner(batch: Survey, row: FruitRow) -> Owner:
 
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    """What is named like an input and is no file: links to nothing, pipes, devices, folders."""
-    places: list[tuple[Path, tuple[str, ...]]] = [(folder.root / "grasps", (".h5",))]
-    places += [(place, SUFFIXES) for place in (folder.photos, folder.photos_flipped)]
-    for place, suffixes in places:
-        for path in sorted(place.iterdir()) if place.is_dir() else ():
-            if path.suffix.lower() not in suffixes or path.name.startswith("."):
-                continue
-            if not named_in_utf8(path):
-                continue  # its reader says so
-            if wrong := not_plain(path):
-                yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
+    """What is named like a recording and is no file: links to nothing, pipes, devices, folders."""
+    place = folder.root / "grasps"
+    for path in sorted(place.iterdir()) if place.is_dir() else ():
+        if path.suffix.lower() != ".h5" or path.name.startswith("."):
+            continue
+        if not named_in_utf8(path):
+            continue  # its reader says so
+        if wrong := not_plain(path):
+            yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 
 def _height_mm(row: FruitRow, kind: PlausibleRange) -> float | None:
@@ -358,28 +363,6 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
         raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
 
 
-def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    """What is wrong with a fruit's photos and their scale."""
-    no_height = row.height_mm is None and "height_mm" not in row.unreadable
-    if no_height and not batch.folder.mat.exists() and not batch.without_scale:
-        yield _at(
-            row,
-            batch.folder.table,
-            f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.',
-        )
-    photos = folder.photo_files()
-    if astray := folder.photos_elsewhere():
-        yield _at(row, folder.photos, astray)
-    else:
-        yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where="The folder"))
-    flipped = folder.flipped_files()
-    if folder.photos_flipped.is_dir():
-        where = "The folder of the fruit upside down"
-        yield from _tried(row, folder.photos_flipped, lambda: require_enough(len(flipped), where=where))
-    for path in (*photos, *flipped):
-        yield from _tried(row, path, partial(read_photo, path))
-
-
 def _strays(batch: Survey) -> tuple[Problem, ...]:
     """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
@@ -399,27 +382,3 @@ def _folders(batch: Survey) -> list[str]:
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
     found = sorted(unicodedata.normalize("NFC", name) for name in folders)
     return [name for name in found if SAFE_ID.fullmatch(name)]
-
-
-def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
-    """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
-    try:
-        read()
-    except (ReconFailure, TactileFailure, FemFailure) as failure:
-        yield _at(row, path, failure.detail)
-    except MemoryError:
-        yield _at(row, path, "needs more memory than there is; expected a file of usual size.")
-    except OSError as error:
-        why = error.strerror or first_line(error)
-        yield _at(row, path, f"cannot be read ({why}); ask for the right to read it, or copy it again.")
-    except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
-        said = f"{type(fault).__name__}: {first_line(fault)}"
-        yield _at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
-
-
-def _doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
-    return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
-
-
-def _at(row: FruitRow, path: Path, sentence: str) -> Problem:
-    return Problem(str(path), sentence, fruit_id=row.fruit_id)

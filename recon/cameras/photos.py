@@ -117,8 +117,8 @@ def _require_size(
 def _require_promised(path: Path, size: tuple[int, int], promised: tuple[int, int]) -> None:
     """Refuse a picture that is decoded to another size than its header says, turned or not."""
     if sorted(size) != sorted(promised):
-        found = f"is damaged (its header says {promised[0]} x {promised[1]} pixels, it holds {size[0]} x {size[1]})"
-        raise _unreadable(path, found)
+        said = f"its header says {promised[0]} x {promised[1]} pixels, it holds {size[0]} x {size[1]}"
+        raise _unreadable(path, f"is damaged ({said})")
 
 
 def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray, "h w 3"]:

@@ -1,0 +1,37 @@
+"""Problems of one file of a fruit: what a reader raises becomes a sentence."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from fem.fem_failure import FemFailure
+from pipeline.batch.fruits_table import FruitRow
+from pipeline.problem import Problem
+from recon.recon_failure import ReconFailure
+from tactile.io.recording_fields import first_line
+from tactile.tactile_failure import TactileFailure
+
+
+def tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
+    """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
+    try:
+        read()
+    except (ReconFailure, TactileFailure, FemFailure) as failure:
+        yield at(row, path, failure.detail)
+    except MemoryError:
+        yield at(row, path, "needs more memory than there is; expected a file of usual size.")
+    except OSError as error:
+        why = error.strerror or first_line(error)
+        yield at(row, path, f"cannot be read ({why}); ask for the right to read it, or copy it again.")
+    except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
+        said = f"{type(fault).__name__}: {first_line(fault)}"
+        yield at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
+
+
+def doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
+    """What stops nothing, but puts the fruit's E in doubt."""
+    return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
+
+
+def at(row: FruitRow, path: Path, sentence: str) -> Problem:
+    """What stops the fruit, or one recording of it."""
+    return Problem(str(path), sentence, fruit_id=row.fruit_id)

@@ -1,0 +1,88 @@
+"""The part of `drupe check` that looks at a fruit's photos: which cannot be read, which are blurred or badly
+exposed, which show too little of the mat, and which sides no photo shows.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.layout import BatchFolder, FruitFolder
+from pipeline.batch.opening import Survey
+from pipeline.problem import Problem
+from pipeline.run.file_problems import at, tried
+from recon.cameras.photos import FEWEST_PHOTOS, Photo, read_photo, require_enough
+from recon.cameras.printed_mat import Mat
+from recon.checks.photo_check import checked_photos
+from recon.checks.view_check import view_doubts
+
+LONGEST_SIDE_PX = 1280
+"""To which photos are shrunk here. 24 of them take 4 s on one core; at grading's 1600 px 6 s."""
+VIEWS_UNKNOWN = (
+    "Without mat.json, check cannot tell from where photos were taken. Grading finds that from the photos "
+    "themselves."
+)
+
+
+def views_unknown(root: Path) -> bool:
+    """Whether a batch has photos and no mat, so that nothing is known of their views before grading."""
+    batch = BatchFolder(root)
+    if batch.mat.exists():
+        return False
+    fruits = map(FruitFolder, (root / "fruits").glob("[!.]*"))
+    return any(not fruit.fruit_ply.is_file() and fruit.photo_files() for fruit in fruits)
+
+
+def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
+    """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
+    no_height = row.height_mm is None and "height_mm" not in row.unreadable
+    if no_height and not batch.folder.mat.exists() and not batch.without_scale:
+        sentence = f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.'
+        yield at(row, batch.folder.table, sentence)
+    quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
+    look = partial(_set_problems, row, mat=batch.mat, quick=quick)
+    if astray := folder.photos_elsewhere():
+        yield at(row, folder.photos, astray)
+    else:
+        yield from (_remark(row, folder.photos, sentence) for sentence in folder.unused_photos())
+        yield from look(folder.photos, folder.photo_files(), "The folder")
+    if folder.photos_flipped.is_dir():
+        yield from look(folder.photos_flipped, folder.flipped_files(), "The folder of the fruit upside down")
+
+
+def _set_problems(
+    row: FruitRow, place: Path, paths: Sequence[Path], where: str, *, mat: Mat | None, quick: bool
+) -> Iterator[Problem]:
+    """What is wrong with one folder of photos: how many, each by itself, and all together."""
+    yield from tried(row, place, lambda: require_enough(len(paths), where=where))
+    photos: list[Photo] = []
+
+    def read(path: Path) -> None:
+        one = read_photo(path, longest_side_px=LONGEST_SIDE_PX)
+        if not quick:
+            photos.append(one)
+
+    for path in paths:
+        yield from tried(row, path, partial(read, path))
+    if len(photos) < FEWEST_PHOTOS:
+        return
+    remarks: list[str] = []
+    yield from tried(row, place, lambda: _look(row, photos, mat, remarks))
+    yield from (_remark(row, place, sentence) for sentence in remarks)
+
+
+def _look(row: FruitRow, photos: Sequence[Photo], mat: Mat | None, remarks: list[str]) -> None:
+    """Adds to `remarks` what grading would say of light, focus and tags, and which sides no photo shows.
+
+    Raises ReconFailure where grading would refuse the set.
+    """
+    checked = checked_photos(photos, mat)
+    remarks += checked.warnings
+    if mat is not None:
+        names = [photo.name for photo in photos]
+        height_mm, left_out = row.height_mm, checked.warnings
+        remarks += view_doubts(checked.photos, mat, given=names, height_mm=height_mm, left_out=left_out)
+
+
+def _remark(row: FruitRow, place: Path, sentence: str) -> Problem:
+    return Problem(str(place), f"{row.fruit_id}: {sentence}", fruit_id=row.fruit_id, remark=True)
