@@ -40,7 +40,7 @@ from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.problem import BatchRefused
 from pipeline.recordings.conversion import ConvertRequest, convert
 from pipeline.run.checking import check
-from recon.cameras.photos import read_photo
+from recon.cameras.photos import Photo, photo_paths, read_photo
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
 from tactile.io.raw_grasp import read_raw_grasp
@@ -62,8 +62,10 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
     """What is said of the input, and a digest of all that was read where nothing is."""
     try:
         if command == "check":
-            said = [str(p) for p in check(root / "batch")]
+            said = [str(p) for p in check(root / "batch", quick=True)]
             return said, "" if said else _digest_of_batch(root / "batch")
+        if command == "photo":
+            return [], _colours(read_photo(root / path))
         if command == "case":
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
@@ -86,8 +88,19 @@ def _digest_of_batch(batch: Path) -> str:
     raw = read_raw_grasp(batch / "fruits" / "B" / "grasps" / "raw")
     held += [(pad.sensor, pad.time_s, pad.pose, pad.view.reference) for pad in raw.pads]
     held += [raw.aperture_mm, raw.fruit_id, raw.category, raw.support]
-    held += [read_photo(p).image for p in sorted((batch / "fruits" / "B" / "photos").glob("0*"))]
+    held += [read_photo(p).image for p in photo_paths(batch / "fruits" / "B" / "photos")]
     return _digest(held)
+
+
+def _colours(photo: Photo) -> str:
+    """A photo's size, its mean colour, and the colours in the middle of its quarters, RGB to ten levels."""
+    rows, columns = photo.image.shape[:2]
+    quarters = [photo.image[i * rows // 4, k * columns // 4] for i in (1, 3) for k in (1, 3)]
+    mean, *colours = (
+        " ".join(str(10 * round(float(c) / 10)) for c in colour[::-1])
+        for colour in (photo.image.mean(axis=(0, 1)), *quarters)
+    )
+    return f"{columns} x {rows} px, mean {mean}: {', '.join(colours)}"
 
 
 def _digest(held: list[object]) -> str:
@@ -107,6 +120,9 @@ def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, 
     if memory_MB > MOST_MEMORY_MB:
         return "FAILED", f"{memory_MB:.0f} MB of memory", cpu_s, memory_MB
     lines, found = said
+    if broken.command == "photo" and not lines:
+        verdict = "same" if re.match(broken.expects, found) else "FAILED"
+        return verdict, f"read as {found}", cpu_s, memory_MB
     text = " | ".join(lines).replace(f"{root}/", "")
     if not lines and broken.expects in ("", "same"):
         kind = broken.command if broken.command != "convert" else broken.path.partition("/AD2")[0]

@@ -33,7 +33,8 @@ class Broken:
     """One case: which file of the sound folders is changed or added, how, and which command then reads it.
 
     `expects`: "same" where every number must be read as from the sound input, otherwise a regular expression
-    that the message must match; empty: any clear error, or any valid reading.
+    that the message must match; empty: any clear error, or any valid reading. Of the command "photo" it is
+    the size and the colours that must be read.
     """
 
     format: str
@@ -175,6 +176,8 @@ PICTURE: dict[str, Change] = {
 
 def cases() -> list[Broken]:
     """Every case, always the same."""
+    from campaign_photos import photo_cases  # it makes cases of this module
+
     first, second, raw = "batch/fruits/A", "batch/fruits/B", "batch/fruits/B/grasps/raw"
     return [
         *_text("batch.toml", "batch/batch.toml", "toml", numbers=6),
@@ -191,6 +194,7 @@ def cases() -> list[Broken]:
         *_binary("photo (JPEG)", f"{second}/photos/000.jpg", PICTURE),
         *_binary("photo (PNG)", f"{second}/photos/002.png", PICTURE),
         *_binary("gel frame", f"{raw}/left/reference.png", PICTURE),
+        *photo_cases(f"{second}/photos/000.jpg", f"{raw}/left/reference.png"),
         *_binary("recording", f"{first}/grasps/grasp-1.h5", recordings()),
         *_binary("ONNX", "batch/model.onnx", {}),
         *_binary("field arrays (.npz)", "sources/fields.npz", {}, command="convert"),

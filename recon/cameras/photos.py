@@ -82,7 +82,9 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
         raise _unreadable(path, "is a PNG that was cut short (its end mark is missing)")
     kind = picture_kind(data[:32])
     if kind not in ("", "JPEG", "PNG", "HEIC"):
-        raise _unreadable(path, f"is a {kind} picture", "a JPEG, PNG or HEIC: convert it or remove it")
+        raise _unreadable(
+            path, f"is a picture of another format ({kind})", "a JPEG, PNG or HEIC: convert it or remove it"
+        )
     if data[4:8] == b"ftyp":
         image, exif = _heif(data, path)
     else:

@@ -121,7 +121,7 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
     )
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        f"{len(copies)} {noun} of another ({pairs}) and count once; take a photo from every direction."
+        f"{len(copies)} {noun} of another ({pairs}), used once; take a photo from every direction."
     ]
 
 
@@ -189,15 +189,19 @@ def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
     for look in looks:
         optics = look.optics
         if look.clipped > MOST_CLIPPED:
-            weak[look.photo.name] = "overexposed (over a third of the picture is plain white); expose less"
+            weak[look.photo.name] = (
+                "overexposed (over a third of the picture is plain white); retake it, exposed less"
+            )
         elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
-            weak[look.photo.name] = "too dark (paper should come out above 90 of 255); expose more"
+            weak[look.photo.name] = (
+                "too dark (paper should come out above 90 of 255); retake it, exposed more"
+            )
         elif optics is not None and optics.blur_px > MOST_BLUR_PX:
             weak[look.photo.name] = (
-                "blurred (edges of the tags run over several pixels); hold still and focus"
+                "blurred (edges of the tags run over several pixels); retake it, held still and in focus"
             )
         elif not on_mat and look.sharpness < LEAST_SHARP * usual:
-            weak[look.photo.name] = "blurred beside the others; hold still and focus"
+            weak[look.photo.name] = "blurred beside the others; retake it, held still and in focus"
     return weak
 
 

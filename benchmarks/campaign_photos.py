@@ -1,0 +1,131 @@
+"""Pictures as phones, cameras and attackers write them: HEIC, markers of a JPEG, names of photos. Every case
+states what it expects.
+"""
+
+import shutil
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import cv2
+import heic_files
+import numpy as np
+from campaign_changes import Change, with_bytes
+from campaign_inputs import Broken
+
+QUADRANTS = "200 40 40, 40 180 60, 50 60 190, 230 220 200"
+"""Colours of tests/data/quadrants.heic, RGB to ten levels: top left and right, below left and right."""
+_MEAN = "mean 130 120 120"
+_HEIC: dict[str, tuple[bytes, str]] = {
+    "8 bits": (heic_files.plain(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "8 bits, 961 tiles": (heic_files.plain(rows=31, columns=31), f"1600 x 1200 px, {_MEAN}"),
+    "alpha": (heic_files.with_alpha(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "10 bits": (heic_files.ten_bits(), f"96 x 72 px, {_MEAN}: {QUADRANTS}"),
+    "cut short": (heic_files.plain()[:700], r"000\.jpg .* is a HEIC that cannot be decoded"),
+    "another size claimed": (heic_files.claimed(640, 480), r"000\.jpg .* is a HEIC that cannot be decoded"),
+    "20000 x 20000 claimed": (heic_files.claimed(20000, 20000), "20000 x 20000 pixels; expected at most"),
+}  # fmt: skip
+_MARKERS = {"FF00": b"\xff\x00", "FF01": b"\xff\x01", "FFD0": b"\xff\xd0"}
+"""What is no marker (a stuffed zero), and markers without a length (ITU-T T.81, table B.1)."""
+_SIDE = 32_700
+"""Pixels: the largest sides of a JPEG that its decoder takes are 65,500; this one has 1,069 million."""
+
+
+def hidden_size(marker: bytes, side: int = _SIDE) -> bytes:
+    """A JPEG of side x side pixels that shows another frame header to whoever reads `marker` as the start of
+    a segment: the large picture lies where that segment would be, a small one behind it.
+    """
+    small = _jpeg()[2:]
+    large = bytearray(small)
+    place = large.index(b"\xff\xc0")
+    large[place + 5 : place + 9] = struct.pack(">HH", side, side)
+    return b"\xff\xd8" + marker + struct.pack(">H", 2 + len(large)) + bytes(large) + small
+
+
+def _jpeg() -> bytes:
+    return cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
+
+
+def _renamed(suffix: str) -> Change:
+    def change(path: Path, _: np.random.Generator) -> None:
+        path.rename(path.with_suffix(suffix))
+
+    return change
+
+
+def _beside(name: str, make: Callable[[], bytes]) -> Change:
+    def change(path: Path, _: np.random.Generator) -> None:
+        path.with_name(name).write_bytes(make())
+
+    return change
+
+
+def _in_a_folder(path: Path, _: np.random.Generator) -> None:
+    inner = path.with_name("000.jpg of today")
+    inner.mkdir()
+    shutil.copyfile(path, inner / "001.jpg")
+
+
+def _coded(suffix: str) -> bytes:
+    return cv2.imencode(suffix, np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
+
+
+_SAME_PHOTO: dict[str, Change] = {
+    **{f"named {suffix}": _renamed(suffix) for suffix in (".JPG", ".jfif", ".JPE", ".Jpeg", ".png", ".hif")},
+    "FF00 before the headers": with_bytes(lambda d: d[:2] + b"\xff\x00" + d[2:]),
+    "FF01 and FFD0 before the headers": with_bytes(lambda d: d[:2] + b"\xff\x01\xff\xd0" + d[2:]),
+    "fill bytes before a marker": with_bytes(lambda d: d[:2] + b"\xff\xff" + d[2:]),
+    "notes beside it": _beside("000.jpg.txt", lambda: b"first photo"),
+    "a phone's edits beside it": _beside("000.aae", lambda: b"<plist/>"),
+    "a moving photo's film beside it": _beside("000.mov", lambda: b"\0\0\0\x14ftypqt  " + bytes(99)),
+    "a raw picture of it": _beside("000.dng", lambda: b"II*\0" + bytes(99)),
+}
+_NAMED: dict[str, tuple[Change, str]] = {
+    "a JPEG of another name": (
+        _beside("000.jpg.pic", _jpeg),
+        r"000\.jpg\.pic is not used: a JPEG is read only with a photo's suffix; rename it to \.jpg",
+    ),
+    "a second copy of a JPEG": (_beside("000.jpg-2", _jpeg), "000.jpg-2 is not used: a JPEG is read only"),
+    "a HEIC of another name": (
+        _beside("000.jpg.live", heic_files.plain),
+        r"000\.jpg\.live is not used: a HEIC is read only .* rename it to \.heic",
+    ),
+    "a WebP picture": (_beside("000.jpg.webp", lambda: _coded(".webp")), "WebP pictures are not read"),
+    "a TIFF": (_beside("000.jpg.tif", lambda: _coded(".tiff")), "TIFF or raw pictures are not read"),
+    "a raw picture of its own": (
+        _beside("000.jpg.raf", lambda: b"FUJIFILMCCD-RAW " + bytes(99)),
+        r"000\.jpg\.raf is not used: raw pictures are not read; convert it to JPEG",
+    ),
+    "a file of no known kind": (_beside("000.jpg.xyz", lambda: bytes(50)), "it is no JPEG, PNG or HEIC"),
+    "photos in a folder within": (_in_a_folder, r"000\.jpg of today is not used: a folder within photos"),
+    "a WebP picture under its name": (
+        with_bytes(lambda _: _coded(".webp")),
+        r"000\.jpg in .* is a picture of another format \(WebP\); expected a JPEG, PNG or HEIC",
+    ),
+    "AVIF under its name": (
+        with_bytes(lambda _: b"\0\0\0\x18ftypavif" + bytes(300)),
+        r"000\.jpg in .* is a picture of another format \(AVIF\); expected a JPEG, PNG or HEIC",
+    ),
+}
+
+
+def photo_cases(photo: str, gel_frame: str) -> Iterator[Broken]:
+    """Cases of one photo and of one gel frame."""
+    heic = partial(Broken, format="photo (HEIC)", path=photo)
+    for kind, (data, expects) in _HEIC.items():
+        read = _MEAN in expects
+        change = with_bytes(lambda _, data=data: data)
+        yield heic(kind=kind, change=change, command="photo" if read else "check", expects=expects)
+    for name, marker in _MARKERS.items():
+        change = with_bytes(lambda _, marker=marker: hidden_size(marker))
+        kind = f"32700 x 32700 behind {name}"
+        expects = r"32700 x 32700 pixels; expected at most 210 million"
+        yield Broken(format="photo (JPEG)", kind=kind, path=photo, change=change, expects=expects)
+        expects = "a picture of 1069 million pixels, expected at most 25 million"
+        yield Broken(format="gel frame", kind=kind, path=gel_frame, change=change, expects=expects)
+    named = partial(Broken, format="photo (name)", path=photo)
+    for kind, change in _SAME_PHOTO.items():
+        yield named(kind=kind, change=change, expects="same")
+    for kind, (change, expects) in _NAMED.items():
+        yield named(kind=kind, change=change, expects=expects)
