@@ -15,6 +15,7 @@ from pipeline.files.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.photos import photo_paths
+from recon.cameras.unused_photos import unused_photos
 from recon.pit.priors import known_categories
 from recon.plain_file import not_plain
 
@@ -36,6 +37,8 @@ class FruitSource:
     photos: tuple[Path, ...]
     mesh: tuple[Path, ...]
     recordings: tuple[Path, ...]
+    unused: tuple[str, ...] = ()
+    """Sentences on pictures that are not read as photos."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +109,8 @@ def _sources(folder: Path) -> Iterator[FruitSource]:
 
 def _source(folder: Path) -> FruitSource | None:
     """The folder as one fruit, where it holds anything of one."""
-    photos = photo_paths(folder / "photos") or photo_paths(folder)
+    place = folder / "photos" if photo_paths(folder / "photos") else folder
+    photos = photo_paths(place)
     mesh = tuple(path for name in ("fruit.ply", "pit.ply") if not not_plain(path := folder / name))
     grasps = folder / "grasps"
     recordings = sorted(
@@ -115,7 +119,14 @@ def _source(folder: Path) -> FruitSource | None:
     if not photos and not mesh and not recordings:
         return None
     name = unicodedata.normalize("NFC", folder.resolve().name)
-    return FruitSource(fruit_id=name, photos=tuple(photos), mesh=mesh, recordings=tuple(recordings))
+    unused = unused_photos(place, pictures_alone=place == folder)
+    return FruitSource(
+        fruit_id=name,
+        photos=tuple(photos),
+        mesh=mesh,
+        recordings=tuple(recordings),
+        unused=tuple(unused),
+    )
 
 
 def _write(batch: Path, fruits: Sequence[FruitSource], category: str, known: Sequence[str]) -> None:
@@ -147,6 +158,9 @@ def _missing(root: Path, fruits: Sequence[FruitSource]) -> Iterator[str]:
             "scale: write height_mm of each fruit into fruits.csv, or put the mat.json of the marker mat "
             f"into {root}, or name the coin beside the fruit under [photos] in batch.toml"
         )
+    yield from (
+        f"photos of {one.fruit_id}: {said.rstrip('.')}" for one in photographed for said in one.unused
+    )
     few = [one.fruit_id for one in photographed if len(one.photos) < FEW]
     if few:
         yield f"photos: {_named(few)} fewer than {FEW}; 20 to 36 from all round and two heights are asked for"

@@ -27,14 +27,15 @@ MOST_ENTRIES = 2000
 """Entries of a folder that are looked at, so that a link to a whole disk costs nothing."""
 
 
-def unused_photos(folder: Path) -> list[str]:
-    """Sentences on the files of a folder of photos that are not used, one for each cause.
+def unused_photos(folder: Path, *, pictures_alone: bool = False) -> list[str]:
+    """Sentences on the files of a folder of photos that are not used, one for each cause. `pictures_alone`:
+    on those that are pictures by their first bytes, in a folder that may hold other files too.
 
     Left out are notes and what cameras write beside a photo (NO_PHOTOS), hidden files, and a raw picture or
     the like beside a photo of the same name. The kind of a picture is told by its first bytes.
     """
     causes: dict[str, list[str]] = defaultdict(list)
-    for path, why in _unused(folder):
+    for path, why in _unused(folder, pictures_alone=pictures_alone):
         causes[why].append(printable(path.name))
     return [
         f"{listed(names)} {'is' if len(names) == 1 else 'are'} not used: {why}."
@@ -42,7 +43,7 @@ def unused_photos(folder: Path) -> list[str]:
     ]
 
 
-def _unused(folder: Path) -> Iterator[tuple[Path, str]]:
+def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]:
     """Each file and folder that is not used, with the reason."""
     used = {path.stem.lower() for path in photo_paths(folder)}
     for path in _entries(folder):
@@ -52,13 +53,13 @@ def _unused(folder: Path) -> Iterator[tuple[Path, str]]:
             if wrong and not wrong.startswith("has a name"):  # its reader refuses such a name
                 yield path, f"it {wrong}; put the file itself there, or take it away"
         elif path.is_dir():
-            if inside := photo_paths(path):
+            if not pictures_alone and (inside := photo_paths(path)):
                 yield path, f"a folder within photos/ is not looked into ({len(inside)} photos); move them up"
         elif not wrong and suffix not in NO_PHOTOS:
             kind = _kind(path)
             if kind in READ_KINDS:
                 yield path, f"a {kind} is read only with a photo's suffix; rename it to {READ_KINDS[kind]}"
-            elif path.stem.lower() not in used:
+            elif path.stem.lower() not in used and (kind or not pictures_alone):
                 what = f"{kind} pictures are not read" if kind else "it is no JPEG, PNG or HEIC"
                 yield path, f"{what}; convert it to JPEG or PNG, or move it away"
 

@@ -94,6 +94,14 @@ def test_photos_become_a_batch_and_what_is_missing_is_said(drupe, photos, tmp_pa
     assert [len(batch.folder.fruit(row.fruit_id).photo_files()) for row in batch.rows] == [3, 14]
 
 
+def test_pictures_that_are_not_copied_are_named(drupe, photos, tmp_path):
+    (photos / "N2" / "more.webp").write_bytes(b"RIFF1234WEBP" + bytes(50))
+    (photos / "N2" / "notes.txt").write_text("x")
+    made = drupe("new", tmp_path / "batch", "--photos", photos)
+    assert "missing: photos of N2: more.webp is not used: WebP pictures are not read; convert" in made.out
+    assert "notes.txt" not in made.out
+
+
 def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
     drupe("new", tmp_path / "batch", "--photos", photos)
     fruits = tmp_path / "batch" / "fruits"

@@ -1,12 +1,16 @@
 """A picture's size is known before it is decoded, and what is too large or too thin is never decoded."""
 
+import os
 import struct
+import subprocess
+import sys
 import zlib
 
 import cv2
 import numpy as np
 import pytest
 
+from recon.cameras import photos
 from recon.cameras.photos import read_photo
 from recon.cameras.picture_size import first_scan, in_one_pass, picture_px
 from recon.recon_failure import ReconFailure
@@ -79,7 +83,8 @@ def png(width, height):
         (png(1, 60000), "has 1 x 60000 pixels, too few"),
         (png(6000, 100), "has 6000 x 100 pixels, a strip"),
         (png(900, 900)[:-12], "is a PNG that was cut short"),
-        (b"BM" + bytes(5000), "is no picture that can be decoded"),
+        (b"BM" + bytes(5000), "is a picture of another format (bitmap (BMP))"),
+        (b"no picture" + bytes(5000), "is no picture that can be decoded"),
     ],
 )
 def test_what_cannot_be_a_photo_is_refused_before_it_is_decoded(tmp_path, data, said):
@@ -105,3 +110,36 @@ def test_names_reach_nobody_with_control_characters(tmp_path):
     with pytest.raises(ReconFailure) as caught:
         read_photo(path)
     assert "a[31m.jpg" in caught.value.detail
+
+
+def test_a_picture_of_another_size_than_its_header_says_is_damaged(tmp_path, monkeypatch):
+    """Whatever a reader of headers is made to believe, the decoded picture is held to it."""
+    monkeypatch.setattr(photos, "picture_px", lambda _: (640, 480))
+    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", np.zeros((64, 80, 3), np.uint8))[1].tobytes())
+    with pytest.raises(ReconFailure, match="its header says 640 x 480 pixels, it holds 80 x 64"):
+        read_photo(tmp_path / "a.png")
+
+
+DECODES = """
+import {room}
+import cv2, numpy
+data = bytearray(cv2.imencode(".jpg", numpy.zeros((64, 64, 3), numpy.uint8))[1].tobytes())
+place = data.index(b"\\xff\\xc0")
+for side in (7700, 7800):
+    data[place + 5 : place + 9] = side.to_bytes(2, "big") * 2
+    try:
+        image = cv2.imdecode(numpy.frombuffer(data, numpy.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        image = None
+    print(side, image is not None)
+"""
+"""59.3 and 60.8 million pixels."""
+
+
+@pytest.mark.parametrize("room", ["pipeline", "recon", "tactile"])
+def test_the_decoder_itself_refuses_more_pixels_than_a_whole_photo_has(room):
+    environment = {name: held for name, held in os.environ.items() if not name.startswith("OPENCV")}
+    command = [sys.executable, "-c", DECODES.format(room=room)]
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == ["7700", "True", "7800", "False"]
+    assert photos.MOST_WHOLE_PIXELS == 60_000_000

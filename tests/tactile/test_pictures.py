@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tactile.io import pictures
 from tactile.io.pictures import picture_pixels, read_picture
 from tactile.tactile_failure import TactileFailure
 
@@ -25,3 +26,10 @@ def test_another_kind_under_a_pngs_name_is_refused_before_it_is_decoded(tmp_path
     monkeypatch.setattr(cv2, "imdecode", None)  # it must not come so far
     with pytest.raises(TactileFailure, match="found a damaged picture, or no PNG or JPEG"):
         read_picture(tmp_path / "frame_000000.png")
+
+
+def test_a_picture_of_another_size_than_its_header_says_is_damaged(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "picture_pixels", lambda _: 640 * 480)
+    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", IMAGE)[1].tobytes())
+    with pytest.raises(TactileFailure, match="found a damaged picture"):
+        read_picture(tmp_path / "a.png")
