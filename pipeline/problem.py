@@ -11,7 +11,8 @@ class Problem:
     """One fault of the input: the file, and a sentence with what was found, what was expected, what to do.
 
     `implausible`: the number can be read but no fruit is like that; `drupe grade --force` goes on.
-    `doubtful`: nothing stops, E is given and will be in doubt.
+    `doubtful`: nothing stops, E is given and will be in doubt. `remark`: nothing stops and E is not in doubt,
+    but staff may have meant something else.
     """
 
     file: str
@@ -19,6 +20,7 @@ class Problem:
     fruit_id: str | None = None
     implausible: bool = False
     doubtful: bool = False
+    remark: bool = False
 
     def __str__(self) -> str:
         """One line: file first; without control characters, which names of files can hold."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
+from pipeline.batch.input_names import is_of_the_system
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, not_plain, printable, read_text
@@ -110,7 +111,7 @@ def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
     """Of folders in `fruits` that the table does not name, in the order of their names."""
     known = {row.fruit_id for row in rows}
     names = (path.name for path in fruits.iterdir() if path.is_dir()) if fruits.is_dir() else ()
-    composed = {unicodedata.normalize("NFC", name) for name in names}
+    composed = {unicodedata.normalize("NFC", name) for name in names if not is_of_the_system(name)}
     new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
     return [FruitRow(fruit_id=name) for name in new]
 

@@ -224,6 +224,16 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
     return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
 
 
+def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """Every file that the settings name: category, pit, rig, model of the geometry, control chart."""
+    model, chart = settings.recon.geometry_model, settings.reference.chart
+    return (
+        *own_files(folder, settings),
+        *([folder.root / model] if model else []),
+        *([chart_path(folder, chart)] if chart else []),
+    )
+
+
 def _is_file(named: str) -> bool:
     return Path(named).suffix.lower() in (".toml", *SUFFIXES)
 

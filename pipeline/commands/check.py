@@ -13,8 +13,8 @@ def check(batch: BatchArgument) -> None:
     """Say everything that is wrong with a batch, without computing.
 
     Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
-    "E will be in doubt". Exit status: 0 nothing found, 2 problems found, 4 no problem but some E will be in
-    doubt (as `drupe grade` ends then).
+    "E will be in doubt". Files that look like inputs and are not used are listed. Exit status: 0 nothing
+    found, 2 problems found, 4 no problem, but some E will be in doubt or a file is not used.
     """
     require_libraries()
     with elsewhere():
@@ -23,11 +23,12 @@ def check(batch: BatchArgument) -> None:
         found = check_batch(batch)
     for one in found:
         typer.echo(f"{one}")
-    doubts = sum(one.doubtful for one in found)
-    problems = len(found) - doubts
+    doubts, remarks = sum(one.doubtful for one in found), sum(one.remark for one in found)
+    problems = len(found) - doubts - remarks
     more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
+    more += f", and {_so_many(remarks, 'remark')}" if remarks else ""
     typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")
-    raise typer.Exit(USAGE if problems else DOUBTED if doubts else DONE)
+    raise typer.Exit(USAGE if problems else DOUBTED if doubts or remarks else DONE)
 
 
 def _so_many(count: int, what: str) -> str:

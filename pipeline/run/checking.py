@@ -11,8 +11,9 @@ from jaxtyping import Float, Int
 from fem.fem_failure import FemFailure
 from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
+from pipeline.batch.input_names import RECORDINGS, is_of_the_system
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Batch, Survey, shape_from_photos, survey
+from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
@@ -26,6 +27,7 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
+from pipeline.batch.unused_files import unused_inputs
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
@@ -69,7 +71,8 @@ def check(root: Path) -> tuple[Problem, ...]:
     read: Read = {}
     columns = TableColumns(found.rows)
     fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns)]
-    return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
+    strays = [*_strays(found), *_unused(found)]
+    return (*found.problems, *strays, *fruit, *_in_two_fruit(found, read))
 
 
 class ImplausibleNumbers:
@@ -146,8 +149,8 @@ def fruit_problems(
     if not grasps and not raw:
         yield _at(
             row,
-            folder.root / "grasps",
-            "needs at least one .h5 recording or folder of gel frames, found none.",
+            folder.grasps,
+            "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames, found none.",
         )
     for path in grasps:
         yield from _recording_problems(path, batch, row, mesh, kind, read)
@@ -264,11 +267,11 @@ def _owner(batch: Survey, row: FruitRow) -> Owner:
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
     """What is named like an input and is no file: links to nothing, pipes, devices, folders."""
-    places: list[tuple[Path, tuple[str, ...]]] = [(folder.root / "grasps", (".h5",))]
+    places: list[tuple[Path, tuple[str, ...]]] = [(folder.grasps, RECORDINGS)]
     places += [(place, SUFFIXES) for place in (folder.photos, folder.photos_flipped)]
     for place, suffixes in places:
         for path in sorted(place.iterdir()) if place.is_dir() else ():
-            if path.suffix.lower() not in suffixes or path.name.startswith("."):
+            if path.suffix.lower() not in suffixes or is_of_the_system(path.name):
                 continue
             if not named_in_utf8(path):
                 continue  # its reader says so
@@ -383,7 +386,7 @@ def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterat
 def _strays(batch: Survey) -> tuple[Problem, ...]:
     """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
-    fruits = batch.folder.root / "fruits"
+    fruits = batch.folder.fruits
     return tuple(
         Problem(
             str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
@@ -393,11 +396,19 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
     )
 
 
+def _unused(batch: Survey) -> list[Problem]:
+    """Files of the batch and of its fruit that look like inputs and are not used."""
+    named = () if batch.settings is None else named_files(batch.folder, batch.settings)
+    ids = [row.fruit_id for row in batch.rows or ()]
+    found = unused_inputs(batch.folder, ids, named)
+    return [Problem(str(one.path), one.sentence, remark=True) for one in found]
+
+
 def _folders(batch: Survey) -> list[str]:
     """The names of the fruit that have a folder."""
-    fruits = batch.folder.root / "fruits"
+    fruits = batch.folder.fruits
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
-    found = sorted(unicodedata.normalize("NFC", name) for name in folders)
+    found = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))
     return [name for name in found if SAFE_ID.fullmatch(name)]
 
 
