@@ -201,7 +201,7 @@ def compression_trace(
         fruit=known.geometry,
         digest=digest,
         findings=findings,
-        notes=(*notes, *known.notes),
+        notes=(*(f"{path.name}: {note}." for note in recording.notes), *notes, *known.notes),
     )
 
 

@@ -11,7 +11,7 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
-OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
+OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".glb", ".onnx"})
 """Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
 depends on the fruit's own row alone."""
 TURN = 100
