@@ -78,6 +78,12 @@ def read_bytes(path: Path, *, most_bytes: int) -> bytes:
     return data
 
 
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether the plain file at `path` stands for one that Git LFS has not fetched."""
+    with path.open("rb") as file:
+        return file.read(len(LFS_POINTER)) == LFS_POINTER
+
+
 def read_text(path: Path, *, most_bytes: int) -> str:
     """The text of a UTF-8 file, without a byte order mark; raises NotReadable."""
     data = read_bytes(path, most_bytes=most_bytes)

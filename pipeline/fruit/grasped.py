@@ -167,7 +167,8 @@ def _placed(
                 placed.append(grasp)
             except TactileFailure as failure:
                 failures[name] = failure
-                log.warnings.append(f"not used: {failure.detail}")
+                said = failure.detail
+                log.warnings.append(f"not used: {said if name in said else f'{name}: {said}'}")
     return placed, failures
 
 

@@ -33,6 +33,7 @@ from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
+from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from recon.cameras.photos import SUFFIXES, read_photo, require_enough
@@ -318,6 +319,8 @@ def _ready_mesh_problems(
         Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
         for doubt in _size_doubt(mesh, row, kind)
     ]
+    if not broken:
+        yield from _contradicted(batch, row, folder.fruit_ply, kind, mesh)
     pit, wrong = _closed_mesh(row, folder.pit_ply)
     broken += wrong
     if pit is not None and not broken:
@@ -331,6 +334,16 @@ def _ready_mesh_problems(
                 yield _at(row, folder.pit_ply, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
             else:
                 yield _doubted(row, folder.pit_ply, doubt.sentence)
+
+
+def _contradicted(
+    batch: Survey, row: FruitRow, path: Path, kind: PlausibleRange, mesh: Mesh
+) -> Iterator[Problem]:
+    """Sizes and mass of fruits.csv, and of the category, that the ready mesh contradicts."""
+    prior = None if row.reference else batch.prior
+    on_mat, found = batch.mat is not None, measured(*mesh, source="fruit.ply")
+    for sentence in size_doubts(given_of(row), found, prior, on_mat=on_mat, body=kind.body):
+        yield Problem(str(path), sentence, fruit_id=row.fruit_id, remark=True)
 
 
 def _pit_doubts(batch: Survey, row: FruitRow, fruit: Mesh, pit: Mesh | None) -> list[Doubt]:
