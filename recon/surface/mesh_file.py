@@ -1,7 +1,6 @@
 """Reads and writes triangle meshes in mm: PLY, and by trimesh STL, OBJ and GLB."""
 
 import io
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
 from recon.triangle_mesh import open_edges, turned_alike, volume_mm3
 
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints its warnings
+trimesh.util.log.setLevel("CRITICAL")  # its warnings, with tracebacks, would go to the terminal
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 MM_IN_A_METRE = 1000.0
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
