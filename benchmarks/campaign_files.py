@@ -80,7 +80,7 @@ def _named() -> Iterator[Row]:
         "two meshes",
         MESH_FILE,
         _copied("fruit.stl"),
-        (r"fruit\.stl is not used: fruit\.ply is read in its place; keep one"),
+        (r"fruit\.stl is not used: fruit\.ply is read instead; keep one"),
     )
     yield (
         "mesh of another name",

@@ -135,7 +135,7 @@ def _beside_the_parts(folder: FruitFolder) -> Unused:
         if path in meshes or not kind or (textured and kind == "photo"):
             continue
         if path in second:
-            yield path, f"{second[path].name} is read in its place; keep one of the two"
+            yield path, f"{second[path].name} is read instead; keep one"
         elif not kind.endswith("photo") or folder.photo_files() or folder.fruit_ply.is_file():
             yield path, _FOR_A_FRUIT.get(kind, _NO_INPUT)  # else photos_elsewhere says it
     parts = (folder.photos, folder.photos_flipped, folder.grasps)
@@ -194,7 +194,7 @@ def _beside_the_settings(folder: BatchFolder) -> Unused:
     for path in _files_in(folder.root):
         kind, first = kind_of(path), own.get(path.name.lower())
         if first is not None and first != path:
-            yield path, f"{first.name} is read in its place; keep one of the two"
+            yield path, f"{first.name} is read instead; keep one"
         elif first is None and kind not in ("", "unknown"):
             yield (
                 path,
