@@ -22,6 +22,7 @@ from campaign_changes import (
     put,
     with_bytes,
 )
+from campaign_files import others_files
 from campaign_recordings import NPY, recordings
 
 from recon.silhouettes.hull import ball
@@ -199,4 +200,8 @@ def cases() -> list[Broken]:
         *_binary("ONNX", "batch/model.onnx", {}),
         *_binary("field arrays (.npz)", "sources/fields.npz", {}, command="convert"),
         *_binary("Tac3D array", "sources/tac3d/AD2/3D_Forces.npy", NPY, command="convert"),
+        *(
+            Broken(format="files of others", kind=kind, path=path, change=change, expects=expects)
+            for kind, path, change, expects in others_files()
+        ),
     ]

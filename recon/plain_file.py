@@ -18,6 +18,10 @@ DEEPEST = 20
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){60}""")
 """A dotted key of so many parts takes the TOML reader time with the square of them."""
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""How a file begins that Git LFS puts in the place of a large one (its specification, v1)."""
+NO_LFS_FILE = "is a Git LFS pointer, not the file itself: fetch the file with `git lfs pull`"
+
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
@@ -58,6 +62,8 @@ def named_in_utf8(path: Path) -> bool:
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
     """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
     data = read_head(path, most_bytes + 1)
+    if data.startswith(LFS_POINTER):
+        raise NotReadable(NO_LFS_FILE)
     if len(data) > most_bytes:
         raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
     return data
@@ -75,6 +81,12 @@ def read_head(path: Path, count: int) -> bytes:
             return file.read(count)
     except OSError as error:
         raise NotReadable(f"cannot be opened ({_why(error)})") from error
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether the plain file at `path` stands for one that Git LFS has not fetched."""
+    with path.open("rb") as file:
+        return file.read(len(LFS_POINTER)) == LFS_POINTER
 
 
 def read_text(path: Path, *, most_bytes: int) -> str:

@@ -42,6 +42,35 @@ def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
     return int(sparse.csgraph.connected_components(graph, directed=False)[0])
 
 
+def turned_alike(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
+    """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
+    directions; unchanged where an edge has not two faces, or the surface has one side (a Moebius strip).
+
+    Each face has two copies, as it is and turned. Copies that agree along an edge are joined; what is joined
+    to the first face's own copy agrees with it.
+    """
+    m = len(faces)
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, of_side, count = np.unique(
+        low * (int(ends.max(initial=0)) + 1) + high, return_inverse=True, return_counts=True
+    )
+    if m == 0 or (count != 2).any():
+        return faces
+    sides = np.argsort(of_side, kind="stable").reshape(-1, 2)
+    i, j = (sides % m).T
+    against = (ends[sides[:, 0], 0] == ends[sides[:, 1], 0]).astype(np.int64)
+    rows = np.concatenate([i, i + m])
+    columns = np.concatenate([j + m * against, j + m * (1 - against)])
+    graph = sparse.coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * m, 2 * m))
+    part = sparse.csgraph.connected_components(graph, directed=False)[1]
+    as_they_are, turned = part[:m], part[m:]
+    if (as_they_are == turned).any():
+        return faces
+    flipped = as_they_are > turned  # of the two halves of each body, one has the lower number
+    return np.where(flipped[:, None], faces[:, ::-1], faces)
+
+
 def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> float:
     """Sum of a . (b x c) / 6 over the faces; positive when they look outward."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))

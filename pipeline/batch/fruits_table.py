@@ -12,9 +12,10 @@ from typing import Any
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
+from pipeline.batch.input_names import is_of_the_system
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, not_plain, printable, read_text
+from recon.plain_file import NotReadable, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
 from tactile.io.specimen import Axis
@@ -35,6 +36,7 @@ REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisso
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
 NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
+SEPARATOR_LINE = re.compile(r'"?sep=([,;\t])"?[ ,;\t]*', re.IGNORECASE)
 SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
 """Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark, no sign."""
 
@@ -110,7 +112,7 @@ def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
     """Of folders in `fruits` that the table does not name, in the order of their names."""
     known = {row.fruit_id for row in rows}
     names = (path.name for path in fruits.iterdir() if path.is_dir()) if fruits.is_dir() else ()
-    composed = {unicodedata.normalize("NFC", name) for name in names}
+    composed = {unicodedata.normalize("NFC", name) for name in names if not is_of_the_system(name)}
     new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
     return [FruitRow(fruit_id=name) for name in new]
 
@@ -144,16 +146,13 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as error:
-        hint = "" if not_plain(path) else "; save it as CSV UTF-8"
+        hint = "; save it as CSV UTF-8" if "text" in str(error) else ""
         raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    first, separator = text.partition("\n")[0], ","
-    for other in (";", "\t"):
-        if other in first and first.count(other) >= first.count(","):
-            separator = other
+    text, separator = _separated(text)
     if separator != ",":
         text = _with_commas(text, separator)
-    columns = 1 + text.partition("\n")[0].count(",")
+    columns = 1 + text.lstrip("\n").partition("\n")[0].rstrip(", ").count(",")
     if columns > MOST_COLUMNS:
         found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
         raise BatchRefused([Problem(str(path), found)])
@@ -163,6 +162,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     if not rows:
         raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")])
     names = [name.strip() for name in rows[0][1]]
+    while names and not names[-1]:
+        names.pop()
     for line, cells in rows[1:]:
         if any(cell.strip() for cell in cells[len(names) :]):
             comma = _torn_number(names, cells)
@@ -174,6 +175,20 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
         raise BatchRefused([Problem(str(path), found)])
     return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
+
+
+def _separated(text: str) -> tuple[str, str]:
+    """The text, and what parts its cells: what a first line "sep=;" says, as Excel writes it (that line is
+    emptied, so that lines keep their numbers), else what the header has most of.
+    """
+    first, _, rest = text.partition("\n")
+    if stated := SEPARATOR_LINE.fullmatch(first):
+        return "\n" + rest, stated[1]
+    separator = ","
+    for other in (";", "\t"):
+        if other in first and first.count(other) >= first.count(","):
+            separator = other
+    return text, separator
 
 
 def _torn_number(names: list[str], cells: list[str]) -> str:
@@ -189,11 +204,13 @@ def _torn_number(names: list[str], cells: list[str]) -> str:
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """Each row's first line and its cells; blank lines are no rows, and a cell may go over several lines."""
+    """Each row's first line and its cells; rows of empty cells are none, and a cell may go over several
+    lines.
+    """
     lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
     begun, rows = 1, []
     for cells in lines:
-        if len(cells) > 1 or (cells and cells[0].strip()):
+        if any(cell.strip() for cell in cells):
             rows.append((begun, cells))
         begun = lines.line_num + 1
     return rows

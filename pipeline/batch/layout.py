@@ -3,11 +3,13 @@
 import os
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
 from pipeline.files.manifest import (
     LIST_LOCK,
     claim,
@@ -27,6 +29,8 @@ from tactile.io.recording import is_of_bare_indenter
 
 PARTS = ("photos", "photos-flipped", "grasps")
 """Folders in a fruit's folder."""
+INPUTS = ("batch.toml", "fruits.csv", "case.toml", "mat.json")
+"""Files of a batch or a case."""
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep, of this version and of earlier ones."""
 
@@ -40,22 +44,27 @@ class FruitFolder:
     @property
     def photos(self) -> Path:
         """The folder of multi-view photos."""
-        return self.root / "photos"
+        return reserved(self.root, "photos")
 
     @property
     def photos_flipped(self) -> Path:
         """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
-        return self.root / "photos-flipped"
+        return reserved(self.root, "photos-flipped")
+
+    @property
+    def grasps(self) -> Path:
+        """The folder of recordings and raw grasps."""
+        return reserved(self.root, "grasps")
 
     @property
     def fruit_ply(self) -> Path:
-        """A ready mesh in mm, which takes the photos' place."""
-        return self.root / "fruit.ply"
+        """A ready mesh, which takes the photos' place: fruit.ply, or fruit with another mesh's suffix."""
+        return ready_mesh(self.root, "fruit")
 
     @property
     def pit_ply(self) -> Path:
         """A pit placed in the fruit by the user, which takes the category prior's place."""
-        return self.root / "pit.ply"
+        return ready_mesh(self.root, "pit")
 
     def photo_files(self) -> tuple[Path, ...]:
         """Photos by name."""
@@ -90,15 +99,24 @@ class FruitFolder:
 
     def grasp_files(self) -> tuple[Path, ...]:
         """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
-        return tuple(
-            sorted((p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()), key=in_order)
-        )
+        place = self.grasps
+        named = (place / name for name in names_in(place) if not is_of_the_system(name))
+        files = (path for path in named if path.suffix.lower() in RECORDINGS and path.is_file())
+        return tuple(sorted(files, key=in_order))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
-        """Grasps in the raw form (frames in folders), by name, but for those that an .h5 stands for."""
-        ready = {path.stem for path in self.grasp_files()}
-        folders = (p for p in (self.root / "grasps").glob("[!.]*") if p.is_dir())
-        return tuple(sorted((p for p in folders if p.name not in ready), key=in_order))
+        """Grasps in the raw form (frames in folders), by name, but for those that a recording stands for."""
+        ready, place = {path.stem for path in self.grasp_files()}, self.grasps
+        folders = (place / name for name in names_in(place) if not is_of_the_system(name))
+        return tuple(sorted((p for p in folders if p.name not in ready and p.is_dir()), key=in_order))
+
+    def recordings_by_name(self) -> dict[str, Path]:
+        """The recordings, each under its file's name without the suffix; with it, where two would have the
+        same name.
+        """
+        files = self.grasp_files()
+        often = Counter(path.stem for path in files)
+        return {path.stem if often[path.stem] == 1 else path.name: path for path in files}
 
     def without_shape(self) -> bool:
         """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
@@ -135,11 +153,12 @@ class CaseFolder(FruitFolder):
     @property
     def settings(self) -> Path:
         """case.toml."""
-        return self.root / "case.toml"
+        return reserved(self.root, "case.toml")
 
-    def grasp_files(self) -> tuple[Path, ...]:
-        """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
-        return tuple(sorted((p for p in self.root.glob("[!.]*.h5") if p.is_file()), key=in_order))
+    @property
+    def grasps(self) -> Path:
+        """The recordings lie beside case.toml."""
+        return self.root
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
         """None: a case holds recordings in HDF5 only."""
@@ -155,17 +174,22 @@ class BatchFolder:
     @property
     def settings(self) -> Path:
         """batch.toml."""
-        return self.root / "batch.toml"
+        return reserved(self.root, "batch.toml")
 
     @property
     def table(self) -> Path:
         """fruits.csv."""
-        return self.root / "fruits.csv"
+        return reserved(self.root, "fruits.csv")
 
     @property
     def mat(self) -> Path:
         """mat.json, where the fruit stood on a marker mat."""
-        return self.root / "mat.json"
+        return reserved(self.root, "mat.json")
+
+    @property
+    def fruits(self) -> Path:
+        """The folder of the fruit's own folders."""
+        return reserved(self.root, "fruits")
 
     @property
     def default_results(self) -> Path:
@@ -174,8 +198,8 @@ class BatchFolder:
 
     def fruit(self, fruit_id: str) -> FruitFolder:
         """The folder of one fruit; its name may be decomposed (NFD), as some systems write accents."""
-        composed = self.root / "fruits" / fruit_id
-        apart = self.root / "fruits" / unicodedata.normalize("NFD", fruit_id)
+        composed = self.fruits / fruit_id
+        apart = composed.parent / unicodedata.normalize("NFD", fruit_id)
         return FruitFolder(apart if apart.is_dir() and not composed.is_dir() else composed)
 
 
@@ -392,13 +416,12 @@ class Results:
 
     def inputs_inside(self) -> Iterator[Path]:
         """What shows that this is a batch or a case, and no folder of results."""
-        for name in ("batch.toml", "fruits.csv", "case.toml", "mat.json"):
-            if _stands(self.root / name):
+        for name in names_in(self.root):
+            if name.lower() in INPUTS or Path(name).suffix.lower() in RECORDINGS:
                 yield self.root / name
-        yield from self.root.glob("*.h5")
         yield from photo_paths(self.root)
         names = [str(self.root)]
-        with suppress(OSError), os.scandir(self.root / "fruits") as found:
+        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as found:
             names += [one.path for one in found]
         inside = (f"{name}/{part}" for name in names for part in PARTS)
         yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands

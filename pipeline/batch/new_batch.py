@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pipeline.batch.batch_template import TEMPLATE
 from pipeline.batch.fruits_table import SAFE_ID
-from pipeline.batch.layout import BatchFolder, in_order
+from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
 from pipeline.files.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
@@ -109,13 +109,11 @@ def _sources(folder: Path) -> Iterator[FruitSource]:
 
 def _source(folder: Path) -> FruitSource | None:
     """The folder as one fruit, where it holds anything of one."""
-    place = folder / "photos" if photo_paths(folder / "photos") else folder
+    own = FruitFolder(folder)
+    place = own.photos if photo_paths(own.photos) else folder
     photos = photo_paths(place)
-    mesh = tuple(path for name in ("fruit.ply", "pit.ply") if not not_plain(path := folder / name))
-    grasps = folder / "grasps"
-    recordings = sorted(
-        (p for place in (folder, grasps) for p in place.glob("[!.]*.h5") if not not_plain(p)), key=in_order
-    )
+    mesh = tuple(path for path in (own.fruit_ply, own.pit_ply) if not not_plain(path))
+    recordings = sorted((*CaseFolder(folder).grasp_files(), *own.grasp_files()), key=in_order)
     if not photos and not mesh and not recordings:
         return None
     name = unicodedata.normalize("NFC", folder.resolve().name)

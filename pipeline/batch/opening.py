@@ -23,7 +23,7 @@ from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.measured import load_pit
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
-from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
+from recon.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES
 
@@ -187,7 +187,8 @@ def read_mat(path: Path) -> Mat:
     try:
         mapping = json_of(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
-        hint = "" if not_plain(path) else "; make one with `drupe mat`"
+        pointer = str(error) == NO_LFS_FILE
+        hint = "" if not_plain(path) or pointer else "; make one with `drupe mat`"
         raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
     try:
         return parse_mat(mapping, source=path.name)
@@ -222,6 +223,16 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
         if name and _is_file(name)
     ]
     return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
+
+
+def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """Every file that the settings name: category, pit, rig, model of the geometry, control chart."""
+    model, chart = settings.recon.geometry_model, settings.reference.chart
+    return (
+        *own_files(folder, settings),
+        *([folder.root / model] if model else []),
+        *([chart_path(folder, chart)] if chart else []),
+    )
 
 
 def _is_file(named: str) -> bool:

@@ -13,6 +13,7 @@ from pipeline.batch.records import Given, given_of
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
+from pipeline.batch.unused_files import unused_of_fruit
 from recon.cameras.printed_mat import Mat
 from recon.pit.priors import PitBody, PitPrior
 from recon.plain_file import printable
@@ -101,6 +102,7 @@ def fruit_task(
             row.height_mm,
             *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),
             *folder.unused_photos(),
+            *[one.sentence for one in unused_of_fruit(folder)],
             category,
             repr(body),
             repr(prior),

@@ -112,7 +112,7 @@ def _trees(batch: BatchFolder) -> list[str]:
 
     Raises OSError where fruits/ is there and cannot be read.
     """
-    fruits = batch.root / "fruits"
+    fruits = batch.fruits
     own: list[str] = []
     try:
         with os.scandir(fruits) as found:
@@ -138,7 +138,7 @@ def _fruit_of_others(target: Path) -> list[Path]:
     return [
         place
         for place in (around, *around.parents)
-        if place.name == "fruits" and BatchFolder(place.parent).settings.is_file()
+        if place.name.lower() == "fruits" and BatchFolder(place.parent).settings.is_file()
     ]
 
 

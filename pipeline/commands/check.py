@@ -20,8 +20,9 @@ def check(
     """Say everything that is wrong with a batch, without computing.
 
     Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
-    "E will be in doubt". Remarks name files that are not used, photos to retake and sides without a photo.
-    Exit status: 0 nothing found, 2 problems found, 4 no problem, but some E will be in doubt or a remark.
+    "E will be in doubt". Remarks name files that look like inputs and are not used, photos to retake and
+    sides without a photo. Exit status: 0 nothing found, 2 problems found, 4 no problem, but some E will be in
+    doubt or a remark.
     """
     require_libraries()
     with elsewhere():

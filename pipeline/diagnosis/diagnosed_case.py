@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
-from pipeline.batch.layout import CaseFolder, FruitResults, Results
+from pipeline.batch.layout import BatchFolder, CaseFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.records import Given
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
@@ -94,20 +94,20 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     if not path.is_dir():
         is_file = f"is a file; give the folder of a case: {_HOLDS}."
         raise BatchRefused([Problem(str(path), is_file if path.exists() else "there is no such folder.")])
-    if (path / "batch.toml").is_file():
+    if BatchFolder(path).settings.is_file():
         if fruit_id is None:
             raise BatchRefused([Problem(str(path), _which_fruit(path))])
         return _of_batch(path, fruit_id, out)
-    if (path / "case.toml").is_file():
+    if CaseFolder(path).settings.is_file():
         if fruit_id is not None:
             raise BatchRefused([Problem(str(path), "is a single case; --fruit is for batches.")])
         return _of_its_own(CaseFolder(path), work)
     root = path.resolve().parents[1] if len(path.resolve().parents) > 1 else path
-    if path.resolve().parent.name == "fruits" and (root / "batch.toml").is_file():
+    if path.resolve().parent.name.lower() == "fruits" and BatchFolder(root).settings.is_file():
         if fruit_id is not None and fruit_id != path.resolve().name:
             raise BatchRefused([Problem(str(path), f'is fruit "{path.name}", and --fruit "{fruit_id}".')])
         return _of_batch(root, path.resolve().name, out)
-    if path.resolve().parent.name == "fruits":
+    if path.resolve().parent.name.lower() == "fruits":
         sentence = f"lies in fruits/, but {root} has no batch.toml; add it, with the batch's category."
         raise BatchRefused([Problem(str(path), sentence)])
     raise BatchRefused([Problem(str(path), _NEITHER)])
@@ -122,7 +122,7 @@ _NO_CASE = f"case.toml: {_NEITHER}"
 
 
 def _which_fruit(root: Path) -> str:
-    folder = root / "fruits"
+    folder = BatchFolder(root).fruits
     known = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
     return f"is a batch; say which fruit with --fruit ({_in_short(known) or 'it has none yet'})."
 
@@ -192,7 +192,7 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
         near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
         hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
         why = f", or name a known category: {hint}"
-    indented = bool(said.of_specimen.stated) or not (folder.root / "fruit.ply").is_file()
+    indented = bool(said.of_specimen.stated) or not folder.fruit_ply.is_file()
     pit = indented or folder.pit_ply.is_file() or (prior is not None and prior.has_pit)
     ratio = said.poisson_ratio is not None or (prior is not None and prior.poisson_ratio is not None)
     missing = [what for what, there in (("pit.ply", pit), ("the key poisson_ratio", ratio)) if not there]

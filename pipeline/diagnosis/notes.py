@@ -49,7 +49,7 @@ def require_one_fruit(case: Case) -> None:
     first: tuple[str, str] | None = None
     files = case.task.folder.grasp_files()
     if not files and not case.task.folder.raw_grasp_folders():
-        where = case.task.folder.root if case.batch is None else case.task.folder.root / "grasps"
+        where = case.task.folder.grasps
         raise BatchRefused(
             [Problem(str(where), "holds no recording (*.h5); record a grasp and put its .h5 there.")]
         )

@@ -13,13 +13,12 @@ from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import MeshRecord, OrientationRecord, PitRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.photographed import KeptMesh, photographed
-from pipeline.fruit.size_doubts import size_doubts
+from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.surface.fruit_frame import orientation_warnings
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
 from recon.surface.orientation import orientation_of
-from recon.triangle_mesh import volume_mm3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +77,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     folder = task.folder
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
-        require_closed(vertices, faces, what="fruit.ply")
+        require_closed(vertices, faces, what=folder.fruit_ply.name)
         return _shape(vertices, faces, np.eye(4), source="fruit.ply")
     if not folder.photo_files():
         astray = folder.photos_elsewhere().rstrip(".")
@@ -138,20 +137,12 @@ def _shape(
     source: Literal["photos", "fruit.ply"],
 ) -> FruitShape:
     """The surface with its counts, size and volume, and nothing known of its quality."""
-    box = np.ptp(vertices, axis=0).tolist()
     return FruitShape(
         vertices=vertices,
         faces=faces,
         mesh_from_fruit=mesh_from_fruit,
         warnings=(),
-        record=MeshRecord(
-            source=source,
-            vertices=len(vertices),
-            faces=len(faces),
-            volume_mm3=volume_mm3(vertices, faces),
-            height_mm=box[2],
-            box_mm=tuple(box),
-        ),
+        record=measured(vertices, faces, source=source),
     )
 
 
@@ -159,7 +150,7 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
     """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
     if task.folder.pit_ply.is_file():
         vertices, faces = read_mesh(task.folder.pit_ply)
-        require_closed(vertices, faces, what="pit.ply")
+        require_closed(vertices, faces, what=task.folder.pit_ply.name)
         source = "pit.ply"
     elif task.settings.pit.none:
         return FruitPit(

@@ -141,7 +141,7 @@ def _placed(
     folder, owner = task.folder, owner_of(task)
     strangers = log.facts.strangers
     rig = batch_rig(task.batch_root, task.settings)
-    recordings = {path.stem: path for path in folder.grasp_files()}
+    recordings = folder.recordings_by_name()
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with log.stage("contact"):
         for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
@@ -167,7 +167,8 @@ def _placed(
                 placed.append(grasp)
             except TactileFailure as failure:
                 failures[name] = failure
-                log.warnings.append(f"not used: {failure.detail}")
+                said = failure.detail
+                log.warnings.append(f"not used: {said if name in said else f'{name}: {said}'}")
     return placed, failures
 
 

@@ -80,6 +80,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.MESH_TURNED: _ELSEWHERE,
     FindingKind.OTHER_FRUIT: _ELSEWHERE,
     FindingKind.OTHER_CATEGORY: _ELSEWHERE,
+    FindingKind.READ_OTHERWISE: frozenset(),
     # E does not depend on these
     FindingKind.BEYOND_RIG: frozenset(),
     FindingKind.TIME_UNIT: frozenset(),

@@ -15,7 +15,7 @@ from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
 from reports.patch_residual import PatchResidual
-from tactile.checks.finding import Finding
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings
 from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
@@ -146,6 +146,7 @@ def findings_of(
         E_range_MPa=checked.E_range_MPa,
         surface_sd_mm=checked.surface_sd_mm,
     )
+    found += read_otherwise(recording)
     if checked.rig is not None:
         found += jaw_share_findings(recording, checked.rig)
     if checked.explains:
@@ -153,6 +154,12 @@ def findings_of(
     if said := refusal(found, corrected_for=corrected_for):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
     return tuple(found)
+
+
+def read_otherwise(recording: Recording) -> list[Finding]:
+    """Remarks on what the recording's reader took otherwise than the file has it."""
+    kind, rank = FindingKind.READ_OTHERWISE, FindingRank.FIELD
+    return [Finding(kind=kind, rank=rank, says=note, remark=True) for note in recording.notes]
 
 
 def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:

@@ -137,8 +137,8 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
     failures: dict[str, TactileFailure | FemFailure] = {}
     stated, rig = stated_in_table(task.given), batch_rig(task.batch_root, task.settings)
     admit = partial(admitted, owner_of(task), log, log.facts.strangers, field="attribute fruit_id")
-    for path in task.folder.grasp_files():
-        name = printable(path.stem)
+    for named, path in task.folder.recordings_by_name().items():
+        name = printable(named)
         try:
             one = compression_trace(
                 path,
@@ -201,7 +201,7 @@ def compression_trace(
         fruit=known.geometry,
         digest=digest,
         findings=findings,
-        notes=(*notes, *known.notes),
+        notes=(*(f"{path.name}: {note}." for note in recording.notes), *notes, *known.notes),
     )
 
 

@@ -73,6 +73,6 @@ def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:
 
 def _file(folder: BatchFolder, fruit_id: str, grasp: str) -> str:
     """The file that a fruit's grasp was read from, as its place in the batch."""
-    files = folder.fruit(fruit_id).grasp_files()
-    path = next((one for one in files if printable(one.stem) == grasp), Path(grasp))
+    files = folder.fruit(fruit_id).recordings_by_name()
+    path = next((path for name, path in files.items() if printable(name) == grasp), Path(grasp))
     return f"fruits/{fruit_id}/grasps/{printable(path.name)}"

@@ -1,11 +1,14 @@
 """Is the mesh as large as staff measured, and as fruit of this kind grow? Each no is a sentence for staff."""
 
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from pipeline.batch.records import Given, MeshRecord
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior
+from recon.triangle_mesh import volume_mm3
 
 CALLIPER_SD_MM = 0.2
 """Standard deviation, mm, of a diameter taken by calliper on soft skin (estimate)."""
@@ -37,10 +40,28 @@ def size_doubts(
     ]
 
 
+def measured(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    *,
+    source: Literal["photos", "fruit.ply"],
+) -> MeshRecord:
+    """Counts, size and volume of a surface (mm), with nothing known of its quality."""
+    box = np.ptp(vertices, axis=0).tolist()
+    return MeshRecord(
+        source=source,
+        vertices=len(vertices),
+        faces=len(faces),
+        volume_mm3=volume_mm3(vertices, faces),
+        height_mm=box[2],
+        box_mm=tuple(box),
+    )
+
+
 def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
     """What the mesh's size rests on, and the unit."""
     if mesh.source == "fruit.ply":
-        return "check the units (mm, g), and that fruit.ply is in mm and of this fruit."
+        return "check the units (mm, g), and that the mesh is in mm, with z up, and of this fruit."
     if on_mat:
         return (
             "check the units (mm, g), that the photos show this fruit, and that mat.json is of the mat as it "

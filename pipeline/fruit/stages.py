@@ -20,6 +20,7 @@ from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
 from pipeline.batch.records import FruitRecord, GraspRecord, write_record
 from pipeline.batch.task import FruitTask
+from pipeline.batch.unused_files import unused_of_fruit
 from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
@@ -32,6 +33,7 @@ from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_b
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
 from pipeline.fruit.sensor_scale import sensor_scale_sd
 from pipeline.fruit.stage_log import StageLog
+from recon.plain_file import printable
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.mesh_picture import mesh_picture
@@ -46,6 +48,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     outcome, reason = Outcome.GRADED.code, ""
     task.results.claim()
     task.results.forget()
+    log.warnings += [printable(one.sentence) for one in unused_of_fruit(task.folder)]
     with threadpool_limits(1):
         try:
             if task.folder.without_shape():

@@ -10,8 +10,9 @@ from jaxtyping import Float, Int
 
 from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
+from pipeline.batch.input_names import RECORDINGS, is_of_the_system
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Batch, Survey, shape_from_photos, survey
+from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
@@ -25,11 +26,13 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
+from pipeline.batch.unused_files import unused_inputs
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
+from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at as _at
@@ -70,7 +73,8 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     read: Read = {}
     columns = TableColumns(found.rows)
     fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns, quick=quick)]
-    return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
+    strays = [*_strays(found), *_unused(found)]
+    return (*found.problems, *strays, *fruit, *_in_two_fruit(found, read))
 
 
 class ImplausibleNumbers:
@@ -153,8 +157,8 @@ def fruit_problems(
     if not grasps and not raw:
         yield _at(
             row,
-            folder.root / "grasps",
-            "needs at least one .h5 recording or folder of gel frames, found none.",
+            folder.grasps,
+            "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames, found none.",
         )
     for path in grasps:
         yield from _recording_problems(path, batch, row, mesh, kind, read)
@@ -271,9 +275,9 @@ def _owner(batch: Survey, row: FruitRow) -> Owner:
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
     """What is named like a recording and is no file: links to nothing, pipes, devices, folders."""
-    place = folder.root / "grasps"
+    place = folder.grasps
     for path in sorted(place.iterdir()) if place.is_dir() else ():
-        if path.suffix.lower() != ".h5" or path.name.startswith("."):
+        if path.suffix.lower() not in RECORDINGS or is_of_the_system(path.name):
             continue
         if not named_in_utf8(path):
             continue  # its reader says so
@@ -320,6 +324,8 @@ def _ready_mesh_problems(
         Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
         for doubt in _size_doubt(mesh, row, kind)
     ]
+    if not broken:
+        yield from _contradicted(batch, row, folder.fruit_ply, kind, mesh)
     pit, wrong = _closed_mesh(row, folder.pit_ply)
     broken += wrong
     if pit is not None and not broken:
@@ -333,6 +339,16 @@ def _ready_mesh_problems(
                 yield _at(row, folder.pit_ply, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
             else:
                 yield _doubted(row, folder.pit_ply, doubt.sentence)
+
+
+def _contradicted(
+    batch: Survey, row: FruitRow, path: Path, kind: PlausibleRange, mesh: Mesh
+) -> Iterator[Problem]:
+    """Sizes and mass of fruits.csv, and of the category, that the ready mesh contradicts."""
+    prior = None if row.reference else batch.prior
+    on_mat, found = batch.mat is not None, measured(*mesh, source="fruit.ply")
+    for sentence in size_doubts(given_of(row), found, prior, on_mat=on_mat, body=kind.body):
+        yield Problem(str(path), sentence, fruit_id=row.fruit_id, remark=True)
 
 
 def _pit_doubts(batch: Survey, row: FruitRow, fruit: Mesh, pit: Mesh | None) -> list[Doubt]:
@@ -366,7 +382,7 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
 def _strays(batch: Survey) -> tuple[Problem, ...]:
     """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
-    fruits = batch.folder.root / "fruits"
+    fruits = batch.folder.fruits
     return tuple(
         Problem(
             str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
@@ -376,9 +392,17 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
     )
 
 
+def _unused(batch: Survey) -> list[Problem]:
+    """Files of the batch and of its fruit that look like inputs and are not used."""
+    named = () if batch.settings is None else named_files(batch.folder, batch.settings)
+    ids = [row.fruit_id for row in batch.rows or ()]
+    found = unused_inputs(batch.folder, ids, named)
+    return [Problem(str(one.path), one.sentence, remark=True) for one in found]
+
+
 def _folders(batch: Survey) -> list[str]:
     """The names of the fruit that have a folder."""
-    fruits = batch.folder.root / "fruits"
+    fruits = batch.folder.fruits
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
-    found = sorted(unicodedata.normalize("NFC", name) for name in folders)
+    found = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))
     return [name for name in found if SAFE_ID.fullmatch(name)]

@@ -14,11 +14,12 @@ from rich.console import Console
 from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitFolder, FruitResults, Results, write_whole
-from pipeline.batch.opening import Batch, open_batch, own_files
+from pipeline.batch.opening import Batch, named_files, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.task import FruitTask
+from pipeline.batch.unused_files import unused_inputs
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
@@ -38,6 +39,9 @@ from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report, report_of_records
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
+
+MOST_UNUSED_SAID = 20
+"""Lines on files that are not used: more of them hide the rest of what is printed."""
 
 
 class InterruptedAtWork(KeyboardInterrupt):
@@ -101,6 +105,8 @@ def grade(
         if say_unchanged and queue.kept:
             kept = f"{queue.kept} of {len(run.batch.rows)} fruit unchanged since the last run"
             console.print(kept, highlight=False)
+        if say_unchanged:
+            _say_unused(run.batch, console)
         with suppress(NotWritten):
             run.write_provenance(records.outcomes, None)
         so_far = ReportSoFar(run, records)
@@ -256,6 +262,17 @@ def _placed(
         started=started,
         since_s=since_s,
     )
+
+
+def _say_unused(batch: Batch, console: Console) -> None:
+    """Prints which files of the batch look like inputs and are not used."""
+    named = named_files(batch.folder, batch.settings)
+    found = unused_inputs(batch.folder, batch.row_of, named)
+    lines = [str(Problem(str(one.path.relative_to(batch.folder.root)), one.sentence)) for one in found]
+    more = len(lines) - MOST_UNUSED_SAID
+    lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []
+    for line in lines:
+        console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:

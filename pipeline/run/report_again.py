@@ -35,7 +35,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
         hint = f"; did you mean {out / 'results'}?" if inside else "; give the folder that --out named."
         raise BatchRefused([Problem(str(out), f"holds no results of drupe grade (batch.json){hint}")])
     root = batch or Path(str(said.get("batch", "")))
-    if not (root / "batch.toml").is_file():
+    if not BatchFolder(root).settings.is_file():
         sentence = f"is of the batch {printable(str(root))}, which is not there; name it with --batch."
         raise BatchRefused([Problem(str(results.provenance), sentence)])
     opened = open_batch(root, force=True, choose=partial(_with_records, results))
@@ -67,9 +67,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
     """The rows, and those folders without one that `drupe watch` has graded."""
     watched = [
-        row
-        for row in unlisted_fruit(folder.root / "fruits", rows)
-        if results.fruit(row.fruit_id).record.is_file()
+        row for row in unlisted_fruit(folder.fruits, rows) if results.fruit(row.fruit_id).record.is_file()
     ]
     return (*rows, *watched)
 

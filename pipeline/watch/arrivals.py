@@ -7,11 +7,11 @@ from itertools import islice
 from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
-from pipeline.batch.layout import PARTS, BatchFolder, FruitFolder
+from pipeline.batch.layout import BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
 """Name, size and time of last change (ns) of files: what differs between two moments has changed."""
-OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".onnx"})
+OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".glb", ".onnx"})
 """Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
 depends on the fruit's own row alone."""
 TURN = 100
@@ -119,7 +119,7 @@ def _files(fruit: FruitFolder) -> Iterator[Path]:
     """Files that may be inputs of a fruit: those in its folder, in its parts, and in grasps that are folders
     of frames. Any of these may be a link, and so may a folder of frames in a grasp; no other is followed.
     """
-    for place in (fruit.root, *(fruit.root / part for part in PARTS)):
+    for place in (fruit.root, fruit.photos, fruit.photos_flipped, fruit.grasps):
         yield from _inside(place)
     for grasp in fruit.raw_grasp_folders():
         if grasp.is_symlink() and not (grasp / DESCRIPTION).is_file():  # it may lead to a whole disk

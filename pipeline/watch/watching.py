@@ -151,7 +151,7 @@ class BatchWatch:
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
-        every = (*rows, *unlisted_fruit(folder.root / "fruits", rows))
+        every = (*rows, *unlisted_fruit(folder.fruits, rows))
         return self.arrivals.look(folder, every, {name: files for name, (_, files) in self.tried.items()})
 
     def _chosen(self, batch: Batch, own: State) -> list[str]:

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-from recon.plain_file import not_plain, size
+from recon.plain_file import NO_LFS_FILE, is_lfs_pointer, not_plain, size
 from recon.recon_failure import ReconFailure, ReconProblem
 
 MOST_BYTES = 4_000_000_000
@@ -24,6 +24,8 @@ def require_onnx(model: Path) -> None:
     length = model.stat().st_size
     if length > MOST_BYTES:
         raise bad_model(model, f"is larger than {size(MOST_BYTES)}", "an ONNX file below that")
+    if is_lfs_pointer(model):
+        raise bad_model(model, NO_LFS_FILE, "the model itself")
     with model.open("rb") as file:
         found: set[int] = set()
         while file.tell() < length:

@@ -1,4 +1,4 @@
-"""Reads and writes triangle meshes in mm: PLY, STL and OBJ, by trimesh."""
+"""Reads and writes triangle meshes in mm: PLY, and by trimesh STL, OBJ and GLB."""
 
 import io
 from pathlib import Path
@@ -7,11 +7,15 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
-from recon.plain_file import NotReadable, printable, read_bytes
+from recon.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY
+from recon.surface.ply_file import NotPly, read_header, read_ply
+from recon.triangle_mesh import open_edges, turned_alike, volume_mm3
 
-SUFFIXES = (".ply", ".stl", ".obj")
+trimesh.util.log.setLevel("CRITICAL")  # its warnings, with tracebacks, would go to the terminal
+SUFFIXES = (".ply", ".stl", ".obj", ".glb")
+MM_IN_A_METRE = 1000.0
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
 """Of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
@@ -27,8 +31,11 @@ Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Vertices (mm) and faces of a mesh file, chosen by its suffix; STL's separate corners are merged, and
-    vertices that no face uses are left out: they are of no surface.
+    """Vertices (mm) and triangles of a mesh file, chosen by its suffix.
+
+    Faces of more corners are cut into triangles. Where the surface is not closed as it stands, corners in the
+    same place are merged (STL has three for each face), and faces are turned alike. Vertices that no face
+    uses are left out. glTF is in metres by its standard; axes are as the file has them.
 
     Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in it.
     """
@@ -39,26 +46,15 @@ def read_mesh(path: Path) -> Mesh:
         data = read_bytes(path, most_bytes=MOST_BYTES)
     except NotReadable as error:
         raise _unreadable(path, str(error), "a file that can be read") from error
-    if kind == ".ply":
-        _require_header(path, data)
-    elif kind == ".stl":
-        _require_stl(path, data)
     if _as_text(kind, data) and len(data) > MOST_ASCII_BYTES:
         raise _unreadable(path, f"is text of {len(data) / 1e6:.0f} MB", "a binary PLY, or fewer faces")
-    try:
-        mesh = trimesh.load_mesh(
-            io.BytesIO(data), file_type=kind[1:], process=False, merge_tex=False, maintain_order=True
-        )
-        if kind == ".stl":
-            mesh.merge_vertices()
-        vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, int)
-    except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
-        found = "is broken (what follows its header is not what that says)" if kind == ".ply" else "is broken"
-        raise _unreadable(path, found, f"a whole {kind[1:].upper()} file") from error
+    vertices, faces = _of_ply(path, data) if kind == ".ply" else _by_trimesh(path, kind, data)
     if max(len(vertices), len(faces)) > MOST_ELEMENTS:
         raise _too_fine(path, f"{len(vertices)} vertices and {len(faces)} faces")
-    if len(vertices) == 0 or len(faces) == 0:
-        raise _unreadable(path, f"holds {len(vertices)} vertices and {len(faces)} faces", "a triangle mesh")
+    if len(vertices) and not len(faces):
+        raise _points_alone(path, len(vertices))
+    if len(vertices) == 0:
+        raise _unreadable(path, "holds 0 vertices and 0 faces", "a triangle mesh")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _unreadable(
             path, f"has a face that names vertex {faces.max()} of {len(vertices)}", "faces of its vertices"
@@ -66,8 +62,61 @@ def read_mesh(path: Path) -> Mesh:
     vertices, faces = _used(vertices, faces)
     if not np.isfinite(vertices).all():
         raise _unreadable(path, "holds a coordinate that is no number", "finite coordinates in mm")
+    vertices = vertices * MM_IN_A_METRE if kind == ".glb" else vertices
     if (farthest := float(np.abs(vertices).max())) > FARTHEST_MM:
         raise _unreadable(path, f"holds a coordinate of {farthest:.3g} mm", "a fruit's, in mm")
+    return _joined(vertices, faces)
+
+
+def _of_ply(path: Path, data: bytes) -> Mesh:
+    """Refuses a header that promises more than the file can hold, before memory is asked for it."""
+    try:
+        header = read_header(data)
+        for element in header.elements:
+            if element.count > MOST_ELEMENTS:
+                raise _too_fine(path, f"{element.count} of {element.name}")
+        if header.count("vertex") and not header.count("face"):
+            if header.count("tristrips"):
+                raise _unreadable(path, "holds strips of triangles", "faces: export it with triangles")
+            raise _points_alone(path, header.count("vertex"))
+        return read_ply(data, header)
+    except NotPly as wrong:
+        raise _unreadable(path, str(wrong), "a whole PLY file") from wrong
+
+
+def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
+    """Without textures and materials, which may be other files."""
+    if kind == ".stl":
+        _require_stl(path, data)
+    elif kind == ".glb":
+        _require_glb(path, data)
+    options = {"merge_tex": False, "maintain_order": True} if kind == ".obj" else {}
+    try:
+        mesh = trimesh.load_mesh(
+            io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True, **options
+        )
+        return np.array(mesh.vertices, float), np.array(mesh.faces, int).reshape(-1, 3)
+    except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
+        raise _unreadable(path, "is broken", f"a whole {kind[1:].upper()} file") from error
+
+
+def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
+    """The mesh as it is where it is closed; else with corners in the same place merged, faces without area
+    left out, and the faces turned alike and outward, as far as that closes it.
+    """
+    if not open_edges(faces):
+        return vertices, faces
+    places, index = np.unique(vertices + 0.0, axis=0, return_inverse=True)  # -0 is 0
+    merged = index.reshape(-1)[faces]
+    a, b, c = merged.T
+    merged = merged[(a != b) & (b != c) & (c != a)]
+    if len(merged) == 0:
+        return vertices, faces
+    if open_edges(merged) < open_edges(faces):
+        vertices, faces = places, merged
+    turned = turned_alike(faces)
+    if turned is not faces and not open_edges(turned):
+        faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces
 
 
@@ -102,23 +151,6 @@ def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.nda
     path.write_bytes(mesh_bytes(vertices, faces))
 
 
-def _require_header(path: Path, data: bytes) -> None:
-    """Refuse a PLY whose header promises more than the file can hold, before memory is asked for it."""
-    end = data.find(b"end_header", 0, 65536)
-    if not data.startswith(b"ply") or end < 0:
-        raise _unreadable(path, "is broken (no PLY header)", "a whole PLY file")
-    for line in data[:end].splitlines():
-        words = line.split()
-        if words[:1] == [b"element"]:
-            count = words[2] if len(words) == 3 and words[2].isdigit() and len(words[2]) < 16 else b""
-            if not count:
-                raise _unreadable(path, "is broken (an element without a count)", "a whole PLY file")
-            if int(count) > MOST_ELEMENTS:
-                raise _too_fine(path, f"{int(count)} of {words[1][:20].decode('ascii', 'replace')}")
-            if int(count) > len(data) - end:
-                raise _unreadable(path, "was cut short (its header promises more)", "a whole PLY file")
-
-
 def _require_stl(path: Path, data: bytes) -> None:
     """Refuse a binary STL whose count of faces is not what the file holds: 84 bytes, then 50 a face."""
     if data[:5].lower() == b"solid" or len(data) < 84:
@@ -130,10 +162,35 @@ def _require_stl(path: Path, data: bytes) -> None:
         raise _too_fine(path, f"{count} faces")
 
 
+def _require_glb(path: Path, data: bytes) -> None:
+    """Refuse a binary glTF that is cut short, compressed, or of more vertices than are read, before memory is
+    asked for it (glTF 2.0, 4.4: a header of 12 bytes, then a chunk of JSON with its length and kind).
+    """
+    whole = "a whole GLB file (binary glTF 2.0)"
+    if data[:4] != b"glTF" or data[16:20] != b"JSON" or int.from_bytes(data[8:12], "little") > len(data):
+        raise _unreadable(path, "is broken or was cut short", whole)
+    try:
+        said = json_of(data[20 : 20 + int.from_bytes(data[12:16], "little")].decode("utf-8", "replace"))
+        compressed = [one for one in said.get("extensionsRequired", []) if "compression" in one]
+        counts = [int(one["count"]) for one in said.get("accessors", [])]
+        placed = sum("mesh" in one for one in said.get("nodes", []))
+    except (NotReadable, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _unreadable(path, "is broken (its description cannot be read)", whole) from error
+    if compressed:
+        raise _unreadable(path, f"is compressed ({compressed[0][:40]})", "GLB exported without compression")
+    if max(counts, default=0) * max(placed, 1) > 3 * MOST_ELEMENTS:
+        raise _too_fine(path, f"{max(counts)} values in a list, for {placed} meshes")
+
+
 def _as_text(kind: str, data: bytes) -> bool:
     return kind == ".obj" or (
-        b"format ascii" in data[:200] if kind == ".ply" else data[:5].lower() == b"solid"
+        b"format ascii" in data[:200] if kind == ".ply" else kind == ".stl" and data[:5].lower() == b"solid"
     )
+
+
+def _points_alone(path: Path, count: int) -> ReconFailure:
+    expected = "a surface: mesh the points first (for example Poisson in MeshLab), and save that mesh"
+    return _unreadable(path, f"is a cloud of {count} points without faces", expected)
 
 
 def _too_fine(path: Path, found: str) -> ReconFailure:

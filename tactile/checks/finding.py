@@ -85,6 +85,8 @@ class FindingKind(StrEnum):
     PADS_EXCHANGED = "pads-exchanged"
     MESH_TURNED = "mesh-turned"
     # what the recording says of itself
+    READ_OTHERWISE = "read-otherwise"
+    """Its reader took something otherwise than the file has it."""
     OTHER_FRUIT = "other-fruit"
     OTHER_CATEGORY = "other-category"
 

@@ -21,6 +21,8 @@ LOOKED_AT = 400
 """Rows in which the names of columns are looked for: machines write some ten to a hundred lines above."""
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 """In the order in which they are believed: a comma may be a decimal one."""
+SEPARATOR_LINE = re.compile(r'"?sep=([^\r\n"])"?[ ,;\t]*(?=[\r\n])', re.IGNORECASE)
+"""The first line of a table that Excel wrote for other countries, with the delimiter."""
 SPACES = "spaces"
 """Cells apart by one space or more, where the text has none of the delimiters."""
 SPREADSHEETS = (".xls", ".xlsx")
@@ -74,7 +76,10 @@ def number_of(cell: Cell) -> float | None:
 
 def _text(path: Path, data: bytes) -> CellTable:
     text, encoding = _decoded(path, data)
-    delimiter = delimiter_of(text)
+    stated = SEPARATOR_LINE.match(text)
+    if stated:  # the line is emptied, so that rows keep their numbers
+        text = text[stated.end() :]
+    delimiter = stated[1] if stated else delimiter_of(text)
     named = DELIMITERS.get(delimiter, delimiter)
     if delimiter == SPACES:
         spaced = enumerate(text.splitlines(), 1)

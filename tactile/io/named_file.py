@@ -17,6 +17,10 @@ DEEPEST = 20
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){60}""")
 """A dotted key of so many parts takes the TOML reader time with the square of them."""
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""How a file begins that Git LFS puts in the place of a large one (its specification, v1)."""
+NO_LFS_FILE = "is a Git LFS pointer, not the file itself: fetch the file with `git lfs pull`"
+
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
@@ -66,9 +70,17 @@ def read_bytes(path: Path, *, most_bytes: int) -> bytes:
             data = file.read(most_bytes + 1)
     except OSError as error:
         raise FileNotReadable(f"cannot be opened ({_why(error)})") from error
+    if data.startswith(LFS_POINTER):
+        raise FileNotReadable(NO_LFS_FILE)
     if len(data) > most_bytes:
         raise FileNotReadable(f"is larger than {size(most_bytes)}, the most that is read")
     return data
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether the plain file at `path` stands for one that Git LFS has not fetched."""
+    with path.open("rb") as file:
+        return file.read(len(LFS_POINTER)) == LFS_POINTER
 
 
 def read_text(path: Path, *, most_bytes: int) -> str:

@@ -11,7 +11,14 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from tactile.io.named_file import FileNotReadable, not_plain, printable, read_bytes
+from tactile.io.named_file import (
+    NO_LFS_FILE,
+    FileNotReadable,
+    is_lfs_pointer,
+    not_plain,
+    printable,
+    read_bytes,
+)
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -114,6 +121,8 @@ def _video(path: Path) -> Pictures:
     video = cv2.VideoCapture(str(path))
     said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
     video.release()
+    if said < 1 and is_lfs_pointer(path):
+        raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")
     if said < 1:
         raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
     if said > MOST_FRAMES:

@@ -118,6 +118,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     """
     if not named_in_utf8(folder):
         raise unusable(folder.name, "a name that is not UTF-8", "letters and digits: rename the folder")
+    _require_description(folder)
     top = read_table(folder / "grasp.toml", TactileProblem.UNREADABLE_FRAMES, what="a grasp's description")
     top.refuse_unknown(TOP_KEYS)
     loading = cast(Loading, top.choice("loading", tuple(PADS_OF_LOADING)))
@@ -343,6 +344,20 @@ def _times(
         expected = f"times within the log's, {log.time_s[0]:g} to {log.time_s[-1]:g} s; set time_offset_s"
         raise unusable(pictures.source, found, expected)
     return time_s, np.interp(time_s, log.time_s, log.aperture_mm)
+
+
+def _require_description(folder: Path) -> None:
+    """Raises TactileFailure that names the folder where it holds no grasp.toml, and says what it holds."""
+    names = [path.name for path in folder.iterdir() if not path.name.startswith((".", "@"))]
+    if "grasp.toml" in names:
+        return
+    recordings = [name for name in names if name.lower().endswith((".h5", ".hdf5", ".mat"))]
+    found = "no grasp.toml" if names else "an empty folder"
+    expected = "grasp.toml, log.csv and the frames of a raw grasp; fill the folder, or move it away"
+    if recordings:
+        found += f", but {recordings[0]}" + (f" and {len(recordings) - 1} more" if recordings[1:] else "")
+        expected = "recordings beside each other in grasps/; move them up"
+    raise unusable(folder.name, found, expected)
 
 
 def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> None:

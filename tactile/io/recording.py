@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial import QhullError, Voronoi
 
+from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
+from tactile.io.hdf5_faults import fault_of
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.named_file import named_in_utf8, not_plain, size
@@ -147,7 +149,7 @@ class Recording:
     alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
     force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
     off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
-    nothing.
+    nothing. `notes`: what its reader took otherwise than the file has it, without full stops.
     """
 
     fruit_id: str
@@ -161,6 +163,7 @@ class Recording:
     wrench_N: Float[np.ndarray, "t 6"] | None = None
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:
@@ -171,7 +174,8 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
     wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
     """
     with opened(path) as file:
-        root = GroupReader(path=path, group=file)
+        turned = has_reversed_dimensions(file)
+        root = GroupReader(path=path, group=file, reversed_dimensions=turned)
         root.choice("format", {FORMAT})
         root.version("version", VERSION)
         loading = root.choice("loading", set(PADS_OF_LOADING))
@@ -189,6 +193,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
             **_rig_fields(root, frames),
+            notes=(REVERSED,) if turned else (),
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, images=images)
                 for name in PADS_OF_LOADING[loading]
@@ -277,8 +282,11 @@ def is_of_bare_indenter(path: Path) -> bool:
 
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     said = "" if isinstance(cause, KeyError) else first_line(cause)
+    if known := fault_of(path, said):
+        return unreadable(path, "the file", *known)
     if "truncated file" in said:
-        return unreadable(path, "the file", "one that is cut short", COMPLETE, COPY_AGAIN)
+        found = "one that is cut short, or that its writer did not close"
+        return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
     found = f"no readable HDF5 ({said})" if said else "no readable HDF5"
     return unreadable(path, "the file", found, COMPLETE, DAMAGED)
 

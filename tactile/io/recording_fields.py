@@ -1,6 +1,6 @@
 """Reading single fields of a recording, each with the check that its kind needs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from tactile.io.hdf5_faults import unknown_filter
 from tactile.io.named_file import printable
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -26,6 +27,8 @@ MOST_CHARACTERS = 200
 """Of a name in a recording. Set by hand: longer text is no name."""
 MOST_ATTRIBUTE_BYTES = 65_536
 """Of an attribute: HDF5 itself keeps no larger one in an object's header."""
+COARSEST_TIME_S = 1e-3
+"""Times that a type of number cannot hold more finely are no times of frames."""
 FARTHEST_MM = 1e5
 """A pose's shift beyond 100 m is of no gripper."""
 REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
@@ -60,11 +63,15 @@ def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -
 
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
-    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
+    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root).
+
+    `reversed_dimensions`: every dataset has its dimensions in the opposite order and is read so.
+    """
 
     path: Path
     group: Any
     prefix: str = ""
+    reversed_dimensions: bool = False
 
     def __contains__(self, name: str) -> bool:
         self._require_own(name)
@@ -74,7 +81,7 @@ class GroupReader:
         """The group `name` below this one."""
         if name not in self or not hasattr(self.group[name], "keys"):
             raise self._refuse(name, "no such group", "a group", "record it, or check the loading attribute")
-        return GroupReader(path=self.path, group=self.group[name], prefix=f"{self.prefix}{name}/")
+        return replace(self, group=self.group[name], prefix=f"{self.prefix}{name}/")
 
     def text(self, name: str) -> str:
         """A text attribute."""
@@ -149,7 +156,7 @@ class GroupReader:
             raise self._refuse(
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
-        values = np.asarray(self._values(name, data), dtype=np.float64)
+        values = np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64)
         bad = ~np.isfinite(values)
         if bad.any():
             raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
@@ -172,6 +179,11 @@ class GroupReader:
         back = np.flatnonzero(np.diff(values) <= 0)
         if len(back):
             k = int(back[0]) + 1
+            step_s = _step_of(self._dataset(name).dtype, values[k])
+            if values[k] == values[k - 1] and step_s > COARSEST_TIME_S:
+                found = f"equal times in frames {k - 1} and {k}: {values[k]:.0f} s in 32 bits"
+                expected = f"strictly increasing times (float32 has steps of {step_s:g} s there)"
+                raise self._refuse(name, found, expected, "write float64, or seconds from the first frame")
             found = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
             raise self._refuse(
                 name, found, "strictly increasing times", "sort the frames, or drop the repeated ones"
@@ -213,7 +225,7 @@ class GroupReader:
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
         self._require_budget(name, data, MOST_IMAGE_VALUES)
-        return np.asarray(self._values(name, data), dtype=np.uint8)
+        return np.asarray(self._values(name, data, axes=len(shape)), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
         """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
@@ -251,6 +263,9 @@ class GroupReader:
         if data.size > most:
             found = f"shape {tuple(data.shape)}, {data.size} values"
             raise self._refuse(name, found, f"at most {most}", "divide the recording")
+        if lacking := unknown_filter(data):
+            found = f"values packed by the filter {lacking}, which is not installed here"
+            raise self._refuse(name, found, "gzip, LZF or no packing", "write the field again with gzip")
         chunk = int(np.prod(data.chunks or (0,), dtype=np.float64)) * data.dtype.itemsize
         if chunk > MOST_CHUNK_BYTES:
             found = f"chunks of {chunk / 1e6:.0f} MB"
@@ -270,9 +285,12 @@ class GroupReader:
             )
         return data
 
-    def _values(self, name: str, data: Any) -> Any:
+    def _values(self, name: str, data: Any, *, axes: int) -> Any:
+        """All values, in the order of dimensions that is expected; a single row or column as a vector."""
         try:
-            return data[()]
+            values = data[()]
+            values = values.T if self.reversed_dimensions else values
+            return values.reshape(-1) if axes == 1 else values
         except (TypeError, ValueError) as cause:
             raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
 
@@ -280,13 +298,18 @@ class GroupReader:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
-        fits = len(data.shape) == len(shape) and all(
-            (have >= 1 if want is None else have == want)
-            for have, want in zip(data.shape, shape, strict=True)
-        )
-        if not fits:
+        held = tuple(data.shape)
+        have = held[::-1] if self.reversed_dimensions else held
+        if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
+            have = (max(have),)
+        if not _fits(have, shape):
             expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
             advice = "frames and markers must agree with time_s and rest_mm"
+            if _fits(have[::-1], shape):
+                advice = (
+                    "the dimensions are reversed, as MATLAB writes them, but those of other fields are not: "
+                    "permute this one"
+                )
             raise self._refuse(name, f"shape {tuple(data.shape)}", f"shape {expected}", advice)
 
     def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
@@ -320,6 +343,18 @@ def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str,
             advice = f"track them throughout: {spoilt} of {frames} frames lack some, too many to drop them"
             return found, "a finite number for each marker and frame", advice
     return count, "finite numbers", "repair or drop those frames in the recorder"
+
+
+def _fits(have: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
+    """Whether a shape is the one expected; None stands for any length from 1."""
+    return len(have) == len(shape) and all(
+        (one >= 1 if want is None else one == want) for one, want in zip(have, shape, strict=True)
+    )
+
+
+def _step_of(kind: Any, value: float) -> float:
+    """The distance from a value to the next one that a type of floating point holds; 0 of whole numbers."""
+    return float(np.spacing(kind.type(abs(value)))) if kind.kind == "f" else 0.0
 
 
 def _said(value: object) -> str:

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
+from tactile.io.cell_rows import sheets_of
 from tactile.io.recording import IndenterPad, read_recording
 
 BALL = ("--indenter", "ball", "--radius-mm", "5")
@@ -285,3 +286,12 @@ def test_one_column_is_not_two_quantities_and_text_may_be_called_xls(tmp_path: P
     (tmp_path / "out.h5").unlink()
     said = refused(tmp_path, source, "--columns", "time=time_s,force=time_s,travel=travel_mm")
     assert "one column named for two quantities" in said
+
+
+@pytest.mark.parametrize("mark", [";", "\t", ",", "|"])
+def test_a_line_on_the_separator_says_what_parts_the_cells(tmp_path: Path, mark: str) -> None:
+    rows = [["time_s", "travel_mm", "force_N"], ["0.1", "0.2", "0.3"], ["0.2", "0.3", "0.4"]]
+    path = tmp_path / "trace.csv"
+    path.write_text(f"sep={mark}\n" + "".join(mark.join(row) + "\n" for row in rows))
+    (sheet,) = sheets_of(path)
+    assert sheet.rows == tuple(enumerate(rows, 2))

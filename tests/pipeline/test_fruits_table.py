@@ -174,3 +174,25 @@ def test_letters_of_any_script_are_ids_and_are_composed(tmp_path):
 @pytest.mark.parametrize("name", ["../A", ".A", "-A", "A/B", "A\u202eB", "_A", "A\u200bB", "A" * 81, "A\nB"])
 def test_what_is_no_name_of_a_folder_is_no_id(name):
     assert not SAFE_ID.fullmatch(name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=;\nfruit_id;height_mm;mass_g\nA;55,9;\nB;57.6;110\n",
+        '"sep=,"\r\nfruit_id,height_mm,mass_g\r\nA,55.9,\r\nB,57.6,110\r\n',
+        "sep=\t\nfruit_id\theight_mm\tmass_g\nA\t55,9\t\nB\t57,6\t110\n",
+        "fruit_id,height_mm,mass_g,,\nA,55.9,,,\n,,,,\nB,57.6,110,,\n,,,,\n,,,,,,,\n",
+        "fruit_id;height_mm;mass_g;;\n;;;;\nA;55,9;;;\nB;57,6;110;;\n;;;;\n",
+        "fruit_id,height_mm,mass_g" + "," * 300 + "\nA,55.9\nB,57.6,110" + "," * 300 + "\n",
+    ],
+)
+def test_a_line_on_the_separator_and_empty_columns_and_rows_are_passed_over(tmp_path, text):
+    rows, faults = read_fruits(table(tmp_path, text))
+    assert not faults
+    assert [(r.fruit_id, r.height_mm, r.mass_g) for r in rows] == [("A", 55.9, None), ("B", 57.6, 110.0)]
+
+
+def test_lines_keep_their_numbers_below_a_line_on_the_separator_and_a_cell_without_a_name_is_named(tmp_path):
+    assert "line 3 (A): height_mm" in refusal(tmp_path, "sep=;\nfruit_id;height_mm\nA;wide\n")
+    assert "line 2 has more cells than the header" in refusal(tmp_path, "fruit_id,height_mm,\nA,60,7\n")

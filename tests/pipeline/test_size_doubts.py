@@ -60,4 +60,4 @@ def test_a_ready_mesh_is_held_against_the_numbers_too():
     ready = MESH.model_copy(update={"source": "fruit.ply", "scale_sd": None, "surface_sd_mm": None})
     assert doubts(on_mat=False, mesh=ready, height_mm=56.5) == []
     (doubt,) = doubts(on_mat=False, mesh=ready, height_mm=60.0)
-    assert "fruit.ply is in mm and of this fruit" in doubt
+    assert "the mesh is in mm, with z up, and of this fruit" in doubt

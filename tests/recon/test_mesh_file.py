@@ -8,6 +8,7 @@ from recon.native import open3d
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes, read_mesh, write_mesh
+from recon.triangle_mesh import open_edges, volume_mm3
 
 
 def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
@@ -99,3 +100,78 @@ def test_a_vertex_that_no_face_uses_is_of_no_surface(tmp_path):
     again, same = read_mesh(path)
     np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
     assert np.array_equal(same, faces)
+
+
+def _text_ply(vertices, faces, more="", row=""):
+    head = f"ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex {len(vertices)}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\n{more}end_header\n"
+    rows = [" ".join(f"{x:.9g}" for x in v) for v in vertices]
+    rows += [" ".join(map(str, (len(f), *f))) + row for f in faces]
+    return head + "\n".join(rows) + "\n"
+
+
+def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_path):
+    corners = np.array([[x, y, z] for x in (0, 2) for y in (0, 2) for z in (0, 2)], float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    mixed = [*quads[1:], [0, 1, 3], [0, 3, 2]]
+    split = [[5 * k + j for j in range(4)] for k in range(6)]
+    apart = np.concatenate([np.vstack([corners[q], [[9.0, 9.0, 9.0]]]) for q in quads])
+    turned = [quads[0][::-1], *quads[1:4], quads[4][::-1], quads[5]]
+    for name, (vertices, faces) in {
+        "quads": (corners, quads),
+        "mixed": (corners, mixed),
+        "each face with corners of its own": (apart, split),
+        "mixed winding": (corners, turned),
+        "mixed winding, most of it inward": (corners, [q[::-1] for q in quads[:4]] + quads[4:]),
+    }.items():
+        (tmp_path / "a.ply").write_text(_text_ply(vertices, faces))
+        found, triangles = read_mesh(tmp_path / "a.ply")
+        assert open_edges(triangles) == 0, name
+        assert len(triangles) == 12, name
+        assert volume_mm3(found, triangles) == pytest.approx(8.0), name
+
+
+def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path, capfd):
+    vertices, faces = ball(2)
+    more = "property list uchar float texcoord\n"
+    (tmp_path / "a.ply").write_text(_text_ply(vertices, faces, more, " 6 0 0 1 0 0 1"))
+    (tmp_path / "a.obj").write_text(
+        "mtllib skin.mtl\nusemtl skin\n"
+        + "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
+        + "vt 0 0\nvt 1 0\n"
+        + "".join(f"f {a + 1}/1 {b + 1}/2 {c + 1}/1\n" for a, b, c in faces)
+    )
+    for kind in ("ply", "obj"):
+        assert np.array_equal(read_mesh(tmp_path / f"a.{kind}")[1], faces)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_gltf_is_in_metres_and_a_broken_one_is_named(tmp_path):
+    vertices, faces = ball(2)
+    trimesh.Trimesh(0.028 * vertices, faces, process=False).export(tmp_path / "a.glb")
+    found, triangles = read_mesh(tmp_path / "a.glb")
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 28.0, rtol=1e-6)
+    assert open_edges(triangles) == 0
+    whole = (tmp_path / "a.glb").read_bytes()
+    for broken, words in (
+        (whole[:-40], "cut short"),
+        (whole.replace(b'"count":', b'"cuont":'), "its description cannot be read"),
+        (whole.replace(b'"count":162', b'"count":9e9', 1), "holds 9000000000 values in a list"),
+    ):
+        (tmp_path / "b.glb").write_bytes(broken)
+        with pytest.raises(ReconFailure, match=words):
+            read_mesh(tmp_path / "b.glb")
+
+
+def test_points_without_faces_are_called_so(tmp_path):
+    vertices, _ = ball(2)
+    for header in ("", "element face 0\nproperty list uchar int vertex_indices\n"):
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
+        head += "".join(f"property float {axis}\n" for axis in "xyz") + header + "end_header\n"
+        (tmp_path / "a.ply").write_text(head + "".join(f"{x} {y} {z}\n" for x, y, z in vertices))
+        with pytest.raises(ReconFailure, match=r"is a cloud of 162 points without faces; .*mesh the points"):
+            read_mesh(tmp_path / "a.ply")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    with pytest.raises(ReconFailure, match=r"a\.obj"):
+        read_mesh(tmp_path / "a.obj")

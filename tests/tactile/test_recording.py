@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tactile.io.hdf5_dimensions import REVERSED
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -304,3 +305,27 @@ def test_poses_in_single_precision_pass(injected, tmp_path):
     )
     write_recording(tmp_path / "a.h5", replace(injected.recording, pads=pads))
     assert isinstance(read_recording(tmp_path / "a.h5").pads[0], GelPad)
+
+
+def _with_reversed(path):
+    with h5py.File(path, "r+") as file:
+        found = []
+        file.visititems(lambda name, one: found.append(name) if isinstance(one, h5py.Dataset) else None)
+        for name in found:
+            values = file[name][()]
+            del file[name]
+            file[name] = values.T if values.ndim > 1 else values[None]
+
+
+def test_a_recording_whose_dimensions_are_all_reversed_is_read_and_noted(tmp_path, injected):
+    path = tmp_path / "g.mat"
+    write_recording(path, injected.recording)
+    sound = read_recording(path)
+    _with_reversed(path)
+    found = read_recording(path)
+    assert found.notes == (REVERSED,)
+    assert sound.notes == ()
+    np.testing.assert_array_equal(found.time_s, sound.time_s)
+    for pad, other in zip(found.pads, sound.pads, strict=True):
+        for name in ("pose", "rest_mm", "displacement_mm", "force_N"):
+            np.testing.assert_array_equal(getattr(pad, name), getattr(other, name))

@@ -1,0 +1,122 @@
+"""Files that look like inputs and are not used: told by check, by grade, and in the fruit's record."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from pipeline.batch.input_names import is_of_the_system
+from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.task import fruit_task
+from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit
+from pipeline.fruit.stages import grade_fruit
+from pipeline.run.grading import _say_unused
+
+SAID = "scan.stl is not used: a ready mesh is read under the name fruit"
+
+
+@pytest.fixture
+def batch(tmp_path):
+    """A batch of one fruit whose mesh is none, so that grading it ends at once."""
+    root = tmp_path / "batch"
+    fruit = root / "fruits" / "A"
+    (fruit / "grasps").mkdir(parents=True)
+    (root / "batch.toml").write_text('category = "nectarine"\n')
+    (root / "fruits.csv").write_text("fruit_id,height_mm\nA,55.9\n")
+    (fruit / "fruit.ply").write_bytes(b"no mesh")
+    return root
+
+
+def _task(root: Path):
+    return fruit_task(open_batch(root), "A", Results(root / "results"))
+
+
+def test_a_file_that_is_not_used_is_a_warning_of_the_fruits_record_and_makes_it_graded_anew(batch):
+    before = _task(batch)
+    (batch / "fruits" / "A" / "notes.txt").touch()
+    assert _task(batch).key == before.key
+    (batch / "fruits" / "A" / "scan.stl").touch()
+    after = _task(batch)
+    assert after.key != before.key
+    record = grade_fruit(replace(after, screen=False), lambda _: None)
+    assert any(SAID in warning for warning in record.warnings)
+    assert record.outcome == "unreadable-mesh"
+
+
+def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, monkeypatch):
+    monkeypatch.setattr("pipeline.run.grading.MOST_UNUSED_SAID", 2)
+    for k in range(30):
+        (batch / "fruits" / f"_{k}").mkdir()
+    for name in ("scan.stl", "grasp-2.h5", "raw.zip"):
+        (batch / "fruits" / "A" / name).touch()
+    out = io.StringIO()
+    _say_unused(open_batch(batch), Console(file=out, width=80))
+    first, second, last = out.getvalue().splitlines()
+    assert first.startswith(
+        "warning: fruits/_0: _0, _1, _10 and 27 more are not used: a fruit_id has letters"
+    )
+    assert second.startswith("warning: fruits/A/grasp-2.h5: grasp-2.h5 is not used: recordings are read in")
+    assert last == "warning: and 2 more: `drupe check` lists all"
+
+
+def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
+    (tmp_path / "grasps").mkdir()
+    for name in (
+        "a.zip",
+        "b.mp4",
+        "c.pcd",
+        "d.heic",
+        "e.npz",
+        "f.step",
+        "g.dat",
+        "grasps/h.zip",
+        "grasps/i.jpg",
+    ):
+        (tmp_path / name).touch()
+    (tmp_path / "fruit.ply").touch()
+    said = " ".join(one.sentence for one in unused_of_fruit(FruitFolder(tmp_path)))
+    for words in ("a.zip is not used: archives", "b.mp4 is not used: a video", "c.pcd is not used: points",
+                  "d.heic is not used: photos are read in photos/", "e.npz is not used: arrays",
+                  "f.step is not used: meshes are read as", "g.dat is not used: a table", "h.zip is not used",
+                  "i.jpg is not used: it is no recording"):  # fmt: skip
+        assert words in said
+
+
+def test_what_settings_and_raw_grasps_name_is_used(tmp_path):
+    raw = tmp_path / "fruits" / "A" / "grasps" / "raw"
+    raw.mkdir(parents=True)
+    (raw / "grasp.toml").write_text('[pads.left]\nframes = "../../../../left.avi"\n')
+    for name in ("left.avi", "pit.stl", "right.avi"):
+        (tmp_path / name).touch()
+    said = [one.path.name for one in unused_of_batch(BatchFolder(tmp_path), {tmp_path / "pit.stl"})]
+    assert said == ["right.avi"]
+
+
+def test_the_exact_name_comes_before_others_and_ply_before_stl(tmp_path):
+    for name in ("Fruit.PLY", "fruit.stl", "FRUIT.obj"):
+        (tmp_path / name).touch()
+    folder = FruitFolder(tmp_path)
+    assert folder.fruit_ply.name == "Fruit.PLY"
+    assert [one.path.name for one in unused_of_fruit(folder)] == ["FRUIT.obj"]
+    (tmp_path / "fruit.ply").touch()
+    assert folder.fruit_ply.name == "fruit.ply"
+    (said,) = unused_of_fruit(folder)
+    assert said.sentence.startswith("FRUIT.obj, Fruit.PLY, fruit.stl are not used: fruit.ply is read instead")
+
+
+def test_recordings_of_one_stem_keep_apart(tmp_path):
+    for name in ("g.h5", "g.HDF5", "h.mat", "._g.h5"):
+        (tmp_path / name).touch()
+    assert sorted(CaseFolder(tmp_path).recordings_by_name()) == ["g.HDF5", "g.h5", "h"]
+
+
+@pytest.mark.parametrize(
+    "name", ["@eaDir", "$RECYCLE.BIN", "#recycle", "System Volume Information", "lost+found"]
+)
+def test_folders_of_systems_are_no_fruit_and_no_grasp(tmp_path, name):
+    assert is_of_the_system(name)
+    (tmp_path / "grasps" / name).mkdir(parents=True)
+    assert FruitFolder(tmp_path).raw_grasp_folders() == ()
