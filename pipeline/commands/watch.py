@@ -73,7 +73,10 @@ def watch(
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
     )
-    with PageServer(Results(place), port=port) as server:
+    def tell(sentence: str) -> None:
+        console.print(sentence, highlight=False, markup=False, soft_wrap=True)
+
+    with PageServer(Results(place), port=port, tell=tell) as server:
         typer.echo(f"page: {server.address}")
         typer.echo(f"watching {batch}; Ctrl-C ends")
         watching = BatchWatch(
