@@ -16,6 +16,8 @@ MOST_CONNECTIONS = 64
 """Connections at once. A browser opens at most six for one page."""
 BACKLOG = 16
 """Connections that are accepted in one turn of the event loop, before the limit acts."""
+QUEUE = 256
+"""Connections that wait in the system for their turn: they cost this process no file descriptor."""
 TURNS = 4
 """Turns until one beyond the limit is closed."""
 RESERVED_FILES = 128

@@ -26,7 +26,7 @@ from starlette.routing import Route
 from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
 from pipeline.problem import BatchRefused, Problem
-from pipeline.watch.connections import BACKLOG, connections_at_once, limited_http
+from pipeline.watch.connections import BACKLOG, QUEUE, connections_at_once, limited_http
 
 LOOPBACK = "127.0.0.1"
 NEWS_S = 0.2
@@ -58,6 +58,15 @@ HEADERS = {
 """Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
 
 
+class _Server(uvicorn.Server):
+    """Accepts BACKLOG connections a turn; the others wait in the system."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for one in sockets or ():
+            one.listen(QUEUE)
+
+
 class PageServer:
     """A page that changes, and the report beside it; used as a context.
 
@@ -82,7 +91,7 @@ class PageServer:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((LOOPBACK, port))
-            self._socket.listen(BACKLOG)
+            self._socket.listen(QUEUE)
         except OSError as error:
             self._socket.close()
             sentence = (
@@ -93,7 +102,7 @@ class PageServer:
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
     def _new_server(self) -> uvicorn.Server:
-        return uvicorn.Server(
+        return _Server(
             uvicorn.Config(
                 self._app(),
                 log_config=None,
