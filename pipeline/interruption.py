@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from pipeline.early_end import SAID, STANDARD_ERROR, end_at_once
 from pipeline.exit_status import INTERRUPTED
 
-SAID = "drupe: interrupted\n"
-STANDARD_ERROR = 2
-"""Its file descriptor (POSIX, STDERR_FILENO)."""
 _loading: list[str] = []
 """An entry for each block of `ends_at_once` that is open."""
 
@@ -58,11 +56,12 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
         signal.SIGHUP: signal.SIG_DFL,
         signal.SIGINT: signal.default_int_handler,
     }
-    handled = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
+    before = {number: signal.getsignal(number) for number in usual}
+    handled = [number for number, handler in usual.items() if before[number] in (handler, end_at_once)]
     for number in handled:
         signal.signal(number, interrupt)
     try:
         yield came
     finally:
         for number in handled:
-            signal.signal(number, usual[number])
+            signal.signal(number, before[number])

@@ -73,6 +73,7 @@ def watch(
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
     )
+
     def tell(sentence: str) -> None:
         console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 

@@ -55,9 +55,9 @@ class WorkPlace:
             raise BatchRefused([Problem(option, sentence)])
 
 
-def local_pool(jobs: int, *, time_limit_s: float) -> Engine:
-    """Processes of this machine."""
-    return LocalPool(jobs=jobs, time_limit_s=time_limit_s)
+def local_pool(jobs: int, *, time_limit_s: float, most_MiB: float | None = None) -> Engine:
+    """Processes of this machine, each of which may hold `most_MiB` (None: no limit)."""
+    return LocalPool(jobs=jobs, time_limit_s=time_limit_s, most_MiB=most_MiB)
 
 
 def cluster_of(

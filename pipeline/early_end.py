@@ -1,0 +1,25 @@
+"""Ctrl-C before the command has begun: it ends the process there and then, without a traceback.
+
+Only modules are imported until then and nothing is written. Modules that are built into Python alone are
+imported here, so that no file is read before the handler is in place.
+"""
+
+import _signal
+import posix
+
+STANDARD_ERROR = 2
+"""Its file descriptor (POSIX, STDERR_FILENO)."""
+SAID = "drupe: interrupted\n"
+STATUS = 130
+
+
+def end_at_once(_number: int, _frame: object) -> None:
+    """A handler of SIGINT: one line, exit status 130."""
+    posix.write(STANDARD_ERROR, SAID.encode())
+    posix._exit(STATUS)
+
+
+def begin() -> None:
+    """Ctrl-C is `end_at_once` from now on, unless somebody else handles or ignores it."""
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        _signal.signal(_signal.SIGINT, end_at_once)
