@@ -35,6 +35,7 @@ from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c
+from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
 from recon.plain_file import printable
@@ -119,7 +120,7 @@ def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     came: list[int] = []
     try:
-        with ended_like_ctrl_c() as came:
+        with ended_like_ctrl_c() as came, logs_apart():
             app(prog_name="drupe")
     except KeyboardInterrupt:
         sys.stderr.write(SAID)

@@ -9,13 +9,15 @@ import posix
 
 STANDARD_ERROR = 2
 """Its file descriptor (POSIX, STDERR_FILENO)."""
+terminal = STANDARD_ERROR
+"""Where standard error leads to now: another descriptor where native libraries have that one."""
 SAID = "drupe: interrupted\n"
 STATUS = 130
 
 
 def end_at_once(_number: int, _frame: object) -> None:
     """A handler of SIGINT: one line, exit status 130."""
-    posix.write(STANDARD_ERROR, SAID.encode())
+    posix.write(terminal, SAID.encode())
     posix._exit(STATUS)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pipeline.early_end import SAID, STANDARD_ERROR, end_at_once
+from pipeline import early_end
+from pipeline.early_end import SAID, end_at_once
 from pipeline.exit_status import INTERRUPTED
 
 _loading: list[str] = []
@@ -44,7 +45,7 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
 
     def interrupt(number: int, _frame: object) -> None:
         if _loading:
-            os.write(STANDARD_ERROR, SAID.encode())
+            os.write(early_end.terminal, SAID.encode())
             os._exit(INTERRUPTED)
         came.append(number)
         if number != signal.SIGINT:

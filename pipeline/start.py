@@ -11,10 +11,11 @@ import sys  # noqa: E402
 
 from pipeline.address_space import is_lack_of_memory, too_little_memory  # noqa: E402
 from pipeline.exit_status import USAGE  # noqa: E402
+from pipeline.library_output import native_apart  # noqa: E402
 
 
 def main() -> None:
-    """Runs the command."""
+    """Runs the command, whose terminal is its own: libraries write to its log."""
     try:
         from pipeline.cli import main as run
     except Exception as error:
@@ -22,4 +23,5 @@ def main() -> None:
             raise
         sys.stderr.write(f"drupe: this machine: {too_little_memory()}\n")
         sys.exit(USAGE)
+    native_apart()
     run()

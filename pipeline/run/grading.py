@@ -37,7 +37,7 @@ from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report, report_of_records
-from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
+from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
 
 
@@ -365,6 +365,9 @@ def _work(
             while todo.refused:
                 show_ended(todo.refused.popleft())
             progress.jobs = engine.at_once
+            if isinstance(event, Noted):
+                progress.noted(event.fruit_id, event.line)
+                continue
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue

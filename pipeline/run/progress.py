@@ -80,6 +80,12 @@ class BatchProgress:
         else:
             self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
 
+    def noted(self, fruit_id: str, line: str) -> None:
+        """A library wrote a line while it worked on a fruit."""
+        if isinstance(self._console, RunConsole):
+            stage = self._stage.get(fruit_id, "").partition(":")[0]
+            self._console.of_library(f"{fruit_id}{f' ({stage})' if stage else ''}: {line}")
+
     def done(self, fruit_id: str, sentence: str, *, whole: bool) -> None:
         """A fruit has ended, after its last stage (`whole`) or in the middle of one."""
         self._stage.pop(fruit_id, None)
