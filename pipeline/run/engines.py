@@ -22,13 +22,14 @@ ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
 class WorkPlace:
     """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
 
-    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
-    from any other.
+    `jobs`: fruit at the same time at most, None: as many as there are workers; `tls`: whether Slurm's jobs
+    speak TLS with the run; `mark` tells this run's folder from any other.
     """
 
     jobs: int | None = None
     scheduler: str | None = None
     slurm: bool = False
+    tls: bool = True
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
@@ -52,6 +53,12 @@ class WorkPlace:
         wanted = () if self.here else ("distributed", *(("dask_jobqueue",) if self.slurm else ()))
         if any(importlib.util.find_spec(name) is None for name in wanted):
             sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
+            raise BatchRefused([Problem(option, sentence)])
+        if self.slurm and self.tls and importlib.util.find_spec("cryptography") is None:
+            sentence = (
+                "needs the package cryptography for TLS; install it with: pip install 'drupe[cluster]', or "
+                "choose plain TCP with --no-tls."
+            )
             raise BatchRefused([Problem(option, sentence)])
 
 
@@ -87,7 +94,7 @@ def cluster_of(
     )
     workers = min(place.jobs or 1, fruits) if place.slurm else 0
     return Cluster(
-        ClusterPlace(address=place.scheduler, workers=workers),
+        ClusterPlace(address=place.scheduler, workers=workers, tls=place.tls),
         needs=needs,
         time_limit_s=time_limit_s,
         tell=tell,
