@@ -8,6 +8,10 @@ what they were, no process and no temporary file is left; a killed process costs
 and the same command again gives the results of the undisturbed run: the same files, outcomes and ranking, E
 within 1 % (the mesher does not repeat to the bit). A kill that met nobody is drawn again.
 
+Three kinds have an expected result of their own: an early SIGINT (status 130, one line, no traceback), a limit of
+address space (status 2, with the limit and the need), and half-open connections to `drupe watch` (its page answers,
+and the fruit are graded). `--only-service` runs these alone, in half a minute.
+
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
 
@@ -15,17 +19,23 @@ import argparse
 import csv
 import errno
 import hashlib
+import http.client
 import os
 import random
+import re
+import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import trimesh
 
@@ -42,7 +52,12 @@ SHIPPED = Path(__file__).parents[1] / "samples" / "data" / "nectarines"
 SHIPPED_SEED, SHIPPED_COUNT = 1, 4
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 14.0\npad_edge_mm = 6.0\n'
 MARK = "DRUPE_CAMPAIGN"
-ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
+EARLY = """import pipeline.start
+open({mark!r}, "w").close()
+if __name__ == "__main__":
+    pipeline.start.main()
+"""
+ENTRY = "from pipeline.start import main\nif __name__ == '__main__':\n    main()\n"
 CLOCK = """
 import os, time
 real, began, after, by = time.time, time.monotonic(), float(os.environ["AFTER_S"]), float(os.environ["BY_S"])
@@ -330,6 +345,114 @@ def full_at_every_write(campaign: Campaign) -> Iterator[Row]:
         k += 1
 
 
+def early_interrupt(campaign: Campaign, after_s: float) -> str:
+    """Ctrl-C at a moment after drupe's first line has run: 130, and one line or none."""
+    for _ in range(TRIES):
+        began = campaign.folder / "began"
+        began.unlink(missing_ok=True)
+        (campaign.folder / "early.py").write_text(EARLY.format(mark=str(began)))
+        run = subprocess.Popen(
+            [sys.executable, str(campaign.folder / "early.py"), "check", str(campaign.batch)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        while not began.exists() and run.poll() is None:
+            time.sleep(0.001)
+        time.sleep(after_s)
+        if run.poll() is None:
+            run.send_signal(signal.SIGINT)
+            status = campaign.wait(run)
+            if status == 0:  # it had ended before the signal came
+                continue
+            campaign.require(status == 130, f"ended with {status}")
+            campaign.require(campaign.said in ("", "drupe: interrupted\n"), "says more than that")
+            return "exit 130"
+        campaign.wait(run)
+    return "ended before the signal"
+
+
+def little_address_space(campaign: Campaign, limit_MiB: int, command: list[str]) -> str:
+    """A limit below what libraries need: status 2, with the limit and the need."""
+    run = subprocess.run(
+        [sys.executable, str(campaign.folder / "entry.py"), *command],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit_MiB * 2**20, limit_MiB * 2**20)),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    campaign.said = run.stderr
+    told = rf"drupe: this machine: not enough memory: the limit .* is {limit_MiB} MiB, and about \d+ MiB are needed"
+    campaign.require(run.returncode == 2, f"ended with {run.returncode}")
+    campaign.require(re.match(told, run.stderr) is not None, "does not say what is lacking")
+    return "exit 2, limit and need are said"
+
+
+def half_open(campaign: Campaign, first_bytes: bytes, connections: int = 1100) -> str:
+    """Idle connections to the page, with as many files as a login shell allows: it answers, fruit are graded."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, most), most))
+    out = campaign.folder / "watched"
+    shutil.rmtree(out, ignore_errors=True)
+    command = [
+        sys.executable,
+        str(campaign.folder / "entry.py"),
+        "watch",
+        str(campaign.batch),
+        "--out",
+        str(out),
+    ]
+    with (
+        subprocess.Popen(
+            [*command, "--idle", "0.2", "--settle", "0"],
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (1024, most)),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as run,
+        ExitStack() as held,
+    ):
+        assert run.stdout is not None
+        address = urlsplit(run.stdout.readline().removeprefix("page:").strip())
+        for _ in range(connections):
+            one = held.enter_context(closing(socket.create_connection((address.hostname, address.port), 20)))
+            with suppress(ConnectionError):
+                one.sendall(first_bytes)
+        page = held.enter_context(
+            closing(http.client.HTTPConnection(str(address.hostname), address.port, 20))
+        )
+        page.request("GET", address.path)
+        campaign.require(page.getresponse().status == 200, "the page does not answer")
+        status = campaign.wait(run)
+    campaign.require(status == campaign.status, f"ended with {status}")
+    campaign.require(same(results(out)[1], campaign.expected[1]), "another ranking")
+    return "page answers, fruit graded"
+
+
+def service_trials(campaign: Campaign) -> list[tuple[str, Callable[[], str]]]:
+    """Trials with an expected result of their own."""
+    trials: list[tuple[str, Callable[[], str]]] = [
+        (f"SIGINT {after_s:g} s after the first line", lambda s=after_s: early_interrupt(campaign, s))
+        for after_s in (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0)
+    ]
+    commands = {
+        "grade": ["grade", str(campaign.batch), "--out", str(campaign.folder / "none")],
+        "check": ["check", str(campaign.batch)],
+        "convert": ["convert", "none.csv", "none.h5"],
+    }
+    trials += [
+        (f"{limit_MiB} MiB for {name}", lambda m=limit_MiB, c=command: little_address_space(campaign, m, c))
+        for name, command in commands.items()
+        for limit_MiB in (64, 150, 300, 450, *(() if name == "convert" else (900, 1800)))
+    ]
+    trials += [
+        (f"1100 half-open, {first!r:.12}", lambda b=first: half_open(campaign, b))
+        for first in (b"", b"GET / HT", b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\n")
+    ]
+    return trials
+
+
 def main() -> int:
     """Prints a line per kind of disturbance; the exit status is 1 where anything did not hold."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -337,6 +460,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=20261122)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/drupe-campaign"))
     parser.add_argument("--only-kills", action="store_true", help="no tmpfs, doubled runs or clocks")
+    parser.add_argument("--only-service", action="store_true", help="interrupts, limits, connections alone")
     parser.add_argument("--quick", action="store_true", help="one fruit, without a recording: seconds a run")
     arguments = parser.parse_args()
     campaign = Campaign(arguments.folder, arguments.seed, quick=arguments.quick)
@@ -347,10 +471,12 @@ def main() -> int:
         ("process", signal.SIGSEGV),
     ]
     trials: list[tuple[str, Callable[[], str]]] = []
-    for i in range(arguments.kills):
+    for i in range(0 if arguments.only_service else arguments.kills):
         whom, number = kinds[i % len(kinds)]
         trials.append((f"{number.name} to a {whom}", lambda w=whom, n=number: killed(campaign, w, n)))
-    if not arguments.only_kills:
+    if arguments.only_service or not arguments.only_kills:
+        trials += service_trials(campaign)
+    if not arguments.only_kills and not arguments.only_service:
         trials.append(("two runs at once", lambda: doubled(campaign)))
         trials += [
             (f"clock set by {by_s / 3600:+.0f} h", lambda b=by_s: another_time(campaign, b))
@@ -367,7 +493,8 @@ def main() -> int:
             counted[what, str(fault), "DOES NOT HOLD"] += 1
         print(f"{sum(counted.values())} of {len(trials)}: {what}", file=sys.stderr)
     try:
-        counted.update((what, how, "holds") for what, _, how in full_at_every_write(campaign))
+        writes = () if arguments.only_service else full_at_every_write(campaign)
+        counted.update((what, how, "holds") for what, _, how in writes)
     except Fault as fault:
         faults += 1
         counted["disk full in-process", str(fault), "DOES NOT HOLD"] += 1

@@ -54,14 +54,14 @@ def watch(
     with elsewhere():
         from rich.console import Console
 
-        from pipeline.batch.layout import Results
-        from pipeline.batch.settings import require_folder
+        from pipeline.batch.layout import BatchFolder, Results
+        from pipeline.batch.settings import require_settings_file
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.watching import BatchWatch, WatchOptions
         from reports.kiosk_page import kiosk_html
-    require_folder(batch)
+    require_settings_file(BatchFolder(batch).settings)
     console = RunConsole(quiet=quiet, verbose=verbose, log=log)
     place = out or batch / "results"
     options = WatchOptions(
