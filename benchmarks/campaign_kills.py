@@ -8,9 +8,8 @@ what they were, no process and no temporary file is left; a killed process costs
 and the same command again gives the results of the undisturbed run: the same files, outcomes and ranking, E
 within 1 % (the mesher does not repeat to the bit). A kill that met nobody is drawn again.
 
-Three kinds have an expected result of their own: an early SIGINT (status 130, one line, no traceback), a limit of
-address space (status 2, with the limit and the need), and half-open connections to `drupe watch` (its page answers,
-and the fruit are graded). `--only-service` runs these alone, in half a minute.
+Early interrupts, limits of address space and half-open connections have results of their own
+(campaign_service.py). `--only-service` runs these alone.
 
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
@@ -19,25 +18,20 @@ import argparse
 import csv
 import errno
 import hashlib
-import http.client
 import os
 import random
-import re
-import resource
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import trimesh
+from campaign_service import service_trials
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -52,11 +46,6 @@ SHIPPED = Path(__file__).parents[1] / "samples" / "data" / "nectarines"
 SHIPPED_SEED, SHIPPED_COUNT = 1, 4
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 14.0\npad_edge_mm = 6.0\n'
 MARK = "DRUPE_CAMPAIGN"
-EARLY = """import pipeline.start
-open({mark!r}, "w").close()
-if __name__ == "__main__":
-    pipeline.start.main()
-"""
 ENTRY = "from pipeline.start import main\nif __name__ == '__main__':\n    main()\n"
 CLOCK = """
 import os, time
@@ -127,6 +116,10 @@ class Campaign:
             time.sleep(0.1)
         self.require(not left, f"processes left: {left}")
         self.require(hashes(self.batch) == self.inputs, "the inputs changed")
+
+    def require_ranking(self, out: Path) -> None:
+        """The ranking of the undisturbed run."""
+        self.require(same(results(out)[1], self.expected[1]), "another ranking")
 
     def require_repaired(self, out: str | Path) -> None:
         """The same command again gives what the undisturbed run gave, and leaves no file of its own."""
@@ -343,114 +336,6 @@ def full_at_every_write(campaign: Campaign) -> Iterator[Row]:
         if k:
             yield ("disk full in-process", f"write {k}", "not-written, repaired")
         k += 1
-
-
-def early_interrupt(campaign: Campaign, after_s: float) -> str:
-    """Ctrl-C at a moment after drupe's first line has run: 130, and one line or none."""
-    for _ in range(TRIES):
-        began = campaign.folder / "began"
-        began.unlink(missing_ok=True)
-        (campaign.folder / "early.py").write_text(EARLY.format(mark=str(began)))
-        run = subprocess.Popen(
-            [sys.executable, str(campaign.folder / "early.py"), "check", str(campaign.batch)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        while not began.exists() and run.poll() is None:
-            time.sleep(0.001)
-        time.sleep(after_s)
-        if run.poll() is None:
-            run.send_signal(signal.SIGINT)
-            status = campaign.wait(run)
-            if status == 0:  # it had ended before the signal came
-                continue
-            campaign.require(status == 130, f"ended with {status}")
-            campaign.require(campaign.said in ("", "drupe: interrupted\n"), "says more than that")
-            return "exit 130"
-        campaign.wait(run)
-    return "ended before the signal"
-
-
-def little_address_space(campaign: Campaign, limit_MiB: int, command: list[str]) -> str:
-    """A limit below what libraries need: status 2, with the limit and the need."""
-    run = subprocess.run(
-        [sys.executable, str(campaign.folder / "entry.py"), *command],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit_MiB * 2**20, limit_MiB * 2**20)),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    campaign.said = run.stderr
-    told = rf"drupe: this machine: not enough memory: the limit .* is {limit_MiB} MiB, and about \d+ MiB are needed"
-    campaign.require(run.returncode == 2, f"ended with {run.returncode}")
-    campaign.require(re.match(told, run.stderr) is not None, "does not say what is lacking")
-    return "exit 2, limit and need are said"
-
-
-def half_open(campaign: Campaign, first_bytes: bytes, connections: int = 1100) -> str:
-    """Idle connections to the page, with as many files as a login shell allows: it answers, fruit are graded."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, most), most))
-    out = campaign.folder / "watched"
-    shutil.rmtree(out, ignore_errors=True)
-    command = [
-        sys.executable,
-        str(campaign.folder / "entry.py"),
-        "watch",
-        str(campaign.batch),
-        "--out",
-        str(out),
-    ]
-    with (
-        subprocess.Popen(
-            [*command, "--idle", "0.2", "--settle", "0"],
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (1024, most)),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as run,
-        ExitStack() as held,
-    ):
-        assert run.stdout is not None
-        address = urlsplit(run.stdout.readline().removeprefix("page:").strip())
-        for _ in range(connections):
-            one = held.enter_context(closing(socket.create_connection((address.hostname, address.port), 20)))
-            with suppress(ConnectionError):
-                one.sendall(first_bytes)
-        page = held.enter_context(
-            closing(http.client.HTTPConnection(str(address.hostname), address.port, 20))
-        )
-        page.request("GET", address.path)
-        campaign.require(page.getresponse().status == 200, "the page does not answer")
-        status = campaign.wait(run)
-    campaign.require(status == campaign.status, f"ended with {status}")
-    campaign.require(same(results(out)[1], campaign.expected[1]), "another ranking")
-    return "page answers, fruit graded"
-
-
-def service_trials(campaign: Campaign) -> list[tuple[str, Callable[[], str]]]:
-    """Trials with an expected result of their own."""
-    trials: list[tuple[str, Callable[[], str]]] = [
-        (f"SIGINT {after_s:g} s after the first line", lambda s=after_s: early_interrupt(campaign, s))
-        for after_s in (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0)
-    ]
-    commands = {
-        "grade": ["grade", str(campaign.batch), "--out", str(campaign.folder / "none")],
-        "check": ["check", str(campaign.batch)],
-        "convert": ["convert", "none.csv", "none.h5"],
-    }
-    trials += [
-        (f"{limit_MiB} MiB for {name}", lambda m=limit_MiB, c=command: little_address_space(campaign, m, c))
-        for name, command in commands.items()
-        for limit_MiB in (64, 150, 300, 450, *(() if name == "convert" else (900, 1800)))
-    ]
-    trials += [
-        (f"1100 half-open, {first!r:.12}", lambda b=first: half_open(campaign, b))
-        for first in (b"", b"GET / HT", b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\n")
-    ]
-    return trials
 
 
 def main() -> int:

@@ -269,7 +269,7 @@ def require_folder(root: Path) -> None:
 
 
 def require_settings_file(path: Path) -> None:
-    """Raises BatchRefused where the file is missing or cannot be read as text. Its keys are not checked."""
+    """Raises BatchRefused where the file is missing or cannot be read as text. Keys are not checked."""
     require_folder(path.parent)
     if not path.exists():
         read_settings(path)
