@@ -65,9 +65,11 @@ def little_address_space(campaign: Any, limit_MiB: int, command: list[str]) -> s
         check=False,
     )
     campaign.said = run.stderr
-    told = rf"drupe: this machine: not enough memory: the limit .* is {limit_MiB} MiB, and about \d+ MiB are"
+    expected = (
+        rf"drupe: this machine: not enough memory: the limit .* is {limit_MiB} MiB, and about \d+ MiB are"
+    )
     campaign.require(run.returncode == 2, f"ended with {run.returncode}")
-    campaign.require(re.match(told, run.stderr) is not None, "does not say what is lacking")
+    campaign.require(re.match(expected, run.stderr) is not None, "does not say what is lacking")
     return "exit 2, limit and need are said"
 
 

@@ -13,7 +13,7 @@ LIBRARIES_MIB, GRADING_MIB = 500.0, 2200.0
 VmPeak: 450 MiB of `convert`, 2,130 MiB of `grade`, mostly libraries that are mapped and never read."""
 PER_THREAD_MIB = 220.0
 """And with each further thread: buffers of three copies of OpenBLAS, 214 MiB by the same measurement."""
-BESIDE_FRUIT_MIB = 1800.0
+MAPPED_MIB = 1800.0
 """Address space of a fruit's process beyond the memory that it holds: 3,050 MiB of VmPeak at 1,350 MiB."""
 IN_WORDS = re.compile(
     r"failed to map segment|cannot allocate memory|memory allocation.* failed|bad_alloc|out of memory"
@@ -22,6 +22,7 @@ IN_WORDS = re.compile(
 )
 """How native libraries report a lack of memory."""
 MIB = 2**20
+"""Bytes of a mebibyte."""
 
 
 def numerical_threads() -> int:

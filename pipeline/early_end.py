@@ -13,6 +13,7 @@ terminal = STANDARD_ERROR
 """Where standard error leads to now: another descriptor where native libraries have that one."""
 SAID = "drupe: interrupted\n"
 STATUS = 130
+"""Exit status of an interruption, as in pipeline.exit_status: 128 and the signal's number."""
 
 
 def end_at_once(_number: int, _frame: object) -> None:

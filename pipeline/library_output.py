@@ -31,7 +31,7 @@ def tell_to(listener: Callable[[str], None]) -> None:
     _listeners[:] = [listener]
 
 
-def heard(text: str) -> None:
+def pass_on(text: str) -> None:
     """Hands over what a library said; without a listener DRUPE_DEBUG shows it, else it is dropped."""
     if _listeners:
         _listeners[0](text)
@@ -41,7 +41,7 @@ def heard(text: str) -> None:
 
 class _Handler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        heard(self.format(record))
+        pass_on(self.format(record))
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def hand_over_native() -> None:
             os.ftruncate(_native[0], 0)
     for line in said.decode(errors="replace").splitlines():
         if line.strip():
-            heard(line)
+            pass_on(line)
 
 
 def write_into(path: Path) -> None:

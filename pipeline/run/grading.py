@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.address_space import BESIDE_FRUIT_MIB, lacking
+from pipeline.address_space import MAPPED_MIB, lacking
 from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitFolder, FruitResults, Results, write_whole
@@ -294,7 +294,7 @@ def _processes(todo: Sequence[WaitingFruit], jobs: int, *, time_limit_s: float, 
     BatchRefused where memory, or the limit of address space, holds no fruit.
     """
     need_MiB = _per_fruit_MiB(todo)
-    if said := lacking(need_MiB + BESIDE_FRUIT_MIB, threads=1):
+    if said := lacking(need_MiB + MAPPED_MIB, threads=1):
         raise BatchRefused([Problem("this machine", said)])
     fit = _jobs(todo, jobs, console)
     free_MiB = free_memory_MiB()

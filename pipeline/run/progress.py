@@ -15,7 +15,7 @@ from pipeline.run.time_left import TimeLeft
 
 MOST_LINES = 8
 """Fruit at work whose stages are shown below the bar."""
-BESIDE_BAR = 60
+WORDS_COLUMNS = 60
 """Columns of the terminal that the words beside the bar take at most."""
 UNKNOWN = "time left not known yet"
 
@@ -70,7 +70,7 @@ class BatchProgress:
         self._lock = threading.Lock()  # the bar is drawn by a thread of its own
         self._bar = _Bar(
             TextColumn("{task.description}"),
-            BarColumn(bar_width=min(40, max(10, console.width - BESIDE_BAR))),
+            BarColumn(bar_width=min(40, max(10, console.width - WORDS_COLUMNS))),
             MofNCompleteColumn(),
             _Said(lambda: self._elapsed() + (f", {left}" if (left := self._left(UNKNOWN)) else "")),
             console=console,
