@@ -8,6 +8,9 @@ what they were, no process and no temporary file is left; a killed process costs
 and the same command again gives the results of the undisturbed run: the same files, outcomes and ranking, E
 within 1 % (the mesher does not repeat to the bit). A kill that met nobody is drawn again.
 
+Early interrupts, limits of address space and half-open connections have results of their own
+(campaign_service.py). `--only-service` runs these alone.
+
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
 
@@ -28,6 +31,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import trimesh
+from campaign_service import service_trials
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -42,7 +46,7 @@ SHIPPED = Path(__file__).parents[1] / "samples" / "data" / "nectarines"
 SHIPPED_SEED, SHIPPED_COUNT = 1, 4
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 14.0\npad_edge_mm = 6.0\n'
 MARK = "DRUPE_CAMPAIGN"
-ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
+ENTRY = "from pipeline.start import main\nif __name__ == '__main__':\n    main()\n"
 CLOCK = """
 import os, time
 real, began, after, by = time.time, time.monotonic(), float(os.environ["AFTER_S"]), float(os.environ["BY_S"])
@@ -112,6 +116,10 @@ class Campaign:
             time.sleep(0.1)
         self.require(not left, f"processes left: {left}")
         self.require(hashes(self.batch) == self.inputs, "the inputs changed")
+
+    def require_ranking(self, out: Path) -> None:
+        """The ranking of the undisturbed run."""
+        self.require(same(results(out)[1], self.expected[1]), "another ranking")
 
     def require_repaired(self, out: str | Path) -> None:
         """The same command again gives what the undisturbed run gave, and leaves no file of its own."""
@@ -337,6 +345,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=20261122)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/drupe-campaign"))
     parser.add_argument("--only-kills", action="store_true", help="no tmpfs, doubled runs or clocks")
+    parser.add_argument("--only-service", action="store_true", help="interrupts, limits, connections alone")
     parser.add_argument("--quick", action="store_true", help="one fruit, without a recording: seconds a run")
     arguments = parser.parse_args()
     campaign = Campaign(arguments.folder, arguments.seed, quick=arguments.quick)
@@ -347,10 +356,12 @@ def main() -> int:
         ("process", signal.SIGSEGV),
     ]
     trials: list[tuple[str, Callable[[], str]]] = []
-    for i in range(arguments.kills):
+    for i in range(0 if arguments.only_service else arguments.kills):
         whom, number = kinds[i % len(kinds)]
         trials.append((f"{number.name} to a {whom}", lambda w=whom, n=number: killed(campaign, w, n)))
-    if not arguments.only_kills:
+    if arguments.only_service or not arguments.only_kills:
+        trials += service_trials(campaign)
+    if not arguments.only_kills and not arguments.only_service:
         trials.append(("two runs at once", lambda: doubled(campaign)))
         trials += [
             (f"clock set by {by_s / 3600:+.0f} h", lambda b=by_s: another_time(campaign, b))
@@ -367,7 +378,8 @@ def main() -> int:
             counted[what, str(fault), "DOES NOT HOLD"] += 1
         print(f"{sum(counted.values())} of {len(trials)}: {what}", file=sys.stderr)
     try:
-        counted.update((what, how, "holds") for what, _, how in full_at_every_write(campaign))
+        writes = () if arguments.only_service else full_at_every_write(campaign)
+        counted.update((what, how, "holds") for what, _, how in writes)
     except Fault as fault:
         faults += 1
         counted["disk full in-process", str(fault), "DOES NOT HOLD"] += 1

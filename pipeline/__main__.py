@@ -4,7 +4,7 @@ Not in a folder of strangers: Python looks for `pipeline` there first, and would
 before a line of this package. `drupe` and `python -P -m pipeline` do not.
 """
 
-from pipeline.cli import main
+from pipeline.start import main
 
 if __name__ == "__main__":
     main()

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.address_space import is_lack_of_memory, too_little_memory
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
@@ -34,7 +35,9 @@ from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c
+from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
+from pipeline.run.memory import free_memory_MiB
 from recon.plain_file import printable
 
 app = typer.Typer(
@@ -51,8 +54,8 @@ OF_A_PLACE = frozenset(
     }
 )  # fmt: skip
 """Errors of the system that say what is wrong with a place that a user named."""
-OF_THE_MACHINE = frozenset({errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.EAGAIN})
-"""And that it has no more of: memory, open files, processes."""
+OF_THE_MACHINE = frozenset({errno.EMFILE, errno.ENFILE, errno.EAGAIN})
+"""And that it has no more of: open files, processes."""
 
 
 def _version(wanted: bool) -> None:
@@ -99,8 +102,10 @@ def _not_ours(error: Exception) -> str:
     ending, said = ending_of(error)
     if ending is Outcome.NOT_WRITTEN:
         return said
-    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in OF_THE_MACHINE):
-        return f"this machine: {os.strerror(getattr(error, 'errno', errno.ENOMEM))}; close other programs."
+    if is_lack_of_memory(error):
+        return f"this machine: {too_little_memory(free_memory_MiB())}"
+    if isinstance(error, OSError) and error.errno in OF_THE_MACHINE:
+        return f"this machine: {os.strerror(error.errno)}; close other programs."
     if not (isinstance(error, OSError) and error.errno in OF_A_PLACE and error.filename):
         return ""
     place = Path(os.fsdecode(error.filename)).absolute()
@@ -115,7 +120,7 @@ def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     came: list[int] = []
     try:
-        with ended_like_ctrl_c() as came:
+        with ended_like_ctrl_c() as came, logs_apart():
             app(prog_name="drupe")
     except KeyboardInterrupt:
         sys.stderr.write(SAID)

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from pipeline import early_end
+from pipeline.early_end import SAID, end_at_once
 from pipeline.exit_status import INTERRUPTED
 
-SAID = "drupe: interrupted\n"
-STANDARD_ERROR = 2
-"""Its file descriptor (POSIX, STDERR_FILENO)."""
 _loading: list[str] = []
 """An entry for each block of `ends_at_once` that is open."""
 
@@ -46,7 +45,7 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
 
     def interrupt(number: int, _frame: object) -> None:
         if _loading:
-            os.write(STANDARD_ERROR, SAID.encode())
+            os.write(early_end.terminal, SAID.encode())
             os._exit(INTERRUPTED)
         came.append(number)
         if number != signal.SIGINT:
@@ -58,11 +57,12 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
         signal.SIGHUP: signal.SIG_DFL,
         signal.SIGINT: signal.default_int_handler,
     }
-    handled = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
+    before = {number: signal.getsignal(number) for number in usual}
+    handled = [number for number, handler in usual.items() if before[number] in (handler, end_at_once)]
     for number in handled:
         signal.signal(number, interrupt)
     try:
         yield came
     finally:
         for number in handled:
-            signal.signal(number, usual[number])
+            signal.signal(number, before[number])

@@ -46,7 +46,9 @@ from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 
+from pipeline.address_space import LIBRARIES_MIB, lacking, numerical_threads  # noqa: E402
 from pipeline.interruption import ends_at_once  # noqa: E402
+from pipeline.problem import BatchRefused, Problem  # noqa: E402
 
 
 def load(*libraries: str) -> None:
@@ -90,8 +92,11 @@ def uncollected() -> Iterator[None]:
 def elsewhere() -> Iterator[None]:
     """Inside the block the current folder is the package's own; libraries are not looked for in it after.
 
-    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`).
+    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`). Raises
+    BatchRefused where the limit of address space is too low for the smallest command.
     """
+    if said := lacking(LIBRARIES_MIB, threads=numerical_threads()):
+        raise BatchRefused([Problem("this machine", said)])
     try:
         with ends_at_once(), _elsewhere(), uncollected():
             yield

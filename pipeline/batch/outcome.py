@@ -10,6 +10,7 @@ import tempfile
 from enum import Enum
 from pathlib import Path
 
+from pipeline.address_space import is_lack_of_memory
 from pipeline.files.whole_file import MACHINE_FAULTS, NotWritten
 from recon.plain_file import printable
 
@@ -46,7 +47,10 @@ class Outcome(Enum):
         "again; if it dies again, take this fruit's inputs to the maintainers.",
     )
     TIMED_OUT = ("timed-out", "Took longer than the limit of {} s; raise it with --time-limit.")
-    OUT_OF_MEMORY = ("out-of-memory", "Ran out of memory; run with fewer --jobs ({}).")
+    OUT_OF_MEMORY = (
+        "out-of-memory",
+        "Ran out of memory ({}); run with fewer --jobs, or close other programs.",
+    )
     NOT_WRITTEN = ("not-written", "A result could not be written: {} Then run the same command again.")
     INTERNAL = (
         "internal-error",
@@ -78,7 +82,7 @@ def ending_of(error: BaseException) -> tuple[Outcome, str]:
     """
     if isinstance(error, NotWritten):
         return Outcome.NOT_WRITTEN, str(error)
-    if isinstance(error, MemoryError):
+    if is_lack_of_memory(error):
         return Outcome.OUT_OF_MEMORY, str(error)
     if isinstance(error, OSError) and (number := _number(error)) in MACHINE_FAULTS:
         where = Path(str(error.filename or tempfile.gettempdir()))

@@ -268,6 +268,17 @@ def require_folder(root: Path) -> None:
         raise BatchRefused([Problem(str(root), "there is no such batch folder.")])
 
 
+def require_settings_file(path: Path) -> None:
+    """Raises BatchRefused where the file is missing or cannot be read as text. Keys are not checked."""
+    require_folder(path.parent)
+    if not path.exists():
+        read_settings(path)
+    try:
+        read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        raise BatchRefused([Problem(str(path), f"{error}; put the batch's settings there.")]) from None
+
+
 def _folders(root: Path) -> list[Path]:
     return [place for one in root.iterdir() if one.is_dir() for place in (one, one / "photos")]
 

@@ -49,6 +49,13 @@ def grade(
             "--jobs says, one fruit at a time each.",
         ),
     ] = False,
+    tls: Annotated[
+        bool,
+        typer.Option(
+            "--tls/--no-tls",
+            help="Encrypt what jobs of --slurm and this command send each other, and let nobody else join.",
+        ),
+    ] = True,
     provenance: Annotated[
         bool,
         typer.Option("--provenance", help="List the checksums of all inputs in the report (for an annex)."),
@@ -84,7 +91,7 @@ def grade(
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             force=force,
             screen=screen,
-            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
+            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
             options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
         )
     except KeyboardInterrupt:

@@ -54,14 +54,14 @@ def watch(
     with elsewhere():
         from rich.console import Console
 
-        from pipeline.batch.layout import Results
-        from pipeline.batch.settings import require_folder
+        from pipeline.batch.layout import BatchFolder, Results
+        from pipeline.batch.settings import require_settings_file
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.watching import BatchWatch, WatchOptions
         from reports.kiosk_page import kiosk_html
-    require_folder(batch)
+    require_settings_file(BatchFolder(batch).settings)
     console = RunConsole(quiet=quiet, verbose=verbose, log=log)
     place = out or batch / "results"
     options = WatchOptions(
@@ -73,7 +73,11 @@ def watch(
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
     )
-    with PageServer(Results(place), port=port) as server:
+
+    def tell(sentence: str) -> None:
+        console.print(sentence, highlight=False, markup=False, soft_wrap=True)
+
+    with PageServer(Results(place), port=port, tell=tell) as server:
         typer.echo(f"page: {server.address}")
         typer.echo(f"watching {batch}; Ctrl-C ends")
         watching = BatchWatch(

@@ -21,8 +21,9 @@ from typing import Any, Self
 from urllib.error import HTTPError
 from urllib.request import ProxyHandler, build_opener
 
-from distributed import Client, Future, KilledWorker
+from distributed import Client, Future, KilledWorker, Security
 
+from pipeline.files.scratch import scratch
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed
@@ -50,10 +51,13 @@ that is left out, or no cause."""
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterPlace:
-    """A running scheduler's address, or None: Slurm is asked for `workers` jobs of one worker each."""
+    """A running scheduler's address, or None: Slurm is asked for `workers` jobs of one worker each, which
+    speak TLS with the run (`tls`) or plain TCP.
+    """
 
     address: str | None
     workers: int = 0
+    tls: bool = True
 
 
 @dataclass
@@ -94,6 +98,7 @@ class Cluster:
         self._tell, self._most = tell, most
         self._held = ExitStack()
         self._slurm: SlurmJobs | None = None
+        self._security: Security | None = None
         self._happened: SimpleQueue[tuple[str, Future | str]] = SimpleQueue()
         self._fruits: dict[str, _Fruit] = {}
         self._workers: dict[str, Any] = {}
@@ -107,9 +112,13 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in our own words
         with ExitStack() as held:
             if self._place.address is None:
-                jobs = slurm_jobs(self._place.workers, self._needs.per_fruit_MiB, self._tell)
+                folder = held.enter_context(scratch(near=self._needs.run.parent)) if self._place.tls else None
+                jobs = slurm_jobs(
+                    self._place.workers, self._needs.per_fruit_MiB, self._tell, certificates=folder
+                )
                 self._slurm = held.enter_context(jobs)
                 self._address = str(self._slurm.cluster.scheduler_address)
+                self._security = self._slurm.cluster.security if self._place.tls else None
             else:
                 self._address = self._place.address
             self._connect()
@@ -265,7 +274,13 @@ class Cluster:
     def _connect(self) -> None:
         """Raises BatchRefused where no scheduler answers."""
         try:
-            self._client = Client(self._address, timeout=CONNECT_S, set_as_default=False, name="drupe")
+            self._client = Client(
+                self._address,
+                timeout=CONNECT_S,
+                set_as_default=False,
+                name="drupe",
+                security=self._security,
+            )
         except (OSError, ValueError) as error:
             why = f"no scheduler of dask answers there ({str(error) or type(error).__name__})"
             sentence = f"{why}; start one with `dask scheduler`, and name the address that it prints."

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import platform
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from pipeline.batch.cache import ROOMS, code_version, file_hash
 from pipeline.files.manifest import json_in
 from pipeline.problem import BatchRefused
 from pipeline.run.runner import LocalPool
-from pipeline.run.scheduling import Event, Progressed, not_begun
+from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
 
 OWN_MIB = 500.0
 """What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
@@ -116,8 +117,8 @@ def fruit_here(
 ) -> Event | Unfit | None:
     """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
 
-    `tell` gets its stages; it is stopped, and None returned, when it is no longer `wanted`. `most_MiB`: what
-    the fruit's process may hold.
+    `tell` gets its stages, the worker's own log what libraries write. It is stopped, and None returned, when
+    it is no longer `wanted`. `most_MiB`: what the fruit's process may hold.
     """
     # A nanny starts its worker as a daemon of multiprocessing, which must have no processes of its own lest
     # they outlive it. A fruit's does not: it ends with its parent (pipeline.run.runner).
@@ -130,9 +131,12 @@ def fruit_here(
                 return not_begun(order.fruit_id, error)
             while wanted():
                 for event in pool.happened():
-                    if not isinstance(event, Progressed):
+                    if isinstance(event, Noted):
+                        sys.stderr.write(f"{event.fruit_id}: {event.line}\n")
+                    elif isinstance(event, Progressed):
+                        tell(event.stage)
+                    else:
                         return event
-                    tell(event.stage)
     except BatchRefused as refused:  # no temporary folder
         return Unfit(str(refused))
     return None

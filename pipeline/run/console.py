@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from pipeline.library_output import hand_over_native, tell_to
 from pipeline.problem import BatchRefused, Problem
 
 HEAD = "# log of drupe"
@@ -39,13 +40,25 @@ class RunConsole(Console):
         if log is not None:
             _require_log(log)
             self.note("begins")
+        tell_to(self.of_library)
 
     def print(self, *objects: Any, **how: Any) -> None:
         """Shows it, and notes its text."""
         super().print(*objects, **how)
         self.note(" ".join(str(one) for one in objects))
 
+    def of_library(self, text: str) -> None:
+        """What a library said: for the log, and shown with `verbose`."""
+        if self.verbose:
+            super().print(text, style="dim", highlight=False, markup=False, soft_wrap=True)
+        self._write(text)
+
     def note(self, text: str) -> None:
+        """Writes to the log alone, after what native libraries have written meanwhile."""
+        hand_over_native()
+        self._write(text)
+
+    def _write(self, text: str) -> None:
         """Writes to the log alone; a log that cannot be written any more costs the run nothing."""
         if self._log is None or not text.strip():
             return

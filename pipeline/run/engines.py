@@ -22,13 +22,14 @@ ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
 class WorkPlace:
     """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
 
-    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
-    from any other.
+    `jobs`: fruit at the same time at most, None: as many as there are workers; `tls`: whether Slurm's jobs
+    speak TLS with the run; `mark` tells this run's folder from any other.
     """
 
     jobs: int | None = None
     scheduler: str | None = None
     slurm: bool = False
+    tls: bool = True
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
@@ -53,11 +54,17 @@ class WorkPlace:
         if any(importlib.util.find_spec(name) is None for name in wanted):
             sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
             raise BatchRefused([Problem(option, sentence)])
+        if self.slurm and self.tls and importlib.util.find_spec("cryptography") is None:
+            sentence = (
+                "needs the package cryptography for TLS; install it with: pip install 'drupe[cluster]', or "
+                "choose plain TCP with --no-tls."
+            )
+            raise BatchRefused([Problem(option, sentence)])
 
 
-def local_pool(jobs: int, *, time_limit_s: float) -> Engine:
-    """Processes of this machine."""
-    return LocalPool(jobs=jobs, time_limit_s=time_limit_s)
+def local_pool(jobs: int, *, time_limit_s: float, most_MiB: float | None = None) -> Engine:
+    """Processes of this machine, each of which may hold `most_MiB` (None: no limit)."""
+    return LocalPool(jobs=jobs, time_limit_s=time_limit_s, most_MiB=most_MiB)
 
 
 def cluster_of(
@@ -87,7 +94,7 @@ def cluster_of(
     )
     workers = min(place.jobs or 1, fruits) if place.slurm else 0
     return Cluster(
-        ClusterPlace(address=place.scheduler, workers=workers),
+        ClusterPlace(address=place.scheduler, workers=workers, tls=place.tls),
         needs=needs,
         time_limit_s=time_limit_s,
         tell=tell,

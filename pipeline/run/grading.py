@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from pipeline.address_space import MAPPED_MIB, lacking
 from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitFolder, FruitResults, Results, write_whole
@@ -33,11 +34,11 @@ from pipeline.run.former_results import identity, require_same_batch
 from pipeline.run.fruit_queue import FruitQueue, WaitingFruit
 from pipeline.run.fruit_records import ended_record, with_forced
 from pipeline.run.fruit_work import work_on
-from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
+from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report, report_of_records
-from pipeline.run.scheduling import Died, Engine, Event, Finished, Progressed, TimedOut, run_on
+from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from reports.entries import BatchEntry
 
 MOST_UNUSED_SAID = 20
@@ -175,7 +176,7 @@ def grade_newcomers(
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
             ended(run, records[fruit_id])
         if queue.todo:
-            engine = local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
+            engine = _processes(queue.todo, jobs, time_limit_s=time_limit_s, console=console)
             _work(
                 queue,
                 records,
@@ -294,7 +295,7 @@ def _engine(
 ) -> Engine:
     """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
     if place.here:
-        return local_pool(_jobs(queue.todo, jobs, console), time_limit_s=time_limit_s)
+        return _processes(queue.todo, jobs, time_limit_s=time_limit_s, console=console)
     return cluster_of(
         place,
         run,
@@ -303,6 +304,19 @@ def _engine(
         time_limit_s=time_limit_s,
         tell=lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
     )
+
+
+def _processes(todo: Sequence[WaitingFruit], jobs: int, *, time_limit_s: float, console: Console) -> Engine:
+    """Processes of this machine, each with its share of the memory that is free now as its limit; raises
+    BatchRefused where memory, or the limit of address space, holds no fruit.
+    """
+    need_MiB = _per_fruit_MiB(todo)
+    if said := lacking(need_MiB + MAPPED_MIB, threads=1):
+        raise BatchRefused([Problem("this machine", said)])
+    fit = _jobs(todo, jobs, console)
+    free_MiB = free_memory_MiB()
+    most_MiB = None if free_MiB is None else share_MiB(min(fit, len(todo)), need_MiB, free_MiB=free_MiB)
+    return local_pool(fit, time_limit_s=time_limit_s, most_MiB=most_MiB)
 
 
 def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
@@ -368,6 +382,9 @@ def _work(
             while todo.refused:
                 show_ended(todo.refused.popleft())
             progress.jobs = engine.at_once
+            if isinstance(event, Noted):
+                progress.noted(event.fruit_id, event.line)
+                continue
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue

@@ -10,6 +10,9 @@ LEAST_MIB = 750.0
 """Below it nothing is begun: the least of all fruit, a ball without a recording, peaks at 732 MiB
 (`benchmarks/campaign_kills.py`, `peak_memory_MiB` in record.json), most of it the libraries."""
 
+KEPT_FREE = 0.1
+"""Share of the free memory that no fruit gets: the command itself and other programs grow. Set by hand."""
+
 
 def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
     """Memory that can still be had: the machine's, or less where a container or group has a limit.
@@ -25,6 +28,13 @@ def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) ->
     if free_MiB is None:
         return jobs
     return max(1, min(jobs, int(free_MiB // per_fruit_MiB)))
+
+
+def share_MiB(jobs: int, per_fruit_MiB: float, *, free_MiB: float) -> float:
+    """What each of so many fruit may hold: its share of the free memory less KEPT_FREE, and never less than
+    a fruit needs.
+    """
+    return max(per_fruit_MiB, (1.0 - KEPT_FREE) * free_MiB / jobs)
 
 
 def _of_machine(meminfo: Path) -> Iterator[float]:

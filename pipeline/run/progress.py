@@ -1,15 +1,46 @@
 """Progress for people: a live bar with the time left on a terminal, plain lines in a log."""
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.text import Text
 
 from pipeline.run.console import RunConsole
 from pipeline.run.time_left import TimeLeft
+
+MOST_LINES = 8
+"""Fruit at work whose stages are shown below the bar."""
+WORDS_COLUMNS = 60
+"""Columns of the terminal that the words beside the bar take at most."""
+UNKNOWN = "time left not known yet"
+
+
+class _Said(ProgressColumn):
+    """What is known at the moment of drawing."""
+
+    def __init__(self, say: Callable[[], str]) -> None:
+        super().__init__()
+        self._say = say
+
+    def render(self, task: Task) -> Text:  # noqa: ARG002 - there is one task
+        return Text(self._say(), no_wrap=True)
+
+
+class _Bar(Progress):
+    """One bar for the batch, and below it a line for each fruit at work, cut to the terminal's width."""
+
+    def __init__(self, *columns: ProgressColumn, console: Console, lines: Callable[[], list[str]]) -> None:
+        self._stage_lines = lines
+        super().__init__(*columns, console=console, transient=True)
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        yield from (Text(line, no_wrap=True, overflow="ellipsis") for line in self._stage_lines())
 
 
 class BatchProgress:
@@ -36,16 +67,17 @@ class BatchProgress:
         self._started = clock()
         self._time_left = TimeLeft(total=total, jobs=jobs, clock=clock)
         self._stage: dict[str, str] = {}
-        self._bar = Progress(
+        self._lock = threading.Lock()  # the bar is drawn by a thread of its own
+        self._bar = _Bar(
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=min(40, max(10, console.width - WORDS_COLUMNS))),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[left]}"),
-            TimeElapsedColumn(),
+            _Said(lambda: self._elapsed() + (f", {left}" if (left := self._left(UNKNOWN)) else "")),
             console=console,
-            transient=True,
+            lines=self._at_work,
         )
-        self._task = self._bar.add_task("grading", total=self._total, completed=self._done, left="")
+        self._bar.live.vertical_overflow = "crop"
+        self._task = self._bar.add_task("graded", total=self._total, completed=self._done)
 
     @property
     def jobs(self) -> int:
@@ -70,23 +102,29 @@ class BatchProgress:
 
     def stage(self, fruit_id: str, stage: str) -> None:
         """A fruit begins a stage."""
-        self._stage[fruit_id] = stage
-        self._time_left.stage(fruit_id, stage)
+        with self._lock:
+            self._stage[fruit_id] = stage
+            self._time_left.stage(fruit_id, stage)
         if not self._lines:
             if isinstance(self._console, RunConsole):
                 self._console.note(f"{fruit_id}: {stage}")
-            running = ", ".join(f"{name}: {at}" for name, at in self._stage.items())
-            self._bar.update(self._task, description=running, left=self._left())
         else:
             self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
 
+    def noted(self, fruit_id: str, line: str) -> None:
+        """A library wrote a line while it worked on a fruit."""
+        if isinstance(self._console, RunConsole):
+            stage = self._stage.get(fruit_id, "").partition(":")[0]
+            self._console.of_library(f"{fruit_id}{f' ({stage})' if stage else ''}: {line}")
+
     def done(self, fruit_id: str, sentence: str, *, whole: bool) -> None:
         """A fruit has ended, after its last stage (`whole`) or in the middle of one."""
-        self._stage.pop(fruit_id, None)
-        self._time_left.done(fruit_id, whole=whole)
-        self._done += 1
+        with self._lock:
+            self._stage.pop(fruit_id, None)
+            self._time_left.done(fruit_id, whole=whole)
+            self._done += 1
         left = self._left()
-        self._bar.update(self._task, completed=self._done, left=left)
+        self._bar.update(self._task, completed=self._done)
         note = f" ({self._done} of {self._total}{self._what}{', ' + left if left else ''})"
         self._console.print(
             f"[{self._elapsed()}] {fruit_id}: {sentence}{note}", highlight=False, markup=False, soft_wrap=True
@@ -95,9 +133,19 @@ class BatchProgress:
     def _elapsed(self) -> str:
         return _clock_face(self._clock() - self._started)
 
-    def _left(self) -> str:
-        seconds = self._time_left.seconds()
-        return "" if seconds is None or self._done == self._total else f"about {_clock_face(seconds)} left"
+    def _left(self, unknown: str = "") -> str:
+        with self._lock:
+            if self._done == self._total:
+                return ""
+            seconds = self._time_left.seconds()
+        return unknown if seconds is None else f"about {_clock_face(seconds)} left"
+
+    def _at_work(self) -> list[str]:
+        """Fruit and stage, a line each."""
+        with self._lock:
+            lines = [f"  {name}: {at}" for name, at in self._stage.items()]
+        more = len(lines) - MOST_LINES
+        return lines if more <= 1 else [*lines[:MOST_LINES], f"  and {more} more fruit"]
 
 
 class StageLines:

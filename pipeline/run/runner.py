@@ -22,11 +22,14 @@ from typing import Any, Self
 from pebble import ProcessExpired
 from pebble.concurrent import process
 
+from pipeline.address_space import IN_WORDS
 from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.library_output import write_into
 from pipeline.run.scheduling import (
     Died,
     Event,
     Finished,
+    Noted,
     Progressed,
     TimedOut,
     Work,
@@ -124,11 +127,13 @@ class LocalPool:
         """Stages and endings since the last call."""
         done, _ = wait(self._pending, timeout=LOOK_S, return_when="FIRST_COMPLETED")
         for one in self._pending.values():
-            yield from (Progressed(one.fruit_id, stage) for stage in one.news())
+            yield from one.happened()
         for future in done:
             one = self._pending.pop(future)
+            yield from one.happened()
             one.log.unlink(missing_ok=True)
-            yield _ending(one.fruit_id, future)
+            one.output.unlink(missing_ok=True)
+            yield _ending(one, future)
         for future, one in list(self._pending.items()):
             if one.out_of_time(self._time_limit_s):
                 yield self._killed(future, TimedOut(one.fruit_id))
@@ -155,7 +160,7 @@ def _started(packed: bytes, one: "_Running", folder: Path) -> Any:
     """The future of a fruit's process, which is running."""
     run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
     with _deaf_to_ctrl_c():
-        return run(os.getpid(), folder, one.log, packed)
+        return run(os.getpid(), folder, one.log, one.output, packed)
 
 
 def _kill(one: "_Running") -> None:
@@ -188,14 +193,26 @@ class _Running:
     process: str
     reported: int = 0
     since_s: float | None = None
+    written: int = 0
+    lacked_memory: str = ""
+    """The last line in which a library reported a lack of memory."""
 
-    def news(self) -> list[str]:
-        """The stages begun since the last call."""
-        said = self.log.read_text(encoding="utf-8", errors="replace") if self.log.exists() else ""
-        lines = said.split("\n")[:-1]
-        stages = lines[self.reported :]
+    @property
+    def output(self) -> Path:
+        """What libraries write."""
+        return self.log.with_name(f"{self.log.name}-libraries")
+
+    def happened(self) -> list[Event]:
+        """The stages begun, and what libraries wrote, since the last call."""
+        stages, lines = _lines(self.log, self.reported), _lines(self.output, self.written)
         self.reported += len(stages)
-        return stages
+        self.written += len(lines)
+        for line in filter(IN_WORDS.search, lines):
+            self.lacked_memory = line
+        return [
+            *(Progressed(self.fruit_id, stage) for stage in stages),
+            *(Noted(self.fruit_id, line) for line in lines if line.strip()),
+        ]
 
     def out_of_time(self, limit_s: float) -> bool:
         """Whether it has been running for longer than `limit_s`, since this was first asked."""
@@ -204,10 +221,19 @@ class _Running:
         return now - self.since_s > limit_s
 
 
-def _ending(fruit_id: str, future: Any) -> Event:
+def _lines(path: Path, known: int) -> list[str]:
+    """The whole lines of a file after those that are known."""
+    said = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+    return said.split("\n")[:-1][known:]
+
+
+def _ending(one: _Running, future: Any) -> Event:
+    fruit_id = one.fruit_id
     try:
         return Finished(fruit_id, future.result())
     except ProcessExpired as error:
+        if one.lacked_memory:
+            return Finished(fruit_id, MemoryError(one.lacked_memory))
         return Died(fruit_id, error.exitcode)
     except Exception as error:  # noqa: BLE001 - whatever a fruit raised costs that fruit only
         return Finished(fruit_id, error)
@@ -260,8 +286,10 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _fruit(parent: int, folder: Path, log: Path, packed: bytes) -> Any:
+def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) -> Any:
     """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
+    with suppress(OSError):  # a full disk costs the lines of libraries, not the fruit
+        write_into(output)
     _begin(parent, folder)
     with uncollected():
         work, task = pickle.loads(packed)

@@ -16,6 +16,14 @@ class Progressed:
 
 
 @dataclass(frozen=True)
+class Noted:
+    """A library wrote a line while it worked on a fruit."""
+
+    fruit_id: str
+    line: str
+
+
+@dataclass(frozen=True)
 class Finished:
     """A fruit's process has ended; `result` is what it returned, or the exception that ended it."""
 
@@ -44,7 +52,7 @@ def not_begun(fruit_id: str, error: OSError) -> Died:
     return Died(fruit_id, None, f"it could not be begun: {error.strerror or error}")
 
 
-Event = Progressed | Finished | Died | TimedOut
+Event = Progressed | Noted | Finished | Died | TimedOut
 Report = Callable[[str], None]
 Work = Callable[[Any, Report], Any]
 
@@ -78,7 +86,7 @@ class Engine(Protocol):
 
     def happened(self) -> Iterable[Event]:
         """What has happened since the last call; waits for a moment where that is nothing. Every fruit that
-        was begun ends in one event that is no Progressed.
+        was begun ends in one event that is neither Progressed nor Noted.
         """
 
 
@@ -104,5 +112,5 @@ def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Gene
             if all_begun and not begun:
                 return
             for event in engine.happened():
-                begun -= not isinstance(event, Progressed)
+                begun -= not isinstance(event, (Progressed, Noted))
                 yield event

@@ -1,15 +1,20 @@
 """Workers of dask.distributed as jobs of Slurm (dask-jobqueue), with a scheduler in this process."""
 
+import copy
+import os
+import shlex
 import shutil
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import dask
+from distributed import Security
 from distributed.core import Status
 
 from pipeline.problem import BatchRefused, Problem
@@ -62,11 +67,15 @@ class SlurmJobs:
 
 
 @contextmanager
-def slurm_jobs(workers: int, per_fruit_MiB: float, tell: Callable[[str], None]) -> Iterator[SlurmJobs]:
+def slurm_jobs(
+    workers: int, per_fruit_MiB: float, tell: Callable[[str], None], *, certificates: Path | None = None
+) -> Iterator[SlurmJobs]:
     """A scheduler in this process and `workers` jobs of Slurm, replaced as they end; queue, account and time
     are those of dask-jobqueue's own settings (~/.config/dask/jobqueue.yaml).
 
-    Raises BatchRefused where Slurm takes none of the jobs, with what sbatch said.
+    `certificates`: a folder of this user's own that all machines see. A key and a certificate of this run
+    alone are written there (mode 0600, gone afterwards), and scheduler, workers and client speak TLS with
+    them; None: plain TCP. Raises BatchRefused where Slurm takes none of the jobs, with what sbatch said.
     """
     if shutil.which("sbatch") is None:
         raise _refused("found no sbatch; run this where jobs are submitted, or use --scheduler.")
@@ -75,6 +84,7 @@ def slurm_jobs(workers: int, per_fruit_MiB: float, tell: Callable[[str], None]) 
     try:
         cluster = jobqueue.SLURMCluster(
             job_cls=_job_class(jobqueue, jobs),
+            security=None if certificates is None else _certified(certificates),
             cores=1,
             processes=1,
             memory=f"{memory_MiB:.0f} MiB",
@@ -130,6 +140,9 @@ def _job_class(jobqueue: Any, jobs: SlurmJobs) -> type:
     """dask-jobqueue's job, whose refusals are kept, with its memory limit to the byte."""
 
     class Job(jobqueue.SLURMCluster.job_cls):  # type: ignore[misc]  # a class of no known type
+        def __init__(self, *args: Any, security: Security | None = None, **options: Any) -> None:
+            super().__init__(*args, security=None if security is None else _quoted(security), **options)
+
         @property
         def worker_process_memory(self) -> str:
             """Bytes: dask-jobqueue's own would round to two digits of GiB, and so below a fruit's need."""
@@ -145,6 +158,29 @@ def _job_class(jobqueue: Any, jobs: SlurmJobs) -> type:
             self.status = Status.closed
 
     return Job
+
+
+def _certified(folder: Path) -> Security:
+    """A new key and its certificate, in two files of mode 0600, for scheduler, workers and client alike."""
+    made = Security.temporary()
+    files = {"cert": made.tls_ca_file, "key": made.tls_worker_key}
+    for name, content in files.items():
+        with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(content)
+    of_roles = {
+        f"tls_{role}_{name}": str(folder / name)
+        for role in ("client", "scheduler", "worker")
+        for name in files
+    }
+    return Security(require_encryption=True, tls_ca_file=str(folder / "cert"), **of_roles)
+
+
+def _quoted(security: Security) -> Security:
+    """With the paths of certificates as words of a shell: dask-jobqueue puts them into a script."""
+    quoted = copy.copy(security)
+    for name in ("tls_ca_file", "tls_worker_key", "tls_worker_cert"):
+        setattr(quoted, name, shlex.quote(getattr(security, name)))
+    return quoted
 
 
 def _configured(name: str) -> list[str]:

@@ -10,7 +10,7 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -26,6 +26,7 @@ from starlette.routing import Route
 from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
 from pipeline.problem import BatchRefused, Problem
+from pipeline.watch.connections import BACKLOG, QUEUE, connections_at_once, limited_http
 
 LOOPBACK = "127.0.0.1"
 NEWS_S = 0.2
@@ -34,6 +35,8 @@ SIGN_OF_LIFE_S = 15.0
 """Seconds after which an open page hears that there is no news, so that a dead connection shows."""
 STARTS_WITHIN_S = 10.0
 """Seconds within which the server must listen."""
+AGAIN_S = 5.0
+"""Seconds after which a page that stopped is started again."""
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".csv": "text/csv; charset=utf-8",
@@ -55,41 +58,81 @@ HEADERS = {
 """Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
 
 
+class _Server(uvicorn.Server):
+    """Accepts BACKLOG connections a turn; the others wait in the system."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for one in sockets or ():
+            one.listen(QUEUE)
+
+
 class PageServer:
     """A page that changes, and the report beside it; used as a context.
 
-    `port` 0: any free one. Raises BatchRefused where the port is taken, or the server does not start.
+    `port` 0: any free one. `tell` gets one sentence when the page stops by itself; it is then started again
+    at the same address, every AGAIN_S. Grading does not depend on it. Raises BatchRefused where the port is
+    taken, or the server does not start.
     """
 
-    def __init__(self, results: Results, *, port: int = 0, token: str | None = None) -> None:
+    def __init__(
+        self,
+        results: Results,
+        *,
+        port: int = 0,
+        token: str | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._results = results
         self._token = token or secrets.token_urlsafe(16)
-        self._page, self._version, self._closed = "", 0, False
+        self._page, self._version, self._closed = "", 0, threading.Event()
+        self._tell, self._stopped = tell, False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((LOOPBACK, port))
+            self._socket.listen(QUEUE)
         except OSError as error:
             self._socket.close()
             sentence = (
                 f"cannot be listened on ({error.strerror}); name another one, or 0 for any that is free."
             )
             raise BatchRefused([Problem(f"--port {port}", sentence)]) from None
-        self._server = uvicorn.Server(
+        self._server = self._new_server()
+        self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
+
+    def _new_server(self) -> uvicorn.Server:
+        return _Server(
             uvicorn.Config(
                 self._app(),
-                log_level="warning",
+                log_config=None,
                 access_log=False,
                 lifespan="off",
-                http="h11",
+                http=limited_http(connections_at_once()),  # type: ignore[arg-type]  # a protocol's factory
                 ws="none",
+                backlog=BACKLOG,
                 server_header=False,
                 timeout_graceful_shutdown=1,
             )
         )
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._socket]}, name="drupe page", daemon=True
-        )
+
+    def _serve(self) -> None:
+        """Runs the server until the context ends, and again where it stops before."""
+        started = False
+        while not self._closed.is_set():
+            try:
+                with self._socket.dup() as listening:
+                    self._server.run(sockets=[listening])
+                why = "its server ended"
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
+                why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+            if self._closed.is_set() or not (started or self._server.started):
+                return
+            if not self._stopped:
+                self._tell(f"the page stopped ({why}); grading goes on, and the page is started again")
+            started = self._stopped = True
+            self._closed.wait(AGAIN_S)
+            self._server = self._new_server()
 
     @property
     def address(self) -> str:
@@ -119,7 +162,7 @@ class PageServer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Stops listening."""
-        self._closed = True
+        self._closed.set()
         self._server.should_exit = True
         self._thread.join(STARTS_WITHIN_S)
         self._socket.close()
@@ -147,7 +190,7 @@ class PageServer:
 
     async def _news(self) -> AsyncIterator[str]:
         sent, quiet_s = -1, 0.0
-        while not self._closed:
+        while not self._closed.is_set():
             if sent != self._version:
                 sent, quiet_s = self._version, 0.0
                 yield f"event: changed\ndata: {sent}\n\n"

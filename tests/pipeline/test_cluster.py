@@ -10,6 +10,7 @@ import os
 import re
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -21,7 +22,7 @@ import dask
 import psutil
 import pytest
 from cluster_work import graded_unless_it_dies, needs_of, patient, work
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Security
 from rich.console import Console
 
 from pipeline.batch.records import read_record
@@ -308,6 +309,9 @@ def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, 
     (ended,) = (one for one in events if isinstance(one, Finished))
     assert ended.result[0] == "fine"
     script = (slurm / "script").read_text()
+    key = Path(re.search(r"--tls-key (\S+)", script)[1])
+    assert key.is_relative_to(tmp_path)
+    assert not key.exists()
     assert "module load python\nexport PYTHONSAFEPATH=1" in script  # what is configured stays
     assert "--nanny --death-timeout 60 --lifetime 1h --resources" in script
     assert "#SBATCH -J drupe" in script
@@ -316,6 +320,24 @@ def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, 
     assert "export PYTHONSAFEPATH=1" in script
     assert "--nthreads 1 --memory-limit 838860800B" in script
     assert "--resources MEMORY=838860800" in script
+
+
+def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_path):
+    shared = tmp_path / "with space"
+    shared.mkdir(mode=0o700)
+    with slurm_jobs(1, 100.0, print, certificates=shared) as jobs:
+        address = jobs.cluster.scheduler_address
+        assert address.startswith("tls://")
+        files = list(shared.iterdir())
+        assert {stat.S_IMODE(one.stat().st_mode) for one in files} == {0o600}
+        assert sum("PRIVATE KEY" in one.read_text() for one in files) == 1
+        with Client(address, security=jobs.cluster.security, set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=60)
+            assert client.submit(os.getpid).result(timeout=60) != os.getpid()
+        for stranger in ("tcp" + address.removeprefix("tls"), address):
+            other = None if stranger.startswith("tcp") else Security.temporary()
+            with pytest.raises(OSError, match=r"."):
+                Client(stranger, security=other, timeout=3, set_as_default=False)
 
 
 @pytest.mark.parametrize("per_fruit_MiB", [600.0, 1000.0, 1500.0])

@@ -1,6 +1,8 @@
 """What a run says on the terminal, and what a log keeps."""
 
 import io
+import subprocess
+import sys
 from datetime import UTC, datetime
 
 import pytest
@@ -57,3 +59,62 @@ def test_on_a_terminal_stages_are_lines_where_that_is_asked_for(tmp_path, verbos
         progress.done("N01", "E = 0.5 MPa", whole=True)
     assert shown.getvalue().count("] N01: mesh") == lines
     assert log.read_text().count("N01: mesh") == 1
+
+
+TALKING = """
+import logging, os, sys, warnings
+from pathlib import Path
+import typer
+import pipeline.start
+from pipeline import cli
+from pipeline.run.console import RunConsole
+
+def app(**_):
+    RunConsole(log=Path(sys.argv[1]) if sys.argv[1] else None, verbose=sys.argv[2] == "verbose")
+    try:
+        raise KeyError("texture")
+    except KeyError:
+        logging.getLogger("trimesh").exception("failed to load")
+    warnings.warn("deprecated")
+    os.write(1, b"[Open3D WARNING] no normals\\n")
+    os.write(2, b"ERROR: In vtkPolyData.cxx\\n")
+    typer.echo("drupe's own result")
+    typer.echo("drupe's own sentence", err=True)
+
+cli.app = app
+pipeline.start.main()
+"""
+OF_LIBRARIES = (
+    "trimesh: failed to load", "KeyError: 'texture'", "UserWarning: deprecated",
+    "[Open3D WARNING] no normals",
+    "ERROR: In vtkPolyData.cxx",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_the_terminal_shows_what_libraries_say_only_where_that_is_asked_for(tmp_path, shown):
+    log = tmp_path / "run.log"
+    command = [sys.executable, "-c", TALKING, str(log), "verbose" if shown else ""]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "drupe's own result\n"
+    assert "drupe's own sentence\n" in done.stderr
+    assert [one in done.stderr for one in OF_LIBRARIES] == [shown] * len(OF_LIBRARIES)
+    if not shown:
+        assert done.stderr == "drupe's own sentence\n"
+    kept = log.read_text()
+    assert all(one in kept for one in OF_LIBRARIES)
+
+
+def test_without_a_log_what_libraries_say_is_dropped():
+    command = [sys.executable, "-c", TALKING, "", ""]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert (done.stdout, done.stderr) == ("drupe's own result\n", "drupe's own sentence\n")
+
+
+def test_a_line_of_a_library_names_fruit_and_stage(tmp_path):
+    log = tmp_path / "run.log"
+    console = RunConsole(quiet=True, log=log, now=noon)
+    with BatchProgress(console, total=1, jobs=1) as progress:
+        progress.stage("N01", "mesh: photo 3 of 20")
+        progress.noted("N01", "trimesh: failed to load")
+    assert log.read_text().splitlines()[-1] == "2026-08-14T12:00:00Z N01 (mesh): trimesh: failed to load"

@@ -49,3 +49,32 @@ def test_an_interruption_while_libraries_load_ends_the_process_without_an_except
 @pytest.mark.parametrize(("name", "number"), [("SIGTERM", 15), ("SIGHUP", 1)])
 def test_a_second_signal_ends_the_work_at_once(name, number):
     assert _ended(WORKING.format(name=name)) == (-number, "interrupted True\n", "")
+
+
+WHEN = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["drupe", "new", "nowhere"]
+import pipeline.start
+pipeline.start.main()
+"""
+
+
+@pytest.mark.parametrize("module", ["gc", "pipeline.address_space", "typer", "pipeline.cli", "rich"])
+def test_an_early_ctrl_c_ends_the_command_without_a_traceback(module):
+    assert _ended(WHEN.format(module=module)) == (INTERRUPTED, "", "drupe: interrupted\n")
+
+
+def test_an_ignored_ctrl_c_stays_ignored():
+    script = """
+import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+import pipeline.start
+print(signal.getsignal(signal.SIGINT) == signal.SIG_IGN)
+"""
+    assert _ended(script) == (0, "True\n", "")

@@ -21,7 +21,7 @@ from pipeline.files.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
-from pipeline.run.memory import free_memory_MiB, jobs_that_fit
+from pipeline.run.memory import free_memory_MiB, jobs_that_fit, share_MiB
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,15 @@ def test_a_full_disk_is_the_machines_whichever_library_meets_it():
             2,
             "cannot be written (No space left on device); free",
         ),
-        (MemoryError(), 2, "this machine: Cannot allocate memory; close other programs."),
+        (MemoryError(), 2, "this machine: not enough memory: "),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), 2, "this machine: not enough memory: "),
+        (
+            ImportError("libopenblas.so: failed to map segment from shared object"),
+            2,
+            "MiB of address space, and a fruit up to 1500 MiB of memory; close other programs, or raise",
+        ),
+        (RuntimeError("std::bad_alloc"), 2, "this machine: not enough memory: "),
+        (ImportError("No module named 'x'"), 1, "internal error: ImportError"),
         (
             OSError(errno.EMFILE, "Too many open files", "/batch/x"),
             2,
@@ -269,3 +277,42 @@ def test_a_stop_that_a_library_takes_for_an_error_of_its_own_is_an_interruption(
         signal.signal(number, before)
     assert ended.value.code == 130
     assert capsys.readouterr().err == "drupe: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    ("limit_MiB", "arguments", "need_MiB"),
+    [
+        (40, ["grade", "no-batch"], 2200),
+        (120, ["convert", "none.csv", "x.h5"], 500),
+        (700, ["check", "no-batch"], 2200),
+    ],
+)
+def test_a_limit_of_address_space_is_told_with_what_is_there_and_needed(
+    tmp_path, limit_MiB, arguments, need_MiB
+):
+    limited = (
+        "import resource, runpy, sys\n"
+        f"resource.setrlimit(resource.RLIMIT_AS, ({limit_MiB * 2**20}, {limit_MiB * 2**20}))\n"
+        "sys.argv[0] = 'drupe'\n"
+        "runpy.run_module('pipeline', run_name='__main__')\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", limited, *arguments],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        "drupe: this machine: not enough memory: the limit of address space (ulimit -v) is "
+        f"{limit_MiB} MiB, and about {need_MiB} MiB are needed; raise the limit.\n"
+    )
+
+
+def test_a_fruits_limit_is_its_share_of_free_memory_and_never_below_its_need():
+    assert share_MiB(2, 1000.0, free_MiB=8000.0) == pytest.approx(3600.0)
+    assert share_MiB(1, 1000.0, free_MiB=8000.0) == pytest.approx(7200.0)
+    assert share_MiB(1, 1500.0, free_MiB=800.0) == 1500.0

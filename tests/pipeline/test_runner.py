@@ -1,5 +1,6 @@
 """One fruit per process: a crash, a hang or an exception costs that fruit only."""
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -7,12 +8,15 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import psutil
 import pytest
 
-from pipeline.run.runner import Died, Finished, Progressed, TimedOut, run_fruits
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.run.runner import Died, Finished, LocalPool, Noted, Progressed, TimedOut, run_fruits
+from pipeline.run.scheduling import run_on
 
 
 def work(task, report):
@@ -217,3 +221,66 @@ def test_ctrl_c_is_for_the_run_and_not_for_the_work_on_a_fruit(tmp_path):
         _, said = run.communicate(timeout=60)
     assert said == ""
     assert mark.read_text() == "done"
+
+
+def without_memory(how, report):
+    report("working")
+    if how == "too much":
+        held = bytearray(b"1") * (600 * 2**20)
+        time.sleep(60)
+        return len(held)
+    if how == "C++":
+        os.write(
+            2, b"terminate called after throwing an instance of 'std::bad_alloc'\n  what():  std::bad_alloc\n"
+        )
+        os.abort()
+    if how == "OpenBLAS":
+        os.write(2, b"OpenBLAS error: Memory allocation still failed after 10 retries, giving up.\n")
+        os._exit(1)
+    if how == "loader":
+        raise ImportError("libx.so: failed to map segment from shared object")
+    return "done"
+
+
+def test_a_lack_of_memory_ends_the_fruit_as_that_in_whatever_way_it_shows():
+    pool = LocalPool(jobs=2, time_limit_s=120, most_MiB=300.0)
+    tasks = [(how, how) for how in ("too much", "C++", "OpenBLAS", "loader", "enough")]
+    ended = {e.fruit_id: e.result for e in run_on(pool, without_memory, tasks) if isinstance(e, Finished)}
+    assert ended.pop("enough") == "done"
+    assert {how: ending_of(error)[0] for how, error in ended.items()} == dict.fromkeys(
+        ("too much", "C++", "OpenBLAS", "loader"), Outcome.OUT_OF_MEMORY
+    )
+    assert "more than the 300 MiB that a fruit may have here" in ending_of(ended["too much"])[1]
+    assert "Memory allocation still failed" in ending_of(ended["OpenBLAS"])[1]
+
+
+def talkative(how, report):
+    report("mesh")
+    if how == "logs":
+        try:
+            raise KeyError("texture")
+        except KeyError:
+            logging.getLogger("trimesh").exception("failed to load")
+    if how == "warns":
+        warnings.warn("deprecated", UserWarning, stacklevel=1)
+    if how == "native":
+        os.write(1, b"[Open3D WARNING] no normals\n")
+        os.write(2, b"ERROR: In vtkPolyData.cxx, line 7\n")
+    return "done"
+
+
+def test_what_libraries_log_warn_and_print_is_told_of_their_fruit_and_not_shown(capfd):
+    events = list(
+        run_fruits(talkative, [(how, how) for how in ("logs", "warns", "native")], jobs=3, time_limit_s=60)
+    )
+    assert capfd.readouterr() == ("", "")
+    lines = {
+        how: [e.line for e in events if isinstance(e, Noted) and e.fruit_id == how]
+        for how in ("logs", "warns", "native")
+    }
+    assert lines["logs"][0] == "trimesh: failed to load"
+    assert "Traceback (most recent call last):" in lines["logs"]
+    assert lines["warns"][0].startswith("py.warnings: ")
+    assert "UserWarning: deprecated" in lines["warns"][0]
+    assert lines["native"] == ["[Open3D WARNING] no normals", "ERROR: In vtkPolyData.cxx, line 7"]
+    assert sorted(e.result for e in events if isinstance(e, Finished)) == ["done"] * 3

@@ -155,3 +155,38 @@ def test_a_fruit_that_dies_before_its_first_stage_tells_nothing():
     left = TimeLeft(total=3, jobs=1, clock=Clock())
     left.done("a", whole=False)
     assert left.seconds() is None
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_the_terminal_shows_stages_and_the_time_left_as_the_log_does(width):
+    now_s, shown = 0.0, io.StringIO()
+    console = Console(file=shown, force_terminal=True, width=width, color_system=None)
+    progress = BatchProgress(console, total=4, jobs=2, clock=lambda: now_s)
+
+    def drawn():
+        shown.seek(0)
+        shown.truncate()
+        progress._bar.refresh()
+        return shown.getvalue()
+
+    with progress:
+        progress.stage("N01", "photos")
+        progress.stage("N02", "contact: grasp-1, frame 20 of 80")
+        first = drawn()
+        assert "N01: photos" in first
+        assert "N02: contact: grasp-1, frame 20 of 80" in first
+        assert "0/4 00:00, time left not known yet" in first
+        now_s = 60.0
+        progress.stage("N01", "modulus")
+        now_s = 70.0
+        progress.done("N01", "E = 0.5 MPa", whole=True)
+        progress.stage("N03", "photos")
+        assert "1/4 01:10, about 02:20 left" in drawn()
+        now_s = 100.0
+        assert "1/4 01:40, about 01:50 left" in drawn()
+        for number in range(4, 23):
+            progress.stage(f"N{number:02d}", "photos")
+        many = drawn()
+        assert "N09: photos" in many
+        assert "N10: photos" not in many
+        assert "and 13 more fruit" in many

@@ -1,15 +1,22 @@
 """The page of `drupe watch` is for this machine, by its token, read only."""
 
 import http.client
+import socket
+import subprocess
+import sys
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
+from functools import partial
 from urllib.parse import urlsplit
 
 import pytest
+import uvicorn
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.problem import BatchRefused
-from pipeline.watch.page_server import PageServer
+from pipeline.watch import page_server
+from pipeline.watch.connections import limited_http
+from pipeline.watch.page_server import LOOPBACK, PageServer
 
 
 def ask(server, path, *, host=None, method="GET"):
@@ -95,3 +102,107 @@ def test_a_server_that_does_not_start_is_said(tmp_path, monkeypatch):
     with pytest.raises(BatchRefused, match="the page of drupe watch: did not start"):
         server.__enter__()
     assert server._socket.fileno() == -1
+
+
+UNDER_ATTACK = """
+import resource, sys
+from pathlib import Path
+from pipeline.batch.layout import Results
+from pipeline.watch import page_server
+from pipeline.watch.connections import limited_http
+from pipeline.watch.page_server import LOOPBACK, PageServer
+resource.setrlimit(resource.RLIMIT_NOFILE, (224, 224))
+results = Results(Path(sys.argv[1]))
+results.claim()
+with PageServer(results) as server:
+    server.show("<p>page</p>")
+    print(server.address, flush=True)
+    for _ in sys.stdin:
+        opened = [open("/dev/null") for _ in range(100)]
+        for one in opened:
+            one.close()
+        print(len(opened), flush=True)
+"""
+
+
+HALF_OPEN = (b"", b"GET / HT", b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
+
+
+def test_half_open_requests_leave_files_to_grading_and_the_page_to_its_browser(tmp_path):
+    command = [sys.executable, "-c", UNDER_ATTACK, str(tmp_path / "results")]
+    with (
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as serving,
+        ExitStack() as held,
+    ):
+        address = urlsplit(serving.stdout.readline().strip())
+        for first_bytes in 70 * HALF_OPEN:
+            idle = held.enter_context(closing(socket.create_connection((LOOPBACK, address.port), timeout=20)))
+            idle.sendall(first_bytes)
+        serving.stdin.write("open\n")
+        serving.stdin.flush()
+        assert serving.stdout.readline() == "100\n"
+        connection = held.enter_context(
+            closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=20))
+        )
+        connection.request("GET", address.path)
+        assert connection.getresponse().read() == b"<p>page</p>"
+        serving.stdin.close()
+        assert serving.wait(30) == 0
+
+
+def test_a_request_whose_bytes_come_one_by_one_is_ended_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(page_server, "limited_http", partial(limited_http, request_s=0.3))
+    with (
+        PageServer(Results(tmp_path / "results")) as server,
+        closing(socket.create_connection((LOOPBACK, urlsplit(server.address).port), timeout=10)) as slow,
+    ):
+        slow.settimeout(0.05)
+        ended = None
+        for _ in range(100):
+            try:
+                slow.sendall(b"G")
+                ended = slow.recv(1)
+                break
+            except TimeoutError:
+                continue
+            except ConnectionError as error:
+                ended = error
+                break
+        assert ended == b"" or isinstance(ended, ConnectionError)
+
+
+def test_open_pages_keep_their_place_and_one_more_connection_is_closed(tmp_path, monkeypatch):
+    monkeypatch.setattr(page_server, "connections_at_once", lambda: 2)
+    with PageServer(Results(tmp_path / "results")) as server, ExitStack() as held:
+        server.show("<p>page</p>")
+        address = urlsplit(server.address)
+        open_pages = []
+        for _ in range(2):
+            one = held.enter_context(closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10)))
+            one.request("GET", address.path + "events")
+            open_pages.append(one.getresponse())
+        with pytest.raises(OSError, match=r"reset|closed|Broken pipe"):
+            ask(server, address.path)
+        assert all(answer.readline() == b"event: changed\n" for answer in open_pages)
+
+
+@pytest.mark.parametrize("fault", [OSError(24, "Too many open files"), RuntimeError("broken"), SystemExit(1)])
+def test_a_page_that_stops_is_told_once_and_started_again_at_its_address(tmp_path, monkeypatch, fault):
+    messages = []
+    real_run, runs = uvicorn.Server.run, []
+
+    def run(self, sockets):
+        runs.append(self)
+        if len(runs) in (1, 2):
+            self.started = True
+            raise fault
+        real_run(self, sockets=sockets)
+
+    monkeypatch.setattr(page_server, "AGAIN_S", 0.05)
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    with PageServer(Results(tmp_path / "results"), tell=messages.append) as server:
+        server.show("<p>page</p>")
+        assert ask(server, urlsplit(server.address).path)[2] == b"<p>page</p>"
+    (sentence,) = messages
+    assert sentence.startswith("the page stopped (")
+    assert "grading goes on" in sentence

@@ -1,5 +1,7 @@
 """What `drupe watch` says on the terminal."""
 
+import os
+
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put
 
@@ -78,6 +80,27 @@ def test_no_address_is_given_where_watching_cannot_begin(batch, drupe, monkeypat
     assert ran.status == 2
     assert ran.out == ""
     assert said in ran.one_line()
+
+
+def nothing(_path):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("put", "said"),
+    [
+        (nothing, "there is no batch.toml in this folder; write one"),
+        (lambda path: path.mkdir(), "is a folder, not a file; put the batch's settings there."),
+        (lambda path: path.symlink_to("nowhere"), "is a link to nothing (nowhere)"),
+        (os.mkfifo, "is a named pipe, not a file; put the batch's settings there."),
+        (lambda path: path.write_bytes(b"\xff\xfe"), "is not UTF-8 text (byte 0xff in line 1)"),
+    ],
+)
+def test_watching_ends_where_there_are_no_settings_to_read(tmp_path, drupe, put, said):
+    put(tmp_path / "batch.toml")
+    ran = drupe("watch", str(tmp_path))
+    assert (ran.status, ran.out) == (2, "")
+    assert f"{tmp_path / 'batch.toml'}: {said}" in ran.one_line()
 
 
 def test_progress_counts_the_fruit_that_have_come(batch, watched, monkeypatch):

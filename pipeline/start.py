@@ -1,0 +1,27 @@
+"""Where the command `drupe` begins: an early Ctrl-C and too little memory to load it are one line each."""
+
+import pipeline.early_end
+
+pipeline.early_end.begin()
+
+import pipeline.safe_start  # noqa: E402 - before all others: the current folder may be a stranger's
+
+# isort: split
+import sys  # noqa: E402
+
+from pipeline.address_space import is_lack_of_memory, too_little_memory  # noqa: E402
+from pipeline.exit_status import USAGE  # noqa: E402
+from pipeline.library_output import native_apart  # noqa: E402
+
+
+def main() -> None:
+    """Runs the command, whose terminal is its own: libraries write to its log."""
+    try:
+        from pipeline.cli import main as run
+    except Exception as error:
+        if not is_lack_of_memory(error):
+            raise
+        sys.stderr.write(f"drupe: this machine: {too_little_memory()}\n")
+        sys.exit(USAGE)
+    native_apart()
+    run()

@@ -1,0 +1,85 @@
+"""How many connections the page of `drupe watch` accepts, and how long each may wait with its request.
+
+uvicorn's `limit_concurrency` counts parsed requests only. A connection that never sends a whole request costs
+a file descriptor all the same, and grading needs those.
+"""
+
+import asyncio
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+MOST_CONNECTIONS = 64
+"""Connections at once. A browser opens at most six for one page."""
+BACKLOG = 16
+"""Connections that are accepted in one turn of the event loop, before the limit acts."""
+QUEUE = 256
+"""Connections that wait in the system for their turn: they cost this process no file descriptor."""
+TURNS = 4
+"""Turns until one beyond the limit is closed."""
+RESERVED_FILES = 128
+"""File descriptors that are left to grading. A fruit needs some ten; reports and records a few at a time."""
+FEWEST_CONNECTIONS = 8
+"""Connections at once where few file descriptors are free."""
+REQUEST_S = 10.0
+"""Seconds within which a connection must send the whole head of its next request."""
+
+
+def connections_at_once() -> int:
+    """Connections that leave RESERVED_FILES file descriptors to grading."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if limit == resource.RLIM_INFINITY:
+        return MOST_CONNECTIONS
+    try:
+        open_now = len(list(Path("/proc/self/fd").iterdir()))
+    except OSError:
+        open_now = 0
+    free = limit - open_now - RESERVED_FILES - TURNS * BACKLOG
+    return max(FEWEST_CONNECTIONS, min(MOST_CONNECTIONS, free))
+
+
+def limited_http(most: int, *, request_s: float = REQUEST_S) -> Callable[..., asyncio.Protocol]:
+    """A protocol for uvicorn that holds `most` connections at once.
+
+    One more takes the place of the oldest that has no request at work; where all are at work it is closed.
+    A connection without a whole request within `request_s` is closed, also while single bytes arrive.
+    """
+
+    held: dict[Any, None] = {}  # in the order in which they came
+
+    class LimitedHTTP(H11Protocol):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            held[self] = None
+            self._deadline = self.loop.call_later(request_s, self._end_if_waiting)
+            if len(held) > most:
+                next((one for one in held if not one.at_work), self).end()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            held.pop(self, None)
+            self._deadline.cancel()
+            super().connection_lost(exc)
+
+        def on_response_complete(self) -> None:
+            self._deadline.cancel()
+            self._deadline = self.loop.call_later(request_s, self._end_if_waiting)
+            super().on_response_complete()
+
+        @property
+        def at_work(self) -> bool:
+            """Whether a request is being answered."""
+            return self.cycle is not None and not self.cycle.response_complete
+
+        def end(self) -> None:
+            """Closes the connection at once."""
+            held.pop(self, None)
+            self.transport.abort()
+
+        def _end_if_waiting(self) -> None:
+            if not self.at_work:
+                self.end()
+
+    return LimitedHTTP
