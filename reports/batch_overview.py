@@ -1,4 +1,4 @@
-"""The first screen of a report: how many fruit of each class, what to ship, hold and look at, and why."""
+"""The first screen of a report: how many fruit of each class, what to ship, hold and inspect, and why."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ranked
+from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ranked
 from reports.language import say
 from reports.words import advice, percent
 
@@ -45,8 +45,8 @@ class Failures(NamedTuple):
 
 
 def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionList, ...]:
-    """Ship, hold, look; the first two only where classes say what is shipped."""
-    by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], LOOK: []}
+    """Ship, hold, inspect; the first two only where classes say what is shipped."""
+    by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], INSPECT: []}
     for one in fruits:
         if one[1].decision:
             by_list[one[1].decision].append(one)
@@ -55,12 +55,12 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
     titles = (
         (SHIP, say("Ship"), say("certain (90 % or more) to be {classes}", classes=shown)),
         (HOLD, say("Hold"), say("certain (90 % or more) not to be {classes}", classes=shown)),
-        (LOOK, say("Grasp again or look at"), say("not graded, in doubt, or not certain either way")),
+        (INSPECT, say("Inspect"), say("not graded, in doubt, or not certain either way")),
     )
     return tuple(
         DecisionList(key, title, words, _by_reason(by_list[key]))
         for key, title, words in titles
-        if parted or (key == LOOK and by_list[key])
+        if parted or (key == INSPECT and by_list[key])
     )
 
 
@@ -105,7 +105,7 @@ def class_words(fruit: FruitEntry) -> str:
 
 
 def reason_words(reason: str) -> str:
-    """Why a fruit is to be looked at (pipeline.ranking.decisions), in the page's language."""
+    """Why a fruit is to be inspected (pipeline.ranking.decisions), in the page's language."""
     head, colon, rest = reason.partition(": ")
     chance = rest.removeprefix(SHIPPED_WITH)
     if colon and chance != rest:

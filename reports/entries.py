@@ -77,8 +77,8 @@ class ShoreCorrelation:
     p: float | None = None
 
 
-SHIP, HOLD, LOOK = "ship", "hold", "look"
-"""Lists that a fruit may be on: to be shipped, to be held back, to be grasped again or looked at."""
+SHIP, HOLD, INSPECT = "ship", "hold", "inspect"
+"""Lists that a fruit may be on: to be shipped, to be held back, to be inspected (or grasped again)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,9 +163,9 @@ class FruitEntry:
     other_class_probability: float | None = None
     """The class that it may have as well, where its own is less than 90 % certain."""
     decision: str = ""
-    """SHIP, HOLD or LOOK; empty where nothing parts the fruit."""
+    """SHIP, HOLD or INSPECT; empty where nothing parts the fruit."""
     decision_reason: str = ""
-    """Why it is to be looked at, to complete a sentence."""
+    """Why it is to be inspected, to complete a sentence."""
     p_softer_than_next: float | None = None
     height_mm: float | None = None
     volume_mm3: float | None = None

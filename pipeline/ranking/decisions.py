@@ -1,4 +1,4 @@
-"""What becomes of each fruit: ship it, hold it, or grasp it again or look at it.
+"""What becomes of each fruit: ship it, hold it, or inspect it.
 
 E's error is taken as lognormal, as for the classes (pipeline.ranking.maturity): with the class limits b_k,
 class k has the probability
@@ -15,7 +15,7 @@ from fem.mismatch.screen import UNKNOWN
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.settings import Grading
 from pipeline.ranking.maturity import Rank
-from reports.entries import HOLD, LOOK, SHIP
+from reports.entries import HOLD, INSPECT, SHIP
 from reports.words import percent
 
 CERTAIN = 0.9
@@ -25,8 +25,8 @@ reach it one in ten is of another class."""
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """The list a fruit is on (SHIP, HOLD, LOOK; empty: on none), why where it is LOOK, and the class that it
-    may have as well, with its probability, where its own is not certain.
+    """The list a fruit is on (SHIP, HOLD, INSPECT; empty: on none), why where it is INSPECT, and the class that
+    it may have as well, with its probability, where its own is not certain.
     """
 
     list_name: str = ""
@@ -43,12 +43,12 @@ def decide(record: FruitRecord, place: Rank | None, grading: Grading, *, mismatc
     if record.given.reference:
         return Decision()
     if not record.graded or place is None:
-        return Decision(list_name=LOOK, why="not graded")
+        return Decision(list_name=INSPECT, why="not graded")
     if record.doubts:
-        return Decision(list_name=LOOK, why="E is in doubt")
+        return Decision(list_name=INSPECT, why="E is in doubt")
     suspected = () if record.screen is None else record.screen.names
     if UNKNOWN in (mismatch, *suspected[:1]):
-        return Decision(list_name=LOOK, why="nothing known explains its recordings")
+        return Decision(list_name=INSPECT, why="nothing known explains its recordings")
     shipped = grading.shipped
     if shipped is None:
         return Decision()
@@ -56,7 +56,7 @@ def decide(record: FruitRecord, place: Rank | None, grading: Grading, *, mismatc
     chance = ship_probability(place.class_probabilities, shipped)
     if 1 - CERTAIN < chance < CERTAIN:
         why = f"borderline: to be shipped with {percent(chance)}"
-        return Decision(list_name=LOOK, why=why, other_class=other, other_probability=probability)
+        return Decision(list_name=INSPECT, why=why, other_class=other, other_probability=probability)
     return Decision(
         list_name=SHIP if chance >= CERTAIN else HOLD, other_class=other, other_probability=probability
     )

@@ -1,4 +1,4 @@
-"""What is shipped, held and looked at: probabilities against direct draws, and the reasons."""
+"""What is shipped, held and inspected: probabilities against direct draws, and the reasons."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_what_classes_say_is_done():
 
 def test_a_fruit_at_the_limit_is_borderline_and_its_other_class_is_named():
     found = decided(0.69, 0.05)
-    assert found.list_name == "look"
+    assert found.list_name == "inspect"
     assert found.why.startswith("borderline: to be shipped with")
     assert found.other_class == "firm"
     firm = class_probabilities(np.log(0.69), 0.05 / 0.69, CLASSES)[2]
@@ -75,13 +75,13 @@ def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back(
         ({"screen": ScreenRecord(p_value=1e-4, names=("unknown",))}, "nothing known explains its recordings"),
     ],
 )
-def test_what_is_looked_at_whatever_its_modulus(changes, why):
+def test_what_is_inspected_whatever_its_modulus(changes, why):
     assert decided(0.4, 0.001, **changes).why == why
-    assert decided(0.4, 0.001, **changes).list_name == "look"
+    assert decided(0.4, 0.001, **changes).list_name == "inspect"
 
 
-def test_explained_by_nothing_is_looked_at():
-    assert decided(0.4, 0.001, mismatch="unknown").list_name == "look"
+def test_explained_by_nothing_is_inspected():
+    assert decided(0.4, 0.001, mismatch="unknown").list_name == "inspect"
 
 
 def test_without_classes_and_for_a_reference_body_there_is_no_list():
