@@ -99,16 +99,22 @@ def next_action(fruit: FruitEntry) -> str:
     if fruit.doubts:
         return f"{say('E is in doubt')}: {fruit.doubts[0]}"
     if fruit.decision == INSPECT and fruit.decision_reason:
-        why = reason_words(fruit.decision_reason)
+        why = reason_words(fruit.decision_reason, fruit.suspicion)
         return f"{why[0].upper()}{why[1:]}."
     return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
 
 
 def left_out(fruit: FruitEntry) -> str:
     """What the model leaves out of a fruit's E, as the screen or `drupe explain` say, as a sentence; empty
-    where nothing is known to be left out. Of what nobody can name `next_action` says enough.
+    where nothing is known to be left out. Of what nobody can name, and of what changes what to do,
+    `next_action` says enough.
     """
-    if not fruit.ok or fruit.reference or fruit.mismatch in (NOTHING, UNEXPLAINED):
+    if (
+        not fruit.ok
+        or fruit.reference
+        or fruit.suspicion is not None
+        or fruit.mismatch in (NOTHING, UNEXPLAINED)
+    ):
         return ""
     suspects = () if fruit.screen is None else fruit.screen.suspects
     if fruit.mismatch and not fruit.mismatch_taken:
