@@ -80,8 +80,8 @@ class Grading(Strict):
     certainty: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.9
     """Set by hand: of fruit that just reach it one in ten is of another class. Below a half, a fruit could be
     certain of two lists."""
-    inspect_below_p: Annotated[float, Field(ge=0, le=0.05)] = 0.001
-    """Set by hand: one in a thousand sound fruit. The screen names no effect above 0.05."""
+    inspect_below_p: Annotated[float, Field(ge=0, le=1)] = 0.001
+    """Set by hand: one in a thousand sound fruit. The screen names effects below 0.05."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -399,7 +399,7 @@ def _likely_slip(key: str, value: Any) -> str:
             return f": is it in kelvin ({value - 273.15:.1f} C)?"
         return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
     if key in {"certainty", "inspect_below_p"}:
-        return f": is it in per cent ({value / 100:g})?" if 0.05 < value <= 100 else ""
+        return f": is it in per cent ({value / 100:g})?" if 1 < value <= 100 else ""
     if key in {"size_sd", "gel_scale_sd", "force_scale_sd", "poisson_ratio_sd", "poisson_ratio"}:
         return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
     return ""

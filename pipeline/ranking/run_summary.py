@@ -125,7 +125,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
         console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
     if batch.ships == ():
-        said = "warning: no class is shipped: all have ship = false in [[grading.classes]]"
+        said = "warning: no class is shipped: all fruit are held; see ship in [[grading.classes]]"
         console.print(said, highlight=False, markup=False, soft_wrap=True)
     for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
