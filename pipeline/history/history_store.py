@@ -83,11 +83,10 @@ class HistoryStore:
         """All, by scale, cultivar and version."""
         return tuple(ScaleConversion(**content) for _, content in sorted(self.rows.conversions.items()))
 
-    def forget(self, named: str, *, dry_run: bool = False) -> list[Forgotten]:
+    def forget(self, named: str) -> list[Forgotten]:
         """Removes all revisions of batches, or of one fruit of them, from the store alone. `named`: a batch's
         name in the store, its folder (or the last part of it) or its lot; with "/" and a fruit's id after it,
-        that fruit alone. What was (`dry_run`: would be) forgotten. Raises BatchRefused where nothing is named
-        so.
+        that fruit alone. What was forgotten. Raises BatchRefused where nothing is named so.
         """
         keys, fruit_id = self._keys(named), ""
         if not keys and "/" in named:
@@ -97,7 +96,7 @@ class HistoryStore:
             known = "; ".join(self.words(key) for key in [*self._all()][:SHOWN]) or "it is empty"
             sentence = f'knows no batch, lot or fruit "{named}" (of --forget); it holds: {known}.'
             raise BatchRefused([Problem(str(self.path or "store"), sentence)])
-        return [self._forget(key, fruit_id, dry_run=dry_run) for key in keys]
+        return [self._forget(key, fruit_id) for key in keys]
 
     def words(self, key: str) -> str:
         """A batch's name in the store with what people know it by."""
@@ -107,19 +106,17 @@ class HistoryStore:
         lot = f", lot {batch.lot}" if batch.lot else ""
         return f"batch {key}{lot}, measured {batch.measured}, {batch.folder}"
 
-    def _forget(self, key: str, fruit_id: str, *, dry_run: bool) -> Forgotten:
+    def _forget(self, key: str, fruit_id: str) -> Forgotten:
         words, known = self.words(key), sorted(self._fruit(key))
         gone = [fruit_id] if fruit_id else known
         whole = gone == known
-        if not dry_run:
-            kept = self.rows.batches.get(key)
-            left = [] if whole or kept is None else [r for r in kept.rows if r.fruit_id not in gone]
-            self.rows.batches.pop(key, None)
-            if kept is not None and left:
-                self.rows.batches[key] = KeptBatch(key=key, rows=tuple(left))
-            self.rows.damaged = [
-                one for one in self.rows.damaged if one.batch != key or not (whole or one.fruit_id in gone)
-            ]
+        kept = self.rows.batches.pop(key, None)
+        if kept is not None and not whole:
+            left = tuple(row for row in kept.rows if row.fruit_id not in gone)
+            self.rows.batches[key] = KeptBatch(key=key, rows=left)
+        self.rows.damaged = [
+            one for one in self.rows.damaged if one.batch != key or not (whole or one.fruit_id in gone)
+        ]
         return Forgotten(batch=words, fruit=tuple(gone), whole=whole)
 
     def _all(self) -> list[str]:
@@ -144,12 +141,14 @@ class HistoryStore:
 
 
 @contextmanager
-def history_store(path: Path | None, *, damaged_too: bool = False) -> Iterator[HistoryStore]:
+def history_store(
+    path: Path | None, *, damaged_too: bool = False, read_only: bool = False
+) -> Iterator[HistoryStore]:
     """The store at `path`, made where there is none; one in memory where `path` is None.
 
     What is added in the block is kept when it ends, and nothing of it where it raises. Raises BatchRefused
     where a file stands there that is no store of drupe's, and with every row that is damaged, unless
-    `damaged_too`: then sound rows are there, and damaged ones can be forgotten.
+    `damaged_too`: then sound rows are there, and damaged ones can be forgotten. `read_only`: nothing is kept.
     """
 
     def refused(sentence: str) -> BatchRefused:
@@ -191,6 +190,8 @@ def history_store(path: Path | None, *, damaged_too: bool = False) -> Iterator[H
                 raise BatchRefused(_damaged(store, path))
         before = store.rows.digest() if version == VERSION else ""
         yield store
+        if read_only:
+            return
         if store.rows.damaged:
             raise BatchRefused(_damaged(store, path))
         if store.rows.digest() != before:
