@@ -188,7 +188,7 @@ def history_store(
             store.rows = read_rows(database)
             if store.rows.damaged and not damaged_too:
                 raise BatchRefused(_damaged(store, path))
-        before = store.rows.digest() if version == VERSION else ""
+        before = store.rows.digest() if version == VERSION and not store.rows.damaged else ""
         yield store
         if read_only:
             return

@@ -518,3 +518,12 @@ def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):
     other.close()
     with pytest.raises(BatchRefused, match="lacks rows that were written"), history_store(tmp_path / "s"):
         pass
+
+
+@pytest.mark.parametrize("lot", ["=1+1", "7;=cmd|' /C calc'!A0", "@a"])
+def test_no_cell_of_the_table_starts_a_formula(drupe, tmp_path, lot):
+    table = tmp_path / "h.csv"
+    drupe("history", day_of(tmp_path / "b" / "results", DAY, lot=lot), "--csv", table)
+    for separator in (",", ";"):
+        for line in csv.reader(table.read_text().splitlines(), delimiter=separator):
+            assert not any(cell.startswith(("=", "+", "-", "@")) for cell in line)
