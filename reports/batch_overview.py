@@ -1,4 +1,4 @@
-"""The first screen of a report: how many fruit of each class, what to ship, hold and look at, and why."""
+"""The first screen of a report: how many fruit of each class, what to ship, hold and inspect, and why."""
 
 from __future__ import annotations
 
@@ -6,15 +6,22 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ranked
-from reports.language import say
-from reports.words import advice, percent
+from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, Suspicion, ranked
+from reports.language import decimals, say
+from reports.words import NO_BREAK, advice, percent, suspicion_words
 
 Indexed = tuple[int, FruitEntry]
 """A fruit with its number on the page."""
 SHIPPED_WITH = "to be shipped with "
 """Before the probability in the reason of a borderline fruit."""
-REASONS = ("not graded", "E is in doubt", "nothing known explains its recordings", "borderline")
+REASONS = (
+    "not graded",
+    "E is in doubt",
+    "nothing known explains its recordings",
+    "missing physics suspected",
+    "the suspected effect changes its class",
+    "borderline",
+)
 """What such reasons begin with; each is in the words files."""
 MOST_LISTED = 120
 """Fruit of one list that are named on a printed certificate: more do not fit on its page."""
@@ -45,22 +52,27 @@ class Failures(NamedTuple):
 
 
 def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionList, ...]:
-    """Ship, hold, look; the first two only where classes say what is shipped."""
-    by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], LOOK: []}
+    """Ship, hold, inspect; the first two only where classes say what is shipped."""
+    by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], INSPECT: []}
     for one in fruits:
         if one[1].decision:
             by_list[one[1].decision].append(one)
-    shown = say(" or ").join(batch.ships)
-    parted = bool(batch.ships)
+    shown = say(" or ").join(batch.ships or ()) or say("of a class that is shipped")
+    share = share_words(batch.certainty)
+    parted = batch.ships is not None
     titles = (
-        (SHIP, say("Ship"), say("certain (90 % or more) to be {classes}", classes=shown)),
-        (HOLD, say("Hold"), say("certain (90 % or more) not to be {classes}", classes=shown)),
-        (LOOK, say("Grasp again or look at"), say("not graded, in doubt, or not certain either way")),
+        (SHIP, say("Ship"), say("certain ({share} or more) to be {classes}", share=share, classes=shown)),
+        (HOLD, say("Hold"), say("certain ({share} or more) not to be {classes}", share=share, classes=shown)),
+        (
+            INSPECT,
+            say("Inspect"),
+            say("not graded, in doubt, missing physics suspected, or not certain either way"),
+        ),
     )
     return tuple(
         DecisionList(key, title, words, _by_reason(by_list[key]))
         for key, title, words in titles
-        if parted or (key == LOOK and by_list[key])
+        if parted or (key == INSPECT and by_list[key])
     )
 
 
@@ -88,8 +100,17 @@ def failures(fruits: list[Indexed]) -> tuple[Failures, ...]:
     return tuple(sorted(found, key=lambda one: -len(one.fruits)))
 
 
+def share_words(share: float) -> str:
+    """A setting in percent, to as many digits as it has.
+
+    >>> share_words(0.9).replace(NO_BREAK, " "), share_words(0.995).replace(NO_BREAK, " ")
+    ('90 %', '99.5 %')
+    """
+    return f"{decimals(f'{100 * share:.4g}')}{NO_BREAK}%"
+
+
 def class_counts(batch: BatchEntry, fruits: list[Indexed]) -> tuple[tuple[str, int, int], ...]:
-    """(class, its fruit, those of them less than 90 % certain) of every class, softest first."""
+    """(class, its fruit, those of them that are not certain) of every class, softest first."""
     alone = [fruit for _, fruit in fruits if fruit.maturity]
     counts = Counter(fruit.maturity for fruit in alone)
     unsure = Counter(fruit.maturity for fruit in alone if fruit.other_class)
@@ -104,9 +125,11 @@ def class_words(fruit: FruitEntry) -> str:
     return say("or {name} ({chance})", name=fruit.other_class, chance=chance)
 
 
-def reason_words(reason: str) -> str:
-    """Why a fruit is to be looked at (pipeline.ranking.decisions), in the page's language."""
+def reason_words(reason: str, suspicion: Suspicion | None = None) -> str:
+    """Why a fruit is to be inspected (pipeline.ranking.decisions), in the page's language."""
     head, colon, rest = reason.partition(": ")
+    if suspicion is not None:
+        return f"{say(head)}: {suspicion_words(suspicion)}"
     chance = rest.removeprefix(SHIPPED_WITH)
     if colon and chance != rest:
         return f"{say(head)}: {say('to be shipped with {chance}', chance=chance)}"

@@ -77,8 +77,8 @@ class ShoreCorrelation:
     p: float | None = None
 
 
-SHIP, HOLD, LOOK = "ship", "hold", "look"
-"""Lists that a fruit may be on: to be shipped, to be held back, to be grasped again or looked at."""
+SHIP, HOLD, INSPECT = "ship", "hold", "inspect"
+"""Lists that a fruit may be on: to be shipped, to be held back, to be inspected (or grasped again)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +102,22 @@ class Suspect:
     name: str
     short: str
     advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspicion:
+    """Why a fruit is to be inspected although its E is not in doubt: the suspected effect (empty: none is
+    named), the screen's p, and E and class without and with the effect (None, empty: not known).
+    """
+
+    effect: str
+    p_value: float | None
+    E_MPa: float
+    E_sd_MPa: float
+    maturity: str = ""
+    E_with_MPa: float | None = None
+    E_with_sd_MPa: float | None = None
+    maturity_with: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,11 +177,13 @@ class FruitEntry:
     """Whether it has no class because its E is in doubt."""
     other_class: str | None = None
     other_class_probability: float | None = None
-    """The class that it may have as well, where its own is less than 90 % certain."""
+    """The class that it may have as well, where its own is less certain than the batch's `certainty`."""
     decision: str = ""
-    """SHIP, HOLD or LOOK; empty where nothing parts the fruit."""
+    """SHIP, HOLD or INSPECT; empty where nothing parts the fruit."""
     decision_reason: str = ""
-    """Why it is to be looked at, to complete a sentence."""
+    """Why it is to be inspected, to complete a sentence."""
+    suspicion: Suspicion | None = None
+    """What `decision_reason` says of a suspected effect, in numbers."""
     p_softer_than_next: float | None = None
     height_mm: float | None = None
     volume_mm3: float | None = None
@@ -280,10 +298,12 @@ class BatchEntry:
     pulp_temperature_C: float | None = None
     classes: tuple[tuple[str, float | None], ...] = ()
     """(name, highest modulus of the class in MPa), softest first; the last has no limit."""
-    ships: tuple[str, ...] = ()
-    """The classes whose fruit are shipped; empty where nothing parts the fruit."""
-    ships_by_default: bool = False
-    """Whether no class of the settings says whether it is shipped."""
+    ships: tuple[str, ...] | None = None
+    """The classes whose fruit are shipped; None where nothing parts the fruit."""
+    ships_by_default: tuple[str, ...] = ()
+    """Those of them of which the settings do not say whether they are shipped."""
+    certainty: float = 0.9
+    """The probability from which a class and a decision count as certain."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from reports.batch_overview import class_words, reason_words
-from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry
+from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
@@ -22,9 +22,9 @@ MOST_AT_WORK = 4
 """Fruit at work that are named; more are counted."""
 MOST_WAITING = 6
 """Fruit still lacking files that are named; others are counted."""
-WORDS = {SHIP: "Ship", HOLD: "Hold back", LOOK: "Look at it"}
+WORDS = {SHIP: "Ship", HOLD: "Hold back", INSPECT: "Inspect"}
 """What to do with a fruit, by the list that it is on; each is in the words files."""
-COUNTED = {SHIP: "to ship", HOLD: "to hold back", LOOK: "to look at"}
+COUNTED = {SHIP: "to ship", HOLD: "to hold back", INSPECT: "to inspect"}
 """The lists beside the number of their fruit."""
 MISSING = ("photos or fruit.ply", "a recording in grasps/")
 """What a fruit may lack (pipeline.watch.arrivals), with "and" between both."""
@@ -98,17 +98,23 @@ def next_action(fruit: FruitEntry) -> str:
         return say("Reference body: go on with the fruit.")
     if fruit.doubts:
         return f"{say('E is in doubt')}: {fruit.doubts[0]}"
-    if fruit.decision == LOOK and fruit.decision_reason:
-        why = reason_words(fruit.decision_reason)
+    if fruit.decision == INSPECT and fruit.decision_reason:
+        why = reason_words(fruit.decision_reason, fruit.suspicion)
         return f"{why[0].upper()}{why[1:]}."
     return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
 
 
 def left_out(fruit: FruitEntry) -> str:
     """What the model leaves out of a fruit's E, as the screen or `drupe explain` say, as a sentence; empty
-    where nothing is known to be left out. Of what nobody can name `next_action` says enough.
+    where nothing is known to be left out. Of what nobody can name, and of what changes what to do,
+    `next_action` says enough.
     """
-    if not fruit.ok or fruit.reference or fruit.mismatch in (NOTHING, UNEXPLAINED):
+    if (
+        not fruit.ok
+        or fruit.reference
+        or fruit.suspicion is not None
+        or fruit.mismatch in (NOTHING, UNEXPLAINED)
+    ):
         return ""
     suspects = () if fruit.screen is None else fruit.screen.suspects
     if fruit.mismatch and not fruit.mismatch_taken:

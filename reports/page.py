@@ -22,6 +22,7 @@ from reports.batch_overview import (
     failures,
     numbered,
     reason_words,
+    share_words,
 )
 from reports.charts_batch import (
     control_chart,
@@ -102,7 +103,9 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "p_words": p_words,
         "percent": percent,
         "first_large": lambda text: text[:1].upper() + text[1:],
+        "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "reason_words": reason_words,
+        "share_words": share_words,
         "remarks": remarks,
         "screened": _screened,
         "utc": _utc,

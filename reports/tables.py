@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -52,7 +53,8 @@ EXCEL_DIALECTS = {
 """What is between cells, and before decimals, where Excel of a country opens a table by a double click."""
 BYTE_ORDER_MARK = "\ufeff"
 """By which Excel knows UTF-8."""
-_STARTS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA = re.compile(r"(^|[;,\t])(?=\t|[\s\"]*[=+\-@＝＋－＠])")
+"""Where a cell would begin that a spreadsheet takes for a formula."""
 
 
 def ranking_json(batch: BatchEntry) -> str:
@@ -114,14 +116,16 @@ def _said_by(fruit: FruitEntry) -> str | None:
 def safe_cell(text: str | None) -> str | None:
     """Text that no spreadsheet runs, on one line; None where there is none.
 
-    >>> safe_cell('=HYPERLINK("x")')
-    '\\'=HYPERLINK("x")'
+    An apostrophe goes before what would be a formula at the start of the text, or behind a separator in it:
+    a spreadsheet of another country takes `;`, a comma or a tab for the end of the cell, quoted or not. The
+    same text comes back for text that is safe.
+
+    >>> safe_cell("=1+1"), safe_cell("lot 7;=cmd"), safe_cell("a - b, c")
+    ("'=1+1", "lot 7;'=cmd", 'a - b, c')
     """
     if not text:
         return None
-    line = " ".join(text.replace("\x00", "").splitlines())
-    runs = text.startswith(_STARTS_A_FORMULA) or line.lstrip().startswith(_STARTS_A_FORMULA)
-    return f"'{line}" if runs else line
+    return _FORMULA.sub(r"\1'", " ".join(text.replace("\x00", "").splitlines()))
 
 
 def _plain(text: str | None) -> str | None:

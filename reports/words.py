@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, ranked
+from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, Suspicion, ranked
 from reports.language import decimals as with_comma
 from reports.language import say
 
@@ -95,6 +95,38 @@ def suspect_words(suspects: Sequence[Suspect]) -> str:
     first, *others = suspects
     like = f", or {' or '.join(effect_name(one.name) for one in others)}" if others else ""
     return f"{first.short}{like}"
+
+
+def suspicion_words(found: Suspicion) -> str:
+    """The suspected effect, p, and E without and with it.
+
+    >>> doubt = Suspicion(effect="plastic_set", p_value=6e-41, E_MPa=0.416, E_sd_MPa=0.04, maturity="ripe",
+    ...                   E_with_MPa=0.513, E_with_sd_MPa=0.05, maturity_with="firm")
+    >>> suspicion_words(doubt).replace(NO_BREAK, " ")
+    'plastic set (p = 6.0e-41), E is 0.416 ± 0.040 MPa (ripe) without it and 0.513 ± 0.050 MPa (firm) with it'
+    """
+    effect = effect_name(found.effect) or say("no effect is named")
+    without = _with_class(found.E_MPa, found.E_sd_MPa, found.maturity)
+    p_value = number(found.p_value, figures=2)
+    if found.E_with_MPa is None:
+        return say(
+            "{effect} (p = {p}), E is {without} without it and not known with it",
+            effect=effect,
+            p=p_value,
+            without=without,
+        )
+    return say(
+        "{effect} (p = {p}), E is {without} without it and {with_it} with it",
+        effect=effect,
+        p=p_value,
+        without=without,
+        with_it=_with_class(found.E_with_MPa, found.E_with_sd_MPa, found.maturity_with),
+    )
+
+
+def _with_class(E_MPa: float, E_sd_MPa: float | None, maturity: str) -> str:
+    value = f"{with_sd(E_MPa, E_sd_MPa)} MPa".replace(" ", NO_BREAK)
+    return f"{value} ({maturity})" if maturity else value
 
 
 def p_words(p_value: float | None) -> str:

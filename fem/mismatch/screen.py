@@ -21,7 +21,7 @@ nuisance of the plain model (fem.mismatch.evidence.large_deformation).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -51,7 +51,7 @@ from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detected, plain_fits
 from fem.mismatch.selection.detection import null_gain
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound, modulus_change, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.mismatch.thresholds import EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -95,7 +95,8 @@ class Screened:
     """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
     effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
     `large_deformation`: how much of what Neo-Hookean flesh does beyond small strain the recordings hold, and
-    its standard deviation, where they clearly hold some and nothing else is found; no fault.
+    its standard deviation, where they clearly hold some and nothing else is found; no fault. `moduli`: by
+    each known effect of `names`, E with it over E without, and the relative standard deviation that it adds.
     """
 
     p_value: float
@@ -104,6 +105,7 @@ class Screened:
     gains: dict[str, float]
     amounts: tuple[Amount, ...]
     large_deformation: tuple[float, float] | None = None
+    moduli: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     note: str = ""
 
 
@@ -133,13 +135,15 @@ def screen(
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
     found = detected(linear, recorded, forward.compliance_ratio, kept=share)
+    names = suggested(linear, forward.compliance_ratio) if found.mismatch else ()
     return Screened(
         p_value=found.p_value,
-        names=suggested(linear, forward.compliance_ratio) if found.mismatch else (),
+        names=names,
         statistics=found.statistics,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
         large_deformation=None if found.mismatch else linear.large_deformation,
+        moduli={name: modulus_with(linear, name) for name in names if name != UNKNOWN},
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
@@ -158,6 +162,15 @@ def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
         return ("+".join(sorted((first.name, second.name))),)
     margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
     return tuple(one.name for gain, one in beyond if gain > beyond[0][0] - margin)
+
+
+def modulus_with(linear: LinearRound, name: str) -> tuple[float, float]:
+    """E with an effect, or with two joined by "+", over E without, and the relative standard deviation that
+    it adds, by the linear fit of the effects' best signatures.
+    """
+    columns = {one.name: one.columns for one in linear.best}
+    own = [j for part in name.split("+") for j in columns[part]]
+    return modulus_change(linear.null, linear.products.fit([*linear.nuisances, *own]))
 
 
 def _forward_model(

@@ -15,6 +15,9 @@ category = "{category}"              # {known}, or a file of your own
 # poisson_ratio_sd = 0.02
 # rig = "rig.toml"                   # how far the jaws give way, from `drupe calibrate --rigid`
 
+# [grading]
+# certainty = 0.9                    # probability from which ship, hold and a class count as certain
+# inspect_below_p = 0.001            # fruit whose screen has a smaller p are to be inspected
 # [[grading.classes]]                # maturity classes, softest first; without them there are none
 # name = "ready to eat"
 # E_max_MPa = 0.35                   # every fruit up to this modulus, MPa

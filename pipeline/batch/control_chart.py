@@ -29,6 +29,8 @@ from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000
 """As fruits.csv: at 200 bytes a row, 50 batches a day for a year."""
+ALLOWED_FOLDERS = "DRUPE_CHARTS"
+"""Environment variable with folders in which charts may lie, separated as PATH is."""
 FAR_SD, NEAR_SD = 3.0, 2.0
 """Action and warning limits of a Shewhart chart (Montgomery, Introduction to Statistical Quality Control)."""
 
@@ -74,9 +76,28 @@ class ControlChart:
     lines: tuple[str, ...] = ()
 
 
-def chart_path(folder: BatchFolder, named: str) -> Path:
-    """Where the chart lies: its name is relative to batch.toml."""
-    return folder.root / named
+def chart_path(folder: BatchFolder, named: str, *, environment: Mapping[str, str] = os.environ) -> Path:
+    """Where the chart lies: its name is relative to batch.toml.
+
+    Somebody else may have written batch.toml, so that it may name a file inside the batch's folder, directly
+    in the folder around it, where batches share a chart, or in a folder that the environment variable
+    DRUPE_CHARTS lists. Raises BatchRefused for every other place; links are followed before.
+    """
+    path, root = folder.root / named, folder.root.resolve()
+    if "\0" in named:
+        raise BatchRefused(
+            [Problem(str(folder.settings), '"reference.chart" has a null character; remove it.')]
+        )
+    place = path.parent.resolve()
+    allowed = [Path(one).resolve() for one in environment.get(ALLOWED_FOLDERS, "").split(os.pathsep) if one]
+    if place == root.parent or any(place.is_relative_to(one) for one in (root, *allowed)):
+        return path
+    sentence = (
+        f'"reference.chart": found {named[:200]!r}, which is in {place}; expected a file in the batch or '
+        f'beside its folder ("../gripper.csv"). List another folder in the environment variable '
+        f"{ALLOWED_FOLDERS} to allow it."
+    )
+    raise BatchRefused([Problem(str(folder.settings), sentence)])
 
 
 def read_chart(path: Path) -> ControlChart:

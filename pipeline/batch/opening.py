@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -318,8 +318,8 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             "column reference of the row that is one, or take the line out."
         )
         problems.append(Problem(str(folder.settings), sentence))
-    if settings.reference.chart is not None:
-        _gather(problems, partial(read_chart, chart_path(folder, settings.reference.chart)))
+    if (chart := settings.reference.chart) is not None:
+        _gather(problems, lambda: read_chart(chart_path(folder, chart)))
     for row in rows or ():
         if not row.reference:
             continue

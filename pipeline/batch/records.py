@@ -17,7 +17,7 @@ class _Record(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-R = TypeVar("R", bound=_Record)
+R = TypeVar("R", bound=BaseModel)
 
 
 class Given(_Record):
@@ -255,13 +255,25 @@ class AmountRecord(_Record):
     sd: float
 
 
+class SuspectedRecord(_Record):
+    """What an effect that is suspected would do to E: E with it over E without, and the relative standard
+    deviation that it adds to E. `effect`: one name, two joined by "+", or several that cannot be told apart
+    with "|" between.
+    """
+
+    effect: str
+    E_ratio: float
+    added_sd: float = 0.0
+
+
 class ScreenRecord(_Record):
     """What the screen for missing physics says: p, names that it suggests (none: nothing was found) with the
     likeliest first, or in `failure` why it says nothing.
 
     `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
     all fruit of a batch have in common. `large_deformation`: share of what Neo-Hookean flesh does beyond
-    small strain, and its standard deviation, where nothing but that is found. `note`: what was left out.
+    small strain, and its standard deviation, where nothing but that is found. `suspected`: E with each of
+    the names that is a known effect. `note`: what was left out.
     """
 
     p_value: float | None = None
@@ -270,6 +282,7 @@ class ScreenRecord(_Record):
     gains: dict[str, float] = {}
     amounts: tuple[AmountRecord, ...] = ()
     large_deformation: tuple[float, float] | None = None
+    suspected: tuple[SuspectedRecord, ...] = ()
     note: str = ""
     failure: str = ""
     again: bool = False
@@ -322,25 +335,6 @@ class FruitRecord(_Record):
         return self.outcome == "graded" and self.modulus is not None
 
 
-class _NamedEffect(_Record):
-    effect: str
-
-
-class DiagnosisRecord(_Record):
-    """Of a fruit's mismatch.json (drupe explain), what grading reads: of which key, and what was found."""
-
-    key: str
-    verdict: str | tuple[str, ...]
-    ranking: tuple[_NamedEffect, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The verdict's names, the likeliest first."""
-        names = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
-        order = {one.effect: place for place, one in enumerate(self.ranking)}
-        return tuple(sorted(names, key=lambda name: order.get(name, len(order))))
-
-
 def write_record(path: Path, record: FruitRecord) -> None:
     """Writes the record as JSON, whole or not at all."""
     write_whole(path, record.model_dump_json(indent=1) + "\n")
@@ -348,15 +342,11 @@ def write_record(path: Path, record: FruitRecord) -> None:
 
 def read_record(path: Path) -> FruitRecord | None:
     """The record at `path`; None where there is none that this version can read."""
-    return _read(path, FruitRecord)
+    return read_as(path, FruitRecord)
 
 
-def read_diagnosis(path: Path) -> DiagnosisRecord | None:
-    """What `drupe explain` kept at `path`; None where there is none that this version can read."""
-    return _read(path, DiagnosisRecord)
-
-
-def _read(path: Path, record: type[R]) -> R | None:
+def read_as(path: Path, record: type[R]) -> R | None:
+    """What the JSON file at `path` holds, as such a record; None where there is none that can be read."""
     if not_plain(path):
         return None
     try:

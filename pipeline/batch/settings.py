@@ -61,7 +61,7 @@ class Strict(BaseModel):
 class GradingClass(Strict):
     """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken.
 
-    `ship`: whether its fruit are shipped now; None: not said (`Grading.shipped`).
+    `ship`: whether its fruit are shipped now; None: the class's default (`Grading.shipped`).
     """
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
@@ -70,9 +70,18 @@ class GradingClass(Strict):
 
 
 class Grading(Strict):
-    """The batch's own limits, softest class first; the last class has no upper limit."""
+    """The batch's own limits, softest class first; the last class has no upper limit.
+
+    `certainty`: the probability from which a class, and the decision to ship or hold, counts as certain.
+    `inspect_below_p`: a fruit whose screen has a smaller p is to be inspected.
+    """
 
     classes: Annotated[tuple[GradingClass, ...], Field(max_length=50)] = ()
+    certainty: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.9
+    """Set by hand: of fruit that just reach it one in ten is of another class. Below a half, a fruit could be
+    certain of two lists."""
+    inspect_below_p: Annotated[float, Field(ge=0, le=1)] = 0.001
+    """Set by hand: one in a thousand sound fruit. The screen names effects below 0.05."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -95,14 +104,15 @@ class Grading(Strict):
 
     @property
     def shipped(self) -> tuple[bool, ...] | None:
-        """Of each class whether its fruit are shipped: those that say so, or where none says anything all
-        but the firmest; None where nothing parts the fruit.
+        """Of each class whether its fruit are shipped: as its `ship` says, by default all but the firmest.
+        None where there is no class, or a single one without `ship`: nothing parts the fruit.
         """
-        if any(c.ship is not None for c in self.classes):
-            return tuple(bool(c.ship) for c in self.classes)
-        if len(self.classes) < 2:
+        if len(self.classes) < 2 and all(c.ship is None for c in self.classes):
             return None
-        return (*(True for _ in self.classes[1:]), False)
+        default = (*(True for _ in self.classes[1:]), False)
+        return tuple(
+            goes if c.ship is None else c.ship for c, goes in zip(self.classes, default, strict=True)
+        )
 
 
 NO_PIT = "none"
@@ -399,6 +409,8 @@ def _likely_slip(key: str, value: Any) -> str:
         if 263 <= value <= 323:
             return f": is it in kelvin ({value - 273.15:.1f} C)?"
         return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
+    if key in {"certainty", "inspect_below_p"}:
+        return f": is it in per cent ({value / 100:g})?" if 1 < value <= 100 else ""
     if key in {"size_sd", "gel_scale_sd", "force_scale_sd", "poisson_ratio_sd", "poisson_ratio"}:
         return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
     return ""

@@ -42,6 +42,17 @@ def history(
             help="Predict these readings in the table by the last conversion kept, or by version N.",
         ),
     ] = None,
+    forget: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--forget",
+            metavar="BATCH_OR_LOT[/FRUIT]",
+            help="Remove a batch (its name in the store or its folder), a lot, or one fruit from the store.",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="With --forget: list what would be removed, and remove nothing.")
+    ] = False,
 ) -> None:
     """Show how lots soften over days, when they reach a class, and whether the gripper drifts.
 
@@ -49,19 +60,30 @@ def history(
     fitted to the days, with 90 % intervals of the rate and of the day on which the mean reaches each class.
     Example: drupe history monday/results thursday/results --store lots.sqlite --html history.html
 
+    A batch that is graded again takes its own place: its latest results count, earlier ones are kept as
+    revisions. --forget removes rows of the store and no other file.
+
     Exit status: 0 done, 1 internal error, 2 usage or results that cannot be read, 4 done, but reference
     bodies call for somebody.
     """
     with elsewhere():
         from pipeline.exit_status import DOUBTED
         from pipeline.history.history_summary import summary_lines
-        from pipeline.history.keeping import HistoryWanted, make_history
+        from pipeline.history.keeping import HistoryWanted, forget_named, make_history
 
-    made = make_history(
-        outs or [],
-        HistoryWanted(store=store, html=html, csv=csv, fit=tuple(fit or ()), convert=tuple(convert or ())),
-        now=datetime.now(UTC),
+    wanted = HistoryWanted(
+        store=store,
+        html=html,
+        csv=csv,
+        fit=tuple(fit or ()),
+        convert=tuple(convert or ()),
+        forget=tuple(forget or ()),
     )
+    if wanted.forget or dry_run:
+        for line in forget_named(outs or [], wanted, dry_run=dry_run):
+            typer.echo(line)
+        return
+    made = make_history(outs or [], wanted, now=datetime.now(UTC))
     for line in summary_lines(made, [path for path in (html, csv) if path is not None]):
         typer.echo(line)
     if made.entry.alarms:

@@ -127,6 +127,18 @@ def was_ours(path: Path) -> bool:
     return bool(listed) and _is_plain(path) and _hash(path) not in listed
 
 
+def why_damaged(path: Path) -> str:
+    """Why a file in a folder with a list does not hold what drupe wrote there, a sentence without its end;
+    empty where it does, and where the folder has no list (of an earlier version, or copied without it).
+    """
+    if next(strange_list(path.parent), None) is not None:
+        return f"cannot be checked: {MANIFEST} beside it, with the SHA-256 of what drupe wrote, is damaged"
+    listed = _read(path.parent)
+    if listed is None or (_is_plain(path) and _hash(path) in listed.get(path.name, [])):
+        return ""
+    return f"does not have the SHA-256 that {MANIFEST} beside it gives: it is damaged or was changed"
+
+
 def enter(path: Path, data: bytes) -> None:
     """Lists `data` as what is about to be written to `path`, in a block of `writing_alone` that the writing
     belongs to. Raises NotOurs where a stranger's file is.

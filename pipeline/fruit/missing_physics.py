@@ -18,7 +18,7 @@ from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.records import AmountRecord, ScreenRecord
+from pipeline.batch.records import AmountRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_effects import in_the_model
@@ -117,6 +117,10 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
             for one in said.amounts
         ),
         large_deformation=said.large_deformation,
+        suspected=tuple(
+            SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)
+            for name, (ratio, sd) in said.moduli.items()
+        ),
         note="; ".join(part for part in (without, said.note) if part),
     )
 

@@ -3,6 +3,7 @@
 recordings -> one law for all traces along a diameter -> E of linear elasticity -> what they show beyond it
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.estimation.sensitivity import POISSON_RATIO
@@ -19,9 +21,17 @@ from fem.indentation.explain_trace import explain_trace
 from fem.indentation.linear_modulus import linear_modulus
 from fem.indentation.no_contact import first_touch, require_force
 from fem.indentation.rig_share import OF_A_BATCH, rig_share
-from fem.mismatch.result import NONE, Explanation, Modulus
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
+from pipeline.batch.diagnosis_record import suspected_of
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import CurveRecord, GraspRecord, ModulusRecord, PressedRecord, ScreenRecord
+from pipeline.batch.records import (
+    CurveRecord,
+    GraspRecord,
+    ModulusRecord,
+    PressedRecord,
+    ScreenRecord,
+    SuspectedRecord,
+)
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.bare_traces import (
@@ -305,7 +315,7 @@ def _modulus_record(
 ) -> ModulusRecord:
     """The weighted mean of ln E over the diameters; shape and Poisson's ratio are common to all of them."""
     relative = np.array([one.found.before.sd / one.found.before.value for one in found])
-    weights = relative**-2 / np.sum(relative**-2)
+    weights = _weights(found)
     E_MPa = float(np.exp(weights @ np.log([one.found.before.value for one in found])))
     of_ratio = abs(float(weights @ [_per_ratio(one, nu, nu_sd) for one in found]))
     parts = {
@@ -344,7 +354,27 @@ def _screen_record(found: Sequence[_AlongOne]) -> ScreenRecord:
         if name != NONE
     ]
     p_value = min(1.0, len(found) * min(one.found.p_value for one in found))
-    return ScreenRecord(p_value=p_value, names=tuple(dict.fromkeys(names)))
+    named = tuple(dict.fromkeys(names))
+    return ScreenRecord(p_value=p_value, names=named, suspected=_suspected(found, named))
+
+
+def _suspected(found: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
+    """E with what the traces show, as the weighted mean over the diameters; none where E is not known."""
+    if not names or UNKNOWN in names:
+        return ()
+    weights = _weights(found)
+    each = [suspected_of("", one.found.before, one.found.after) for one in found]
+    if not all(each):
+        return ()
+    E_ratio = math.exp(weights @ [math.log(one.E_ratio) for (one,) in each])
+    added_sd = float(np.linalg.norm(weights * [one.added_sd for (one,) in each]))
+    return (SuspectedRecord(effect="|".join(names), E_ratio=E_ratio, added_sd=added_sd),)
+
+
+def _weights(found: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
+    """Of each diameter in the mean of ln E: 1 / variance."""
+    relative = np.array([one.found.before.sd / one.found.before.value for one in found])
+    return np.asarray(relative**-2 / np.sum(relative**-2))
 
 
 def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:

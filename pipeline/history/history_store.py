@@ -1,95 +1,154 @@
 """The file in which `drupe history --store` keeps batches and conversions: an SQLite database.
 
 It is the user's to name and drupe's alone to write: another file, or another program's database, is refused.
-A batch is kept as JSON beside the columns that it is found by, so that a later version can read it.
+Results are kept by batch, fruit and revision, as JSON with a SHA-256 of each row.
 """
 
-import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
-from datetime import date
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
+from pipeline.history.kept_batch import KeptBatch, rows_of
+from pipeline.history.kept_rows import (
+    VERSION,
+    KeptRows,
+    Refused,
+    make_tables,
+    migrate,
+    read_rows,
+    write_rows,
+)
+from pipeline.history.same_batch import is_same_batch
 from pipeline.history.scale_conversion import ScaleConversion
-from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from pipeline.history.stored_batch import StoredBatch
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import not_plain
 
 APPLICATION = 0x44525550
 """SQLite's application_id of a store: "DRUP" in ASCII."""
-VERSION = 1
-"""SQLite's user_version of the tables below."""
 WAIT_S = 20.0
 """Seconds that another run of drupe is waited for."""
-_TABLES = """
-CREATE TABLE batch (key TEXT PRIMARY KEY, measured TEXT NOT NULL, category TEXT NOT NULL,
-                    cultivar TEXT NOT NULL, lot TEXT NOT NULL, content TEXT NOT NULL);
-CREATE TABLE conversion (scale TEXT NOT NULL, cultivar TEXT NOT NULL, version INTEGER NOT NULL,
-                         content TEXT NOT NULL, PRIMARY KEY (scale, cultivar, version));
-"""
+NAME_LENGTH = 12
+"""Hexadecimal digits of a batch's name: two of ten thousand batches are alike with a probability of 2e-7."""
+SHOWN = 20
+"""Batches that a sentence names, with their lots."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forgotten:
+    """What was forgotten of one batch: its name in words, the fruit, and whether it was all of the batch."""
+
+    batch: str
+    fruit: tuple[str, ...]
+    whole: bool
+
+    @property
+    def words(self) -> str:
+        """In a line."""
+        names = ", ".join(self.fruit)
+        return f"{self.batch}: {'the batch with fruit' if self.whole else 'fruit'} {names or 'none'}"
 
 
 class HistoryStore:
     """Batches by day and conversions by version; changes are kept when the block of `history_store` ends."""
 
-    def __init__(self, database: sqlite3.Connection, path: Path | None) -> None:
-        self._database, self.path = database, path
+    def __init__(self, rows: KeptRows, path: Path | None) -> None:
+        self.rows, self.path = rows, path
 
     def add(self, batch: StoredBatch) -> bool:
-        """Adds a batch; the same one graded again takes its former place and keeps its day. Whether it is
-        new.
+        """Adds a batch. Results of a batch that the store has become its next revision, where they differ
+        from what is known. Whether the batch is new.
         """
-        known = self._rows("SELECT content FROM batch WHERE key = ?", batch.key)
-        if known:
-            batch = replace(batch, measured=_batch(known[0][0]).measured)
-        row = (batch.key, batch.measured.isoformat(), batch.category, batch.cultivar, batch.lot)
-        self._database.execute(
-            "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?, ?)",
-            (*row, json.dumps(asdict(batch), default=str)),
-        )
-        return not known
+        key = batch.key[:NAME_LENGTH]
+        for name, kept in self.rows.batches.items():
+            if name == key or any(is_same_batch(batch, one) for one in kept.each()):
+                fresh = kept.new_rows(batch)
+                self.rows.batches[name] = KeptBatch(key=name, rows=(*kept.rows, *fresh))
+                return False
+        self.rows.batches[key] = KeptBatch(key=key, rows=tuple(rows_of(batch)))
+        return True
 
     def batches(self) -> tuple[StoredBatch, ...]:
-        """All, oldest first. Raises BatchRefused where one cannot be read."""
-        rows = self._rows("SELECT content FROM batch ORDER BY measured, key")
-        try:
-            return tuple(_batch(content) for (content,) in rows)
-        except (ValueError, TypeError, KeyError) as error:
-            raise self._refused(f"holds a batch that cannot be read ({error})") from None
+        """The latest results of all, oldest day first."""
+        found = [kept.latest() for kept in self.rows.batches.values()]
+        return tuple(sorted(found, key=lambda one: (one.measured, one.key)))
 
     def add_conversion(self, one: ScaleConversion) -> None:
         """Keeps a conversion; versions are never replaced."""
-        self._database.execute(
-            "INSERT INTO conversion VALUES (?, ?, ?, ?)",
-            (one.scale, one.group, one.version, json.dumps(asdict(one))),
-        )
+        self.rows.conversions[one.scale, one.group, one.version] = asdict(one)
 
     def conversions(self) -> tuple[ScaleConversion, ...]:
         """All, by scale, cultivar and version."""
-        rows = self._rows("SELECT content FROM conversion ORDER BY scale, cultivar, version")
-        return tuple(ScaleConversion(**json.loads(content)) for (content,) in rows)
+        return tuple(ScaleConversion(**content) for _, content in sorted(self.rows.conversions.items()))
 
-    def _rows(self, query: str, *values: str) -> list[tuple[Any, ...]]:
-        try:
-            return self._database.execute(query, values).fetchall()
-        except sqlite3.DatabaseError as error:
-            raise self._refused(f"is damaged ({error})") from None
+    def forget(self, named: str) -> list[Forgotten]:
+        """Removes all revisions of batches, or of one fruit of them, from the store alone. `named`: a batch's
+        name in the store, its folder (or the last part of it) or its lot; with "/" and a fruit's id after it,
+        that fruit alone. What was forgotten. Raises BatchRefused where nothing is named so.
+        """
+        keys, fruit_id = self._keys(named), ""
+        if not keys and "/" in named:
+            batch, _, fruit_id = named.rpartition("/")
+            keys = [key for key in self._keys(batch) if fruit_id in self._fruit(key)]
+        if not keys:
+            known = "; ".join(self.words(key) for key in [*self._all()][:SHOWN]) or "it is empty"
+            sentence = f'knows no batch, lot or fruit "{named}" (of --forget); it holds: {known}.'
+            raise BatchRefused([Problem(str(self.path or "store"), sentence)])
+        return [self._forget(key, fruit_id) for key in keys]
 
-    def _refused(self, sentence: str) -> BatchRefused:
-        return BatchRefused(
-            [Problem(str(self.path or "store"), f"{sentence}; name another file with --store.")]
+    def words(self, key: str) -> str:
+        """A batch's name in the store with what people know it by."""
+        if (kept := self.rows.batches.get(key)) is None:
+            return f"batch {key}, which is damaged"
+        batch = kept.latest()
+        lot = f", lot {batch.lot}" if batch.lot else ""
+        return f"batch {key}{lot}, measured {batch.measured}, {batch.folder}"
+
+    def _forget(self, key: str, fruit_id: str) -> Forgotten:
+        words, known = self.words(key), sorted(self._fruit(key))
+        gone = [fruit_id] if fruit_id else known
+        whole = gone == known
+        kept = self.rows.batches.pop(key, None)
+        if kept is not None and not whole:
+            left = tuple(row for row in kept.rows if row.fruit_id not in gone)
+            self.rows.batches[key] = KeptBatch(key=key, rows=left)
+        self.rows.damaged = [
+            one for one in self.rows.damaged if one.batch != key or not (whole or one.fruit_id in gone)
+        ]
+        return Forgotten(batch=words, fruit=tuple(gone), whole=whole)
+
+    def _all(self) -> list[str]:
+        return list(
+            dict.fromkeys([*self.rows.batches, *(one.batch for one in self.rows.damaged if one.batch)])
         )
+
+    def _keys(self, named: str) -> list[str]:
+        """The batches of that name, folder or lot."""
+        found = [key for key in self._all() if key == named]
+        for key, kept in self.rows.batches.items():
+            batch = kept.latest()
+            folder = Path(batch.folder)
+            if named and named.rstrip("/") in (batch.lot, batch.folder, folder.name):
+                found.append(key)
+        return list(dict.fromkeys(found))
+
+    def _fruit(self, key: str) -> set[str]:
+        rows = () if (kept := self.rows.batches.get(key)) is None else kept.rows
+        damaged = {one.fruit_id for one in self.rows.damaged if one.batch == key}
+        return ({row.fruit_id for row in rows} | damaged) - {""}
 
 
 @contextmanager
-def history_store(path: Path | None) -> Iterator[HistoryStore]:
+def history_store(
+    path: Path | None, *, damaged_too: bool = False, read_only: bool = False
+) -> Iterator[HistoryStore]:
     """The store at `path`, made where there is none; one in memory where `path` is None.
 
     What is added in the block is kept when it ends, and nothing of it where it raises. Raises BatchRefused
-    where a file stands there that is no store of drupe's.
+    where a file stands there that is no store of drupe's, and with every row that is damaged, unless
+    `damaged_too`: then sound rows are there, and damaged ones can be forgotten. `read_only`: nothing is kept.
     """
 
     def refused(sentence: str) -> BatchRefused:
@@ -114,16 +173,32 @@ def history_store(path: Path | None) -> Iterator[HistoryStore]:
         (application,) = database.execute("PRAGMA application_id").fetchone()
         (version,) = database.execute("PRAGMA user_version").fetchone()
         if new and application == 0:
-            for statement in _TABLES.split(";")[:-1]:
-                database.execute(statement)
             database.execute(f"PRAGMA application_id = {APPLICATION}")
-            database.execute(f"PRAGMA user_version = {VERSION}")
+            make_tables(database)
+            version = VERSION
         elif application != APPLICATION:
             raise refused("is another program's database, and is not written to")
         elif version > VERSION:
             raise refused(f"is of a later version of drupe ({version}, this one writes {VERSION})")
-        yield HistoryStore(database, path)
+        store = HistoryStore(KeptRows(), path)
+        if version < VERSION:
+            for batch in migrate(database, store.rows):
+                store.add(batch)
+        else:
+            store.rows = read_rows(database)
+            if store.rows.damaged and not damaged_too:
+                raise BatchRefused(_damaged(store, path))
+        before = store.rows.digest() if version == VERSION and not store.rows.damaged else ""
+        yield store
+        if read_only:
+            return
+        if store.rows.damaged:
+            raise BatchRefused(_damaged(store, path))
+        if store.rows.digest() != before:
+            write_rows(database, store.rows)
         database.execute("COMMIT")
+    except Refused as error:
+        raise refused(str(error)) from None
     except sqlite3.OperationalError as error:
         raise refused(f"cannot be written ({error})") from None
     except sqlite3.DatabaseError as error:
@@ -132,19 +207,15 @@ def history_store(path: Path | None) -> Iterator[HistoryStore]:
         database.close()
 
 
-def _batch(content: str) -> StoredBatch:
-    """A batch from its JSON; fields that this version does not know are left out."""
-    said = json.loads(content)
-    known = {one.name for one in fields(StoredBatch)}
-    fruit_fields = {one.name for one in fields(StoredFruit)}
-    own = {name: value for name, value in said.items() if name in known}
-    own |= {
-        "measured": date.fromisoformat(said["measured"]),
-        "harvest": date.fromisoformat(said["harvest"]) if said["harvest"] else None,
-        "limits": tuple((str(name), limit) for name, limit in said["limits"]),
-        "fruit": tuple(
-            StoredFruit(**{name: value for name, value in one.items() if name in fruit_fields})
-            for one in said["fruit"]
-        ),
-    }
-    return StoredBatch(**own)
+def _damaged(store: HistoryStore, path: Path | None) -> Sequence[Problem]:
+    """A problem for each damaged row, with what removes it."""
+    return [
+        Problem(
+            str(path),
+            f"{one.words} is damaged (its SHA-256 is another); remove it with --forget "
+            f"{one.batch}{'/' if one.fruit_id else ''}{one.fruit_id}, then name its folder of results again."
+            if one.batch
+            else f"{one.words}; make a new store of the folders of results, or take a copy of this one.",
+        )
+        for one in store.rows.damaged
+    ]

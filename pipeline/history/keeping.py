@@ -25,7 +25,8 @@ MOST_BYTES = 100_000_000
 @dataclass(frozen=True, kw_only=True)
 class HistoryWanted:
     """What is asked for. `fit`: scales whose conversions are fitted anew and kept; `convert`: a scale whose
-    readings are predicted, "shore_oo" by the last version or "shore_oo@2".
+    readings are predicted, "shore_oo" by the last version or "shore_oo@2". `forget`: batches, lots or fruit
+    that the store is to forget.
     """
 
     store: Path | None = None
@@ -33,6 +34,7 @@ class HistoryWanted:
     csv: Path | None = None
     fit: tuple[str, ...] = ()
     convert: tuple[str, ...] = ()
+    forget: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +76,23 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
     return HistoryMade(
         entry=entry, new=new, said=(*(line for lines in said for line in lines), *map(_applied, used))
     )
+
+
+def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) -> list[str]:
+    """Removes what is named from the store, and nothing else anywhere; a line for each batch. `dry_run`: the
+    lines say what would be removed, and the store stays. Raises BatchRefused where nothing is named so.
+    """
+    if not wanted.forget:
+        raise BatchRefused([Problem("drupe history", "--dry-run lists what --forget would remove: add it.")])
+    if outs or wanted.html or wanted.csv or wanted.fit or wanted.convert:
+        sentence = "--forget goes with --store and --dry-run alone; make page and table afterwards."
+        raise BatchRefused([Problem("drupe history", sentence)])
+    if wanted.store is None or not wanted.store.exists():
+        sentence = "--forget needs the store that is to forget: name it with --store."
+        raise BatchRefused([Problem(str(wanted.store or "drupe history"), sentence)])
+    with history_store(wanted.store, damaged_too=True, read_only=dry_run) as store:
+        found = [one for named in wanted.forget for one in store.forget(named)]
+    return [f"{'would forget' if dry_run else 'forgotten'}: {one.words}" for one in found]
 
 
 def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now: datetime) -> list[str]:

@@ -30,6 +30,10 @@ BAND_POINTS = 60
 UNKNOWN_SPREAD = 0.15
 """Standard deviation of ln E of single fruit of a lot where none was measured: moduli of a lot differ by some
 15 %. Set by hand."""
+REVISED = (
+    "{batches} of its batches {were} graded again: the latest results count, and the store keeps {revisions} "
+    "earlier revision{s}"
+)
 SEVERAL_LIMITS = "the batches of this lot name different limits of classes; those of the last day are used"
 
 
@@ -86,8 +90,22 @@ def series_entry(batches: Sequence[StoredBatch]) -> SeriesEntry:
         if law is not None
         else "one day is there; a second shows how fast the lot softens",
         limits=tuple(_limits(limits[-1], law, first, E_MPa)) if limits else (),
-        notes=(SEVERAL_LIMITS,) if len(set(limits)) > 1 else (),
+        notes=tuple(_notes(batches, limits)),
     )
+
+
+def _notes(
+    batches: Sequence[StoredBatch], limits: Sequence[tuple[tuple[str, float | None], ...]]
+) -> Iterable[str]:
+    if len(set(limits)) > 1:
+        yield SEVERAL_LIMITS
+    if revised := [one.revisions for one in batches if one.revisions]:
+        yield REVISED.format(
+            batches=len(revised),
+            were="was" if len(revised) == 1 else "were",
+            revisions=sum(revised),
+            s="s" if sum(revised) > 1 else "",
+        )
 
 
 def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None) -> DayEntry:
@@ -95,7 +113,9 @@ def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None)
     logs = np.log([one.E_MPa for one in fruit])
     single_sd = law.fruit_sd if law else (float(logs.std(ddof=1)) if len(logs) > 1 else UNKNOWN_SPREAD)
     mean, half = float(logs.mean()), QUANTILE * single_sd / math.sqrt(len(logs))
-    everyone = sum(sum(one.E_known_MPa is None for one in b.fruit) + b.not_graded for b in batches)
+    everyone = sum(
+        sum(one.E_known_MPa is None for one in b.fruit) + b.not_graded + len(b.lost) for b in batches
+    )
     temperatures = [one.temperature_C for one in batches if one.temperature_C is not None]
     return DayEntry(
         day=day,

@@ -2,20 +2,26 @@
 
 import hashlib
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord, read_record
-from pipeline.files.manifest import json_in
+from pipeline.files.manifest import json_in, why_damaged
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import printable
 
+DESCRIPTIONS = frozenset({".toml", ".json"})
+"""Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""
 SCALES = ("shore_oo", "penetrometer_N")
 """Columns of fruits.csv with the reading of another instrument."""
+
+
+GRADE_AGAIN = "move it away and run `drupe grade` again, which makes it anew"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +29,7 @@ class StoredFruit:
     """One fruit, or reference body (`E_known_MPa`), with its measured E; readings None where not taken.
 
     `doubted`: whether something in its inputs cannot be right; such fruit are shown and not fitted.
+    `recordings`: a SHA-256 of each of its recordings.
     """
 
     fruit_id: str
@@ -33,12 +40,15 @@ class StoredFruit:
     E_known_sd_MPa: float | None = None
     shore_oo: float | None = None
     penetrometer_N: float | None = None
+    recordings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredBatch:
-    """A batch on its day. `key`: SHA-256 of its photos and recordings, by which the same batch graded again
-    takes its own place; `limits`: (name, highest E in MPa or None) of its maturity classes.
+    """A batch on its day. `key`: of a batch in a store its name there, else SHA-256 of its label and
+    recordings. `limits`: (name, highest E in MPa or None) of its maturity classes. `lost`: fruit that were
+    not graded; `not_graded`: the number of those whose ids an earlier version did not keep. `dated`: whether
+    the settings say the day. `revisions`: how often its results in the store were replaced.
     """
 
     key: str
@@ -53,6 +63,14 @@ class StoredBatch:
     limits: tuple[tuple[str, float | None], ...]
     not_graded: int
     fruit: tuple[StoredFruit, ...]
+    lost: tuple[str, ...] = ()
+    dated: bool = False
+    revisions: int = 0
+
+    @property
+    def label(self) -> tuple[str, ...]:
+        """What people tell batches apart by."""
+        return self.category, self.cultivar, self.lot, str(self.harvest)
 
     @property
     def group(self) -> str:
@@ -69,6 +87,8 @@ def stored_batch(out: Path) -> StoredBatch:
     """The batch whose results are in `out`. Raises BatchRefused where there are none that can be read."""
     results = Results(out)
     said = json_in(results.provenance)
+    if results.provenance.is_file() and (why := why_damaged(results.provenance)):
+        raise BatchRefused([Problem(str(results.provenance), f"{why}; {GRADE_AGAIN}")])
     if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
         where = out / "results"
         hint = f"; did you mean {where}?" if Results(where).provenance.is_file() else ""
@@ -91,11 +111,17 @@ def stored_batch(out: Path) -> StoredBatch:
 def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     settings = said["settings"]
     started = datetime.fromisoformat(said["started_utc"])
-    records = [read_record(results.fruit(str(name)).record) for name in said["outcomes"]]
+    paths = [results.fruit(str(name)).record for name in said["outcomes"]]
+    damaged = [(path, why) for path in paths if path.is_file() and (why := why_damaged(path))]
+    if damaged:
+        raise BatchRefused(Problem(str(path), f"{why}; {GRADE_AGAIN}") for path, why in damaged)
+    records = [read_record(path) for path in paths]
     lost = [name for name, one in zip(said["outcomes"], records, strict=True) if one is None]
     if lost:
         raise ValueError(f"no record.json of {', '.join(map(printable, lost[:3]))}")
-    fruit = [stored for one in records if one is not None and (stored := _fruit(one)) is not None]
+    recordings = _recordings(said["inputs"])
+    fruit = [stored for one in records if one is not None and (stored := _fruit(one, recordings)) is not None]
+    graded = {one.fruit_id for one in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
     return StoredBatch(
         key=_key(said["inputs"], settings),
@@ -108,12 +134,28 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
         harvest=_date(settings.get("harvest_date")),
         temperature_C=settings.get("pulp_temperature_C"),
         limits=tuple((str(one["name"]), one.get("E_max_MPa")) for one in classes),
-        not_graded=len(records) - len(fruit),
+        not_graded=0,
+        lost=tuple(str(name) for name in said["outcomes"] if name not in graded),
+        dated=bool(settings.get("measured_on")),
         fruit=tuple(fruit),
     )
 
 
-def _fruit(record: FruitRecord) -> StoredFruit | None:
+def _recordings(inputs: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """By fruit, a SHA-256 of each recording: of its file, or of the sorted hashes of all its frames."""
+    by_recording: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for name, digest in inputs.items():
+        path = PurePosixPath(name)
+        of_a_grasp = len(path.parts) > 3 and (path.parts[0], path.parts[2]) == ("fruits", "grasps")
+        if of_a_grasp and path.suffix.lower() not in DESCRIPTIONS:
+            by_recording[path.parts[1], path.parts[3]].append(digest)
+    found: dict[str, list[str]] = defaultdict(list)
+    for (fruit_id, _), digests in by_recording.items():
+        found[fruit_id].append(hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest())
+    return {fruit_id: tuple(sorted(own)) for fruit_id, own in found.items()}
+
+
+def _fruit(record: FruitRecord, recordings: Mapping[str, tuple[str, ...]]) -> StoredFruit | None:
     """The fruit as ranked (divided by what reference bodies say, where it was); a body as it was measured."""
     if not record.graded or record.modulus is None:
         return None
@@ -132,6 +174,7 @@ def _fruit(record: FruitRecord) -> StoredFruit | None:
         E_known_sd_MPa=given.reference_E_sd_MPa if given.reference else None,
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
+        recordings=recordings.get(record.fruit_id, ()),
     )
 
 

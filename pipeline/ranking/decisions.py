@@ -1,4 +1,4 @@
-"""What becomes of each fruit: ship it, hold it, or grasp it again or look at it.
+"""What becomes of each fruit: ship it, hold it, or inspect it.
 
 E's error is taken as lognormal, as for the classes (pipeline.ranking.maturity): with the class limits b_k,
 class k has the probability
@@ -8,58 +8,125 @@ class k has the probability
 and the fruit may be shipped with the sum of P_k over the classes that are shipped.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fem.mismatch.screen import UNKNOWN
+from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.settings import Grading
-from pipeline.ranking.maturity import Rank
-from reports.entries import HOLD, LOOK, SHIP
-from reports.words import percent
+from pipeline.ranking.maturity import Rank, maturity
+from reports.entries import HOLD, INSPECT, SHIP, Suspicion
+from reports.words import percent, suspicion_words
 
-CERTAIN = 0.9
-"""A class, and what follows from it, is certain from this probability on. Set by hand: of fruit that just
-reach it one in ten is of another class."""
+IMPROBABLE = "missing physics suspected"
+OTHER_CLASS = "the suspected effect changes its class"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """The list a fruit is on (SHIP, HOLD, LOOK; empty: on none), why where it is LOOK, and the class that it
-    may have as well, with its probability, where its own is not certain.
+    """The list a fruit is on (SHIP, HOLD, INSPECT; empty: on none), why where it is INSPECT, and the class
+    that it may have as well, with its probability, where its own is not certain. `suspicion`: what the reason
+    says of E with an effect that is not part of it.
     """
 
     list_name: str = ""
     why: str = ""
+    suspicion: Suspicion | None = None
     other_class: str | None = None
     other_probability: float | None = None
 
 
-def decide(record: FruitRecord, place: Rank | None, grading: Grading, *, mismatch: str | None) -> Decision:
+def decide(
+    record: FruitRecord,
+    place: Rank | None,
+    grading: Grading,
+    *,
+    mismatch: str | None,
+    explained: DiagnosisRecord | None = None,
+) -> Decision:
     """The fruit's list; a reference body is on none, nor is a sound fruit where no class limits are set.
 
-    `mismatch`: what is found to be missing in the model, as the report has it.
+    `mismatch`: what is found to be missing in the model, as the report has it. `explained`: what `drupe
+    explain` says of the same inputs.
     """
     if record.given.reference:
         return Decision()
     if not record.graded or place is None:
-        return Decision(list_name=LOOK, why="not graded")
+        return Decision(list_name=INSPECT, why="not graded")
     if record.doubts:
-        return Decision(list_name=LOOK, why="E is in doubt")
+        return Decision(list_name=INSPECT, why="E is in doubt")
     suspected = () if record.screen is None else record.screen.names
     if UNKNOWN in (mismatch, *suspected[:1]):
-        return Decision(list_name=LOOK, why="nothing known explains its recordings")
+        return Decision(list_name=INSPECT, why="nothing known explains its recordings")
+    other, probability = _other_class(place, grading)
+    if (found := _missing_physics(record, place, grading, explained)) is not None:
+        head, suspicion = found
+        return Decision(
+            list_name=INSPECT,
+            why=f"{head}: {suspicion_words(suspicion)}",
+            suspicion=suspicion,
+            other_class=other,
+            other_probability=probability,
+        )
     shipped = grading.shipped
     if shipped is None:
         return Decision()
-    other, probability = _other_class(place, grading)
     chance = ship_probability(place.class_probabilities, shipped)
-    if 1 - CERTAIN < chance < CERTAIN:
+    if 1 - grading.certainty < chance < grading.certainty:
         why = f"borderline: to be shipped with {percent(chance)}"
-        return Decision(list_name=LOOK, why=why, other_class=other, other_probability=probability)
+        return Decision(list_name=INSPECT, why=why, other_class=other, other_probability=probability)
     return Decision(
-        list_name=SHIP if chance >= CERTAIN else HOLD, other_class=other, other_probability=probability
+        list_name=SHIP if chance >= grading.certainty else HOLD,
+        other_class=other,
+        other_probability=probability,
     )
+
+
+def _missing_physics(
+    record: FruitRecord, place: Rank, grading: Grading, explained: DiagnosisRecord | None
+) -> tuple[str, Suspicion] | None:
+    """Why E without a suspected effect is not enough to ship or hold a fruit; None where it is.
+
+    Either the screen's p is below the batch's limit, or E with the effect is of another class. Where `drupe
+    explain` has an answer, its E counts instead of the screen's.
+    """
+    if record.modulus is None:
+        return None
+    screen, E_MPa, E_sd_MPa = record.screen, record.modulus.E_MPa, record.modulus.E_sd_MPa
+    screened = () if screen is None else screen.suspected
+    known = screened if explained is None else explained.suspected
+    p_value = None if screen is None else screen.p_value
+    changing = next(
+        (one for one in known if _class_of(E_MPa * one.E_ratio, grading) != place.maturity),
+        None,
+    )
+    improbable = p_value is not None and p_value < grading.inspect_below_p
+    if changing is None and not improbable:
+        return None
+    if p_value is None and explained is not None:
+        p_value = explained.p_value
+    shown = changing or next(iter(known or screened), None)
+    names = () if screen is None else screen.names
+    with_MPa = None if shown is None else E_MPa * shown.E_ratio
+    return IMPROBABLE if improbable else OTHER_CLASS, Suspicion(
+        effect=shown.effect if shown is not None else "|".join(names),
+        p_value=p_value,
+        E_MPa=E_MPa,
+        E_sd_MPa=E_sd_MPa,
+        maturity=place.maturity or "",
+        E_with_MPa=with_MPa,
+        E_with_sd_MPa=None
+        if shown is None or with_MPa is None
+        else with_MPa * math.hypot(E_sd_MPa / E_MPa, shown.added_sd),
+        maturity_with="" if with_MPa is None else _class_of(with_MPa, grading) or "",
+    )
+
+
+def _class_of(E_MPa: float, grading: Grading) -> str | None:
+    """The class that a modulus falls in; None without classes."""
+    return maturity(math.log(E_MPa), 0.0, grading.classes)[0]
 
 
 def ship_probability(class_probabilities: Sequence[float], shipped: Sequence[bool]) -> float:
@@ -73,7 +140,7 @@ def ship_probability(class_probabilities: Sequence[float], shipped: Sequence[boo
 
 def _other_class(place: Rank, grading: Grading) -> tuple[str | None, float | None]:
     """The likeliest class but its own, where that is not certain."""
-    if place.maturity_probability is None or place.maturity_probability >= CERTAIN:
+    if place.maturity_probability is None or place.maturity_probability >= grading.certainty:
         return None, None
     others = [
         (share, grade.name)

@@ -9,10 +9,11 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.screen import UNKNOWN
 from pipeline.batch.control_chart import ControlChart, history_of
+from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord, PitFoundRecord, read_diagnosis
+from pipeline.batch.records import FruitRecord, PitFoundRecord
 from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
@@ -101,8 +102,9 @@ def batch_entry(
         finished_utc=finished,
         exit_status=exit_status,
         unfinished=unfinished,
-        ships=_ships(settings.grading),
-        ships_by_default=all(c.ship is None for c in settings.grading.classes),
+        ships=None if settings.grading.shipped is None else _ships(settings.grading),
+        ships_by_default=_ships(settings.grading, unsaid=True),
+        certainty=settings.grading.certainty,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
         faults=tuple(one.sentence for one in faults),
@@ -113,9 +115,10 @@ def batch_entry(
     )
 
 
-def _ships(grading: Grading) -> tuple[str, ...]:
-    """Names of the classes that are shipped."""
-    return tuple(c.name for c, goes in zip(grading.classes, grading.shipped or (), strict=False) if goes)
+def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
+    """Names of the classes that are shipped, or of those of them that do not say so themselves."""
+    both = zip(grading.classes, grading.shipped or (), strict=False)
+    return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
 
 
 def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
@@ -148,9 +151,10 @@ def _fruit_entry(
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
-    answer = _explained(record, files)
+    explained = _explained(record, files)
+    answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
-    decision = decide(record, place, grading, mismatch=mismatch)
+    decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
     shown = pictures.of(files, measured=mesh is not None, graded=record.graded, explained=answer is not None)
     return FruitEntry(
         fruit_id=record.fruit_id,
@@ -174,6 +178,7 @@ def _fruit_entry(
         other_class_probability=decision.other_probability if not record.doubts else None,
         decision=decision.list_name,
         decision_reason=decision.why,
+        suspicion=decision.suspicion,
         mismatch=mismatch,
         mismatch_taken=record.mismatch is not None,
         screen=_screen(record),
@@ -216,10 +221,10 @@ def _uncorrected_MPa(record: FruitRecord) -> float | None:
     return reference.E_MPa * reference.ratio if reference is not None and reference.corrected else None
 
 
-def _explained(record: FruitRecord, files: FruitResults) -> str | None:
-    """What `drupe explain` said of the same inputs, settings and code; several names the likeliest first."""
+def _explained(record: FruitRecord, files: FruitResults) -> DiagnosisRecord | None:
+    """What `drupe explain` said of the same inputs, settings and code."""
     said = read_diagnosis(files.mismatch)
-    return None if said is None or said.key != record.key else OR.join(said.names)
+    return None if said is None or said.key != record.key else said
 
 
 def _screen(record: FruitRecord) -> ScreenEntry | None:

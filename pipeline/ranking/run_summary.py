@@ -67,6 +67,17 @@ def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
     return [f"{line}: {_ids(ids)}" for line, ids in by_line.items()]
 
 
+def to_inspect(fruits: Sequence[FruitEntry]) -> list[str]:
+    """A line for each fruit that is to be inspected although its E is not in doubt: the suspected effect, p,
+    and E without and with it.
+    """
+    return [
+        f"inspect: {fruit.fruit_id}: {fruit.decision_reason}"
+        for fruit in fruits
+        if fruit.suspicion is not None
+    ]
+
+
 def _ids(ids: Sequence[str]) -> str:
     more = f" and {len(ids) - MOST_IDS} more" if len(ids) > MOST_IDS else ""
     return f"{', '.join(ids[:MOST_IDS])}{more}"
@@ -101,7 +112,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
                 markup=False,
                 soft_wrap=True,
             )
-    for line in (*doubted(batch.fruits), *warned(batch.fruits)):
+    for line in (*doubted(batch.fruits), *to_inspect(batch.fruits), *warned(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     fruits = without_references(batch.fruits)
     graded = sum(fruit.ok for fruit in fruits)
@@ -113,6 +124,9 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     for sentence in () if batch.reference is None else batch.reference.sentences:
         lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
         console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
+    if batch.ships == ():
+        said = "warning: no class is shipped: all fruit are held; see ship in [[grading.classes]]"
+        console.print(said, highlight=False, markup=False, soft_wrap=True)
     for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for name in ("ranking.csv", "report.html"):

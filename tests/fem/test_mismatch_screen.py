@@ -64,6 +64,14 @@ def test_a_gain_of_one_pad_is_suggested_first_and_of_its_size():
 
 
 @pytest.mark.slow
+def test_with_the_gain_of_one_pad_E_is_lower_by_half_of_it():
+    """One pad of two reads 6 % too much, so that E without the effect is 3 % too high."""
+    ratio, added_sd = gained().moduli["sensor_gain"]
+    assert ratio == pytest.approx(1 / (1 + (GAIN - 1) / 2), abs=0.004)
+    assert 0 < added_sd < 0.01
+
+
+@pytest.mark.slow
 def test_a_sound_fruit_has_no_gain_no_drift_and_no_large_deformation():
     assert sound().large_deformation is None
     for effect in ("sensor_gain", "sensor_drift"):

@@ -62,6 +62,15 @@ def test_all_faults_are_said_at_once(tmp_path):
         ('category = "plum"\n[mesh]\nedge_mm = -1\n', '"mesh.edge_mm": found -1'),
         ('category = "plum"\n[[grading.classes]]\nname = "a"\nE_max_MPa = 1.0\n', "must have no E_max_MPa"),
         (
+            'category = "plum"\n[grading]\ncertainty = 0.4\n',
+            '"grading.certainty": found 0.4; expected 0.5 or more',
+        ),
+        ('category = "plum"\n[grading]\ncertainty = 90\n', "is it in per cent (0.9)?"),
+        (
+            'category = "plum"\n[grading]\ninspect_below_p = 5\n',
+            "expected at most 1: is it in per cent (0.05)?",
+        ),
+        (
             'category = "plum"\n[[grading.classes]]\nname = "a"\nE_max_MPa = 1.0\n'
             '[[grading.classes]]\nname = "b"\nE_max_MPa = 0.5\n[[grading.classes]]\nname = "c"\n',
             "must grow from class to class",

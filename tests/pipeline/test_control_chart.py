@@ -1,5 +1,6 @@
 """The control chart over batches: its rows, its rules, and what is refused."""
 
+import csv
 import re
 from datetime import UTC, datetime, timedelta
 
@@ -135,6 +136,43 @@ def test_a_batch_whose_chart_is_another_table_is_refused_before_any_work(tmp_pat
     (tmp_path / "batch.toml").write_text('category = "nectarine"\n[reference]\nchart = "fruits.csv"\n')
     with pytest.raises(BatchRefused, match="is no control chart of drupe"):
         open_batch(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "named", ["ABOVE/x.csv", "../../x.csv", "../other/x.csv", "link/x.csv", "/etc/x.csv"]
+)
+def test_a_chart_elsewhere_is_refused_by_its_key_unless_its_folder_is_allowed(tmp_path, monkeypatch, named):
+    root = tmp_path / "days" / "monday"
+    (root / "fruits").mkdir(parents=True)
+    (tmp_path / "days" / "other").mkdir()
+    (root / "link").symlink_to(tmp_path)
+    (root / "fruits.csv").write_text("fruit_id\nA\n")
+    named = named.replace("ABOVE", str(tmp_path))
+    (root / "batch.toml").write_text(f'category = "nectarine"\n[reference]\nchart = "{named}"\n')
+    with pytest.raises(
+        BatchRefused, match=r'batch\.toml: "reference\.chart": found .*; expected a file in'
+    ) as refused:
+        open_batch(root)
+    assert "DRUPE_CHARTS" in str(refused.value)
+    place = (root / named).parent.resolve()
+    folder = BatchFolder(root)
+    assert chart_path(folder, named, environment={"DRUPE_CHARTS": f"/none:{place}"}) == root / named
+
+
+@pytest.mark.parametrize("named", ["gripper.csv", "charts/gripper.csv", "../gripper.csv"])
+def test_a_chart_in_the_batch_or_beside_its_folder_is_allowed(tmp_path, named):
+    assert chart_path(BatchFolder(tmp_path / "monday"), named, environment={}) == tmp_path / "monday" / named
+
+
+@pytest.mark.parametrize("lot", ["=1+1", "7;=cmd|' /C calc'!A0", "a, -1+cmd", '";=HYPERLINK(1)'])
+def test_the_lot_starts_no_formula_and_its_row_is_found_again(tmp_path, lot):
+    path = tmp_path / "gripper.csv"
+    for ratio in (1.01, 1.02):
+        update_chart(path, row(0, ratio, lot=lot))
+    assert len(read_chart(path).points) == 1
+    for separator in (",", ";"):
+        for line in csv.reader(path.read_text().splitlines(), delimiter=separator):
+            assert not any(cell.lstrip(' "').startswith(("=", "+", "-", "@")) for cell in line)
 
 
 def test_several_recordings_have_one_hash_whatever_their_order():

@@ -1,12 +1,14 @@
-"""What is shipped, held and looked at: probabilities against direct draws, and the reasons."""
+"""What is shipped, held and inspected: probabilities against direct draws, and the reasons."""
 
 import numpy as np
 import pytest
 
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord
+from pipeline.batch.diagnosis_record import DiagnosisRecord
+from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings
+from reports.words import effect_name
 
 CLASSES = (
     GradingClass(name="over", E_max_MPa=0.2),
@@ -16,13 +18,12 @@ CLASSES = (
 DEFAULT = Grading(classes=CLASSES)
 
 
-def ship_only(*names):
-    return Grading(
-        classes=tuple(c.model_copy(update={"ship": True if c.name in names else None}) for c in CLASSES)
-    )
+def said(**ship):
+    """The classes, of which those named say whether they are shipped."""
+    return Grading(classes=tuple(c.model_copy(update={"ship": ship.get(c.name)}) for c in CLASSES))
 
 
-def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, **changes):
+def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **changes):
     modulus = ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd_MPa)
     record = FruitRecord(fruit_id="A", outcome="graded", key="k", given=Given(), modulus=modulus)
     (place,) = standings(
@@ -32,7 +33,7 @@ def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, **changes):
         classes=grading.classes,
         rng=np.random.default_rng(0),
     )
-    return decide(record.model_copy(update=changes), place, grading, mismatch=mismatch)
+    return decide(record.model_copy(update=changes), place, grading, mismatch=mismatch, explained=explained)
 
 
 def test_class_probabilities_are_shares_of_draws():
@@ -47,15 +48,27 @@ def test_without_a_word_all_but_the_firmest_are_shipped():
     assert decided(1.2, 0.02).list_name == "hold"
 
 
-def test_what_classes_say_is_done():
-    assert decided(0.1, 0.002, ship_only("ripe")).list_name == "hold"
-    assert decided(0.4, 0.01, ship_only("ripe")).list_name == "ship"
-    assert decided(1.2, 0.02, ship_only("firm")).list_name == "ship"
+@pytest.mark.parametrize(
+    ("ship", "lists"),
+    [
+        ({}, ("ship", "ship", "hold")),
+        ({"over": False}, ("hold", "ship", "hold")),
+        ({"ripe": False}, ("ship", "hold", "hold")),
+        ({"firm": False}, ("ship", "ship", "hold")),
+        ({"firm": True}, ("ship", "ship", "ship")),
+        ({"ripe": True}, ("ship", "ship", "hold")),
+        ({"over": False, "ripe": False}, ("hold", "hold", "hold")),
+        ({"over": False, "firm": True}, ("hold", "ship", "ship")),
+    ],
+)
+def test_what_a_class_says_is_done_to_its_own_fruit_alone(ship, lists):
+    grading = said(**ship)
+    assert tuple(decided(E, E / 50, grading).list_name for E in (0.1, 0.4, 1.2)) == lists
 
 
 def test_a_fruit_at_the_limit_is_borderline_and_its_other_class_is_named():
     found = decided(0.69, 0.05)
-    assert found.list_name == "look"
+    assert found.list_name == "inspect"
     assert found.why.startswith("borderline: to be shipped with")
     assert found.other_class == "firm"
     firm = class_probabilities(np.log(0.69), 0.05 / 0.69, CLASSES)[2]
@@ -75,13 +88,96 @@ def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back(
         ({"screen": ScreenRecord(p_value=1e-4, names=("unknown",))}, "nothing known explains its recordings"),
     ],
 )
-def test_what_is_looked_at_whatever_its_modulus(changes, why):
+def test_what_is_inspected_whatever_its_modulus(changes, why):
     assert decided(0.4, 0.001, **changes).why == why
-    assert decided(0.4, 0.001, **changes).list_name == "look"
+    assert decided(0.4, 0.001, **changes).list_name == "inspect"
 
 
-def test_explained_by_nothing_is_looked_at():
-    assert decided(0.4, 0.001, mismatch="unknown").list_name == "look"
+def test_explained_by_nothing_is_inspected():
+    assert decided(0.4, 0.001, mismatch="unknown").list_name == "inspect"
+
+
+SKIN = SuspectedRecord(effect="skin", E_ratio=0.513 / 0.416, added_sd=0.05)
+CERTAIN_SHIP = Grading(
+    classes=(GradingClass(name="ripe", E_max_MPa=0.6), GradingClass(name="firm")), certainty=0.9
+)
+
+
+def suspected(p_value, *moduli, names=("skin",)):
+    return {"screen": ScreenRecord(p_value=p_value, names=names, suspected=moduli)}
+
+
+@pytest.mark.parametrize(
+    ("p_value", "moduli", "names", "limits"),
+    [
+        (6e-41, (SKIN,), ("skin",), {}),
+        (9.9e-4, (), ("skin", "slip"), {}),
+        (0.009, (SKIN,), ("skin",), {"inspect_below_p": 0.01}),
+        (1e-9, (), (), {}),
+    ],
+)
+def test_a_fruit_whose_screen_is_improbable_is_inspected(p_value, moduli, names, limits):
+    grading = CERTAIN_SHIP.model_copy(update=limits)
+    found = decided(0.416, 0.04, grading, **suspected(p_value, *moduli, names=names))
+    assert found.list_name == "inspect"
+    assert found.why.startswith("missing physics suspected: ")
+    assert decided(0.416, 0.04, Grading(**limits), **suspected(p_value)).list_name == "inspect"
+
+
+def test_the_reason_names_the_effect_p_and_both_moduli():
+    why = decided(0.416, 0.04, CERTAIN_SHIP, **suspected(6e-41, SKIN)).why.replace("\u00a0", " ")
+    # sd with it: 0.513 * hypot(0.04 / 0.416, 0.05) = 0.0556
+    assert why == (
+        "missing physics suspected: skin (p = 6.0e-41), E is 0.416 ± 0.040 MPa (ripe) without it and "
+        "0.513 ± 0.056 MPa (ripe) with it"
+    )
+
+
+@pytest.mark.parametrize("p_value", [0.001, 0.02, 0.5])
+def test_a_fruit_is_not_inspected_for_a_likely_screen_that_leaves_its_class(p_value):
+    assert decided(0.416, 0.02, CERTAIN_SHIP, **suspected(p_value, SKIN)).list_name == "ship"
+    never = CERTAIN_SHIP.model_copy(update={"inspect_below_p": 0.0})
+    assert decided(0.416, 0.02, never, **suspected(1e-30, SKIN)).list_name == "ship"
+
+
+@pytest.mark.parametrize(
+    ("E_MPa", "ratio", "effect"), [(0.416, 1.5, "skin"), (0.95, 0.6, "slip"), (0.42, 1.45, "pit_size+skin")]
+)
+def test_a_fruit_whose_class_the_suspected_effect_changes_is_inspected(E_MPa, ratio, effect):
+    other = SuspectedRecord(effect=effect, E_ratio=ratio)
+    same = SuspectedRecord(effect="drainage", E_ratio=1.01)
+    found = decided(E_MPa, E_MPa / 50, CERTAIN_SHIP, **suspected(0.03, same, other))
+    assert found.list_name == "inspect"
+    assert found.why.startswith(f"the suspected effect changes its class: {effect_name(effect)} (p = 0.030)")
+    assert {found.suspicion.maturity, found.suspicion.maturity_with} == {"ripe", "firm"}
+
+
+def explanation(after, verdict="skin"):
+    return DiagnosisRecord(
+        key="k",
+        verdict=verdict,
+        ranking=(),
+        E_MPa={"before": {"value": 0.4, "sd": 0.02}, "after": {"value": after, "sd": 0.03}},
+    )
+
+
+@pytest.mark.parametrize(
+    ("explained", "list_name"),
+    [(explanation(0.7), "inspect"), (explanation(0.41), "ship"), (explanation(0.4, "none"), "ship")],
+)
+def test_what_explain_found_counts_instead_of_what_the_screen_suspects(explained, list_name):
+    changes = suspected(0.02, SuspectedRecord(effect="slip", E_ratio=2.0))
+    found = decided(0.4, 0.01, CERTAIN_SHIP, explained=explained, **changes)
+    assert found.list_name == list_name
+
+
+@pytest.mark.parametrize(("certainty", "list_name"), [(0.5, "ship"), (0.8, "ship"), (0.9, "inspect")])
+def test_the_certainty_that_a_decision_needs_is_a_setting(certainty, list_name):
+    """ln(0.6 / 0.55) / 0.08 = 1.088 sd below the limit: 86 % certain."""
+    grading = CERTAIN_SHIP.model_copy(update={"certainty": certainty})
+    found = decided(0.55, 0.55 * 0.08, grading)
+    assert found.list_name == list_name
+    assert (found.other_class is None) == (certainty < 0.86)
 
 
 def test_without_classes_and_for_a_reference_body_there_is_no_list():

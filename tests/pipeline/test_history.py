@@ -1,9 +1,10 @@
 """Lots over days: the fitted law against simulated lots and closed forms; store, page and table."""
 
 import csv
+import json
 import math
 import sqlite3
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, date, datetime
 
 import numpy as np
@@ -266,3 +267,263 @@ def test_a_damaged_store_is_said(three_days, tmp_path):
     store.write_bytes(bytes(data))
     with pytest.raises(BatchRefused, match="is damaged"), history_store(store) as one:
         one.batches()
+
+
+def day_of(out, E, *, lot="7", day="2026-08-10", scale="a", extra=(), **settings):
+    """Results of a day; `scale`: of recordings, whose files change with it."""
+    inputs = {f"fruits/{name}/grasps/g.h5": f"{name}{scale}" for name in E}
+    return results_of(
+        out,
+        [*(graded(name, one) for name, one in E.items()), *extra],
+        day=day,
+        lot=lot,
+        inputs=inputs,
+        **settings,
+    )
+
+
+DAY = {"A": 0.8, "B": 0.9, "C": 1.0, "D": 1.1}
+FIVE = {**DAY, "E": 1.2}
+
+
+@pytest.mark.parametrize(
+    ("again", "count"),
+    [
+        (lambda root: day_of(root / "b" / "results", FIVE), 5),
+        (lambda root: day_of(root / "b" / "other", FIVE), 5),
+        (lambda root: day_of(root / "moved" / "results", FIVE), 5),
+        (lambda root: day_of(root / "b" / "results", {n: 1.1 * E for n, E in DAY.items()}, scale="b"), 4),
+        (lambda root: day_of(root / "b" / "results", DAY, lot="8"), 4),
+        (lambda root: day_of(root / "b" / "results", DAY, day="2026-08-11"), 4),
+        (lambda root: day_of(root / "b" / "results", {"A": 0.8}), 4),
+    ],
+    ids=["fruit added", "other --out", "moved", "recalibrated", "lot corrected", "graded later", "one fruit"],
+)
+@pytest.mark.parametrize("old", [False, True], ids=["this version's store", "an earlier version's store"])
+def test_a_batch_graded_again_is_counted_once(drupe, tmp_path, again, count, old):
+    store = tmp_path / "lots.sqlite"
+    first = day_of(tmp_path / "b" / "results", DAY)
+    if old:
+        store_of_version_1(store, stored_batch(first))
+    else:
+        drupe("history", first, "--store", store)
+    out = again(tmp_path)
+    done = drupe("history", out, "--store", store)
+    if old and "moved" in str(out):
+        return  # such a store kept no recordings
+    assert "1 batches (0 new), 1 lots" in done.out
+    assert f"1 day, {count} fruit on 2026-08-10" in done.out
+    drupe("history", out, "--store", store)
+    with history_store(store) as one:
+        (batch,) = one.batches()
+    said = stored_batch(out)
+    assert {fruit.fruit_id: fruit.E_MPa for fruit in batch.fruit} == {
+        **DAY,
+        **{fruit.fruit_id: fruit.E_MPa for fruit in said.fruit},
+    }
+    assert batch.lot == said.lot
+
+
+def store_of_version_1(path, *batches):
+    """As drupe 0.x wrote it: a batch as one JSON."""
+    with sqlite3.connect(path) as old:
+        old.execute("PRAGMA application_id = 0x44525550")
+        old.execute("PRAGMA user_version = 1")
+        old.execute(
+            "CREATE TABLE batch (key TEXT PRIMARY KEY, measured TEXT NOT NULL, category TEXT NOT NULL, "
+            "cultivar TEXT NOT NULL, lot TEXT NOT NULL, content TEXT NOT NULL)"
+        )
+        old.execute(
+            "CREATE TABLE conversion (scale TEXT NOT NULL, cultivar TEXT NOT NULL, version INTEGER NOT NULL, "
+            "content TEXT NOT NULL, PRIMARY KEY (scale, cultivar, version))"
+        )
+        for one in batches:
+            said = asdict(one)
+            for name in ("lost", "dated", "revisions"):
+                del said[name]
+            for fruit in said["fruit"]:
+                del fruit["recordings"]
+            row = (one.key, str(one.measured), one.category, one.cultivar, one.lot)
+            old.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?)", (*row, json.dumps(said, default=str)))
+    old.close()
+
+
+def test_a_store_of_an_earlier_version_is_kept_and_counts_what_it_counted_twice_once(tmp_path):
+    first = stored_batch(day_of(tmp_path / "b" / "results", DAY))
+    more = stored_batch(day_of(tmp_path / "b" / "more", FIVE))
+    later = stored_batch(day_of(tmp_path / "c" / "results", DAY, day="2026-08-12", scale="c"))
+    store_of_version_1(tmp_path / "s", first, replace(more, graded_utc="2026-08-10T18:00:00Z"), later)
+    with history_store(tmp_path / "s") as one:
+        found = one.batches()
+    with history_store(tmp_path / "s") as again:
+        assert again.batches() == found
+    assert [(len(b.fruit), b.revisions, b.measured.day) for b in found] == [(5, 1, 10), (4, 0, 12)]
+
+
+@pytest.mark.parametrize(
+    ("other", "batches"),
+    [
+        ({"scale": "b", "day": "2026-08-12"}, 2),
+        ({"scale": "b", "lot": "8"}, 2),
+        ({"scale": "b", "day": "2026-08-12", "measured_on": "2026-08-12"}, 2),
+    ],
+    ids=["another day", "another lot", "another day by its settings"],
+)
+def test_other_recordings_of_the_same_ids_are_another_batch(tmp_path, other, batches):
+    with history_store(None) as store:
+        store.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
+        store.add(stored_batch(day_of(tmp_path / "b" / "results-2", DAY, **other)))
+        assert len(store.batches()) == batches
+
+
+def test_the_latest_graded_counts_whichever_is_read_last_and_the_page_says_how_many_are_kept(drupe, tmp_path):
+    new = day_of(tmp_path / "b" / "new", {n: 2 * E for n, E in DAY.items()}, day="2026-08-11")
+    old = day_of(tmp_path / "b" / "old", DAY)
+    store, page = tmp_path / "s", tmp_path / "h.html"
+    drupe("history", new, "--store", store)
+    done = drupe("history", old, "--store", store, "--html", page)
+    with history_store(store) as one:
+        (batch,) = one.batches()
+    assert {f.fruit_id: f.E_MPa for f in batch.fruit} == {n: 2 * E for n, E in DAY.items()}
+    said = (
+        "1 of its batches was graded again: the latest results count, and the store keeps 1 earlier revision"
+    )
+    assert said in done.out
+    assert said in page.read_text()
+
+
+def test_a_fruit_that_is_lost_when_graded_again_no_longer_counts(tmp_path):
+    lost = FruitRecord(fruit_id="D", outcome="no-photos", key="k", given=Given())
+    three = {name: DAY[name] for name in "ABC"}
+    with history_store(None) as store:
+        store.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
+        store.add(stored_batch(day_of(tmp_path / "b" / "results", three, day="2026-08-11", extra=[lost])))
+        (batch,) = store.batches()
+    assert ([f.fruit_id for f in batch.fruit], batch.lost) == (["A", "B", "C"], ("D",))
+
+
+@pytest.mark.parametrize(
+    ("named", "left"),
+    [("7", [("8", 4)]), ("b", [("8", 4)]), ("7/A", [("7", 3), ("8", 4)]), ("NAME/B", [("7", 3), ("8", 4)])],
+)
+def test_what_is_named_is_forgotten_and_nothing_else(drupe, tmp_path, named, left):
+    store = tmp_path / "s"
+    outs = [
+        day_of(tmp_path / "b" / "results", DAY),
+        day_of(tmp_path / "c" / "results", DAY, scale="c", lot="8"),
+    ]
+    drupe("history", *outs, "--store", store)
+    with history_store(store) as one:
+        named = named.replace("NAME", next(batch.key for batch in one.batches() if batch.lot == "7"))
+    files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    listed = drupe("history", "--store", store, "--forget", named, "--dry-run")
+    assert {path: path.read_bytes() for path in files} == files
+    done = drupe("history", "--store", store, "--forget", named)
+    assert done.out == listed.out.replace("would forget", "forgotten")
+    assert "lot 7, measured 2026-08-10" in done.out
+    with history_store(store) as one:
+        assert sorted((batch.lot, len(batch.fruit)) for batch in one.batches()) == left
+    files.pop(store)
+    assert {path: path.read_bytes() for path in files} == files
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--store", "s", "--forget", "9"), 'knows no batch, lot or fruit "9"'),
+        (("--store", "s", "--forget", "7/Z"), 'knows no batch, lot or fruit "7/Z"'),
+        (("--forget", "7"), "--forget needs the store"),
+        (("--store", "none", "--forget", "7"), "--forget needs the store"),
+        (("b/results", "--store", "s", "--forget", "7"), "--forget goes with --store and --dry-run alone"),
+        (("--store", "s", "--dry-run"), "--dry-run lists what --forget would remove"),
+    ],
+)
+def test_what_cannot_be_forgotten_is_said(drupe, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    drupe("history", day_of(tmp_path / "b" / "results", DAY), "--store", "s")
+    before = (tmp_path / "s").read_bytes()
+    done = drupe("history", *arguments)
+    assert done.status == 2
+    assert said in done.err
+    assert (tmp_path / "s").read_bytes() == before
+    assert not (tmp_path / "none").exists()
+
+
+def flipped(path, place):
+    data = bytearray(path.read_bytes())
+    data[place % len(data)] ^= 1 << (place % 8)
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize(
+    "damaged", ["batch.json", "fruits/A/record.json", ".written.json", "fruits/B/.written.json"]
+)
+def test_no_flipped_bit_of_results_is_used(tmp_path, damaged):
+    """What `damaged` names is refused by its name, or is read as it was written."""
+    sound = day_of(tmp_path / "b" / "results", DAY)
+    expected, path = stored_batch(sound), sound / damaged
+    data = path.read_bytes()
+    for place in np.random.default_rng(1).integers(0, 8 * len(data), 25):
+        flipped(path, int(place))
+        try:
+            assert stored_batch(sound) == expected
+        except BatchRefused as refused:
+            (problem,) = refused.problems
+            name = damaged.replace(".written.json", "record.json" if "fruits" in damaged else "batch.json")
+            assert str(sound / name) in str(problem)
+        path.write_bytes(data)
+
+
+def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_row_is_named_and_forgotten(drupe, tmp_path):
+    store = tmp_path / "s"
+    outs = [
+        day_of(tmp_path / "b" / "results", DAY),
+        day_of(tmp_path / "c" / "results", DAY, scale="c", lot="8"),
+    ]
+    drupe("history", *outs, "--store", store)
+    with history_store(store) as one:
+        expected = one.batches()
+    data, refusals = store.read_bytes(), 0
+    for place in np.random.default_rng(2).integers(0, 8 * len(data), 150):
+        flipped(store, int(place))
+        try:
+            with history_store(store) as one:
+                assert one.batches() == expected
+        except BatchRefused as refused:
+            assert str(store) in str(refused.problems[0])  # noqa: PT017 - one of two right endings
+            refusals += 1
+        store.write_bytes(data)
+    assert refusals > 10  # most of the file is not in use
+    key = next(batch.key for batch in expected if batch.lot == "7")
+    with sqlite3.connect(store) as other:
+        other.execute(
+            "UPDATE row SET content = replace(content, '0.9', '0.8') WHERE batch = ? AND fruit = 'B'", (key,)
+        )
+    other.close()
+    done = drupe("history", "--store", store)
+    assert done.status == 2
+    assert f"batch {key}, fruit B, revision 0 is damaged" in done.err
+    assert f"--forget {key}/B" in done.err
+    assert "fruit B" in drupe("history", "--store", store, "--forget", f"{key}/B").out
+    assert drupe("history", outs[0], "--store", store).status == 0
+    with history_store(store) as one:
+        assert [f.E_MPa for b in one.batches() if b.key == key for f in b.fruit if f.fruit_id == "B"] == [0.9]
+
+
+def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):
+    with history_store(tmp_path / "s") as one:
+        one.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
+    with sqlite3.connect(tmp_path / "s") as other:
+        other.execute("DELETE FROM row WHERE fruit = 'B'")
+    other.close()
+    with pytest.raises(BatchRefused, match="lacks rows that were written"), history_store(tmp_path / "s"):
+        pass
+
+
+@pytest.mark.parametrize("lot", ["=1+1", "7;=cmd|' /C calc'!A0", "@a"])
+def test_no_cell_of_the_table_starts_a_formula(drupe, tmp_path, lot):
+    table = tmp_path / "h.csv"
+    drupe("history", day_of(tmp_path / "b" / "results", DAY, lot=lot), "--csv", table)
+    for separator in (",", ";"):
+        for line in csv.reader(table.read_text().splitlines(), delimiter=separator):
+            assert not any(cell.startswith(("=", "+", "-", "@")) for cell in line)

@@ -12,6 +12,7 @@ import pytest
 from graded_results import graded, results_of
 
 from pipeline.batch.layout import write_whole
+from pipeline.batch.records import ScreenRecord
 from pipeline.files.whole_file import NotWritten
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -57,6 +58,47 @@ def test_classes_of_now_are_in_the_report_anew(drupe, batch, results):
     table = json.loads((results / "ranking.json").read_text())
     assert [row["fruit_id"] for row in table] == ["A", "B"]
     assert [row["E_MPa"] for row in table] == [float(row["E_MPa"]) for row in rows(results).values()]
+
+
+@pytest.mark.parametrize(
+    ("setting", "decision"),
+    [
+        ("", "inspect"),
+        ("inspect_below_p = 1e-50", "ship"),
+        ("inspect_below_p = 0.5\ncertainty = 0.99", "inspect"),
+    ],
+)
+def test_settings_of_now_decide_and_the_reason_is_on_page_and_terminal(drupe, batch, setting, decision):
+    skin = {"effect": "skin", "E_ratio": 1.2, "added_sd": 0.02}
+    screen = {"p_value": 6e-41, "names": ("skin",), "suspected": (skin,)}
+    screened = graded("A", 0.3, sd=1 / 30).model_copy(update={"screen": ScreenRecord.model_validate(screen)})
+    results = results_of(batch / "results", [screened, graded("B", 0.8)])
+    (batch / "batch.toml").write_text(
+        f'category = "nectarine"\n[grading]\n{setting}\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
+        '[[grading.classes]]\nname = "firm"\n'
+    )
+    done = drupe("report", results)
+    assert rows(results)["A"]["decision"] == decision
+    reason = (
+        "missing physics suspected: skin (p = 6.0e-41), E is 0.300 ± 0.010 MPa (soft) without it and 0.360 ± "
+        "0.014 MPa (soft) with it"
+    )
+    for said in (
+        rows(results)["A"]["decision_reason"],
+        done.out.replace("\u00a0", " "),
+        (results / "report.html").read_text().replace("\u00a0", " "),
+    ):
+        assert (reason in said) == (decision == "inspect")
+
+
+def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, batch, results):
+    (batch / "batch.toml").write_text(
+        'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\nship = false\n'
+        '[[grading.classes]]\nname = "firm"\n'
+    )
+    assert "no class is shipped: all fruit are held" in drupe("report", results).out
+    assert {row["decision"] for row in rows(results).values()} == {"hold"}
+    assert "No class is shipped" in (results / "report.html").read_text()
 
 
 def test_tables_of_other_programmes_hold_the_same_numbers(drupe, results):

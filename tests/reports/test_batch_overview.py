@@ -13,7 +13,7 @@ def lost(fruit_id: str, reason: str, outcome: str = "never-touches") -> FruitEnt
         ok=False,
         outcome=outcome,
         reason=reason,
-        decision="look",
+        decision="inspect",
         decision_reason="not graded",
     )
 
@@ -42,7 +42,7 @@ def test_lists_name_their_fruit_and_why(empty_batch: BatchEntry, graded) -> None
         replace(graded("H", rank=3, E_MPa=0.9, maturity="unripe"), decision="hold"),
         replace(
             graded("B", rank=2, E_MPa=0.34),
-            decision="look",
+            decision="inspect",
             decision_reason="borderline: to be shipped with 63 %",
             other_class="unripe",
             other_class_probability=0.37,

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from reports.entries import HOLD, LOOK, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
 from reports.kiosk_page import KioskEntry, kiosk_html
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
@@ -44,7 +44,7 @@ def test_what_explain_found_stands_there_in_place_of_suspicions():
         {"screen": ScreenEntry(suspects=(SKIN,)), "mismatch": "none"},
         {"mismatch": "skin", "mismatch_taken": True},
         {"screen": ScreenEntry(suspects=(SKIN,)), "reference": True},
-        {"screen": ScreenEntry(suspects=(UNKNOWN,)), "decision": LOOK},
+        {"screen": ScreenEntry(suspects=(UNKNOWN,)), "decision": INSPECT},
     ],
 )
 def test_nothing_is_said_of_what_e_or_the_decision_take_into_account(how):

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 
 from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
-from reports.tables import ranking_csv, safe_cell
+from reports.tables import ranking_csv, ranking_excel, safe_cell
 
 Make = Callable[..., FruitEntry]
 SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
@@ -60,6 +60,46 @@ def test_no_cell_starts_a_formula(text: str, awkward_batch: BatchEntry) -> None:
     fruit = FruitEntry(fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text,))
     row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
     assert all(row[name].startswith("'") for name in ("fruit_id", "reason", "mismatch", "warnings"))
+
+
+HOSTILE = (
+    "lot 7;=cmd|' /C calc'!A0",
+    "a,=1+1",
+    'a; "=HYPERLINK(1)"',
+    "a\t@SUM(A1)",
+    ";+1",
+    "x;\u00a0-1+cmd",
+    '"=1+1"',
+    "\uff1d1+1",
+)
+
+
+def cells_by(text: str, separator: str) -> set[str]:
+    """All cells as a spreadsheet with this separator splits them, without blanks and quotes at the front."""
+    table = csv.reader(io.StringIO(text), delimiter=separator)
+    return {cell.lstrip('\t "\u00a0') for row in table for cell in row}
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text: str, separator: str, awkward_batch) -> None:
+    fruit = FruitEntry(
+        fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text, text)
+    )
+    batch = replace(awkward_batch, fruits=(fruit,))
+    for table in (
+        ranking_csv(batch),
+        ranking_excel(batch, dialect="excel-de"),
+        ranking_excel(batch, dialect="excel"),
+    ):
+        for cell in cells_by(table, separator):
+            assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
+    assert safe_cell(safe_cell(text)) == safe_cell(text)
+
+
+@pytest.mark.parametrize("text", ["a - b", "E is 0.4 ± 0.1, 3 - 2", "N-7; N-8", "p = 0.01", "x+y@z"])
+def test_text_that_is_no_formula_stays_as_it_is(text: str) -> None:
+    assert safe_cell(text) == text
 
 
 def test_not_a_number_is_not_written_as_one(awkward_batch: BatchEntry, graded: Make) -> None:

@@ -253,13 +253,21 @@ def _linear_fit(
     )
 
 
-def modulus_spread_of(before: Fit, after: Fit) -> float:
-    """Root mean square of the relative change of E from one fit to another that has an effect too: of its
-    mean, and of what E is known less well by. Both count 1/E from the same; the mean at most doubles.
+def modulus_change(before: Fit, after: Fit) -> tuple[float, float]:
+    """E of one fit over E of another that lacks an effect, and the relative standard deviation that the
+    effect adds to E. Both fits count 1/E from the same; E at most doubles.
     """
     changed = max(1 + after.amounts[0], 0.5)
     more = max(after.covariance[0, 0] - before.covariance[0, 0], 0.0)
-    return float(np.hypot((1 + before.amounts[0]) / changed - 1, np.sqrt(more) / changed))
+    return float((1 + before.amounts[0]) / changed), float(np.sqrt(more) / changed)
+
+
+def modulus_spread_of(before: Fit, after: Fit) -> float:
+    """Root mean square of the relative change of E by an effect (`modulus_change`): of its mean, and of the
+    standard deviation that the effect adds.
+    """
+    ratio, added = modulus_change(before, after)
+    return float(np.hypot(ratio - 1, added))
 
 
 def violates_sign_constraint(

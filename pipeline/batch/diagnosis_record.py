@@ -1,0 +1,70 @@
+"""What grading reads of the answer that `drupe explain` keeps of a fruit (mismatch.json)."""
+
+import math
+from pathlib import Path
+from typing import Protocol
+
+from pydantic import BaseModel
+
+from fem.mismatch.result import NONE, UNKNOWN
+from pipeline.batch.records import SuspectedRecord, read_as
+
+
+class _NamedEffect(BaseModel):
+    effect: str
+
+
+class _Modulus(BaseModel):
+    value: float | None = None
+    sd: float | None = None
+
+
+class _Moduli(BaseModel):
+    before: _Modulus = _Modulus()
+    after: _Modulus = _Modulus()
+
+
+class DiagnosisRecord(BaseModel):
+    """Of a fruit's mismatch.json (drupe explain), what grading reads: of which key, and what was found."""
+
+    key: str
+    verdict: str | tuple[str, ...]
+    ranking: tuple[_NamedEffect, ...]
+    p_value: float | None = None
+    E_MPa: _Moduli = _Moduli()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The verdict's names, the likeliest first."""
+        names = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
+        order = {one.effect: place for place, one in enumerate(self.ranking)}
+        return tuple(sorted(names, key=lambda name: order.get(name, len(order))))
+
+    @property
+    def suspected(self) -> tuple[SuspectedRecord, ...]:
+        """E with the verdict's effect; none where no known effect was found, or no E is given."""
+        if {NONE, UNKNOWN} & {*self.names}:
+            return ()
+        return suspected_of("|".join(self.names), self.E_MPa.before, self.E_MPa.after)
+
+
+class _ValueWithSd(Protocol):
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def sd(self) -> float | None: ...
+
+
+def suspected_of(effect: str, before: _ValueWithSd, after: _ValueWithSd) -> tuple[SuspectedRecord, ...]:
+    """E without and with an effect as a ratio; none where one of them is not a positive number."""
+    known = [one.value for one in (before, after) if one.value is not None and 0 < one.value < math.inf]
+    if len(known) < 2:
+        return ()
+    shares = [(one.sd or 0.0) / value for one, value in zip((before, after), known, strict=True)]
+    added = math.sqrt(max(shares[1] ** 2 - shares[0] ** 2, 0.0))
+    return (SuspectedRecord(effect=effect, E_ratio=known[1] / known[0], added_sd=added),)
+
+
+def read_diagnosis(path: Path) -> DiagnosisRecord | None:
+    """What `drupe explain` kept at `path`; None where there is none that this version can read."""
+    return read_as(path, DiagnosisRecord)
