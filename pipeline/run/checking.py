@@ -219,7 +219,8 @@ def _findings(
     found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
     recording = corrected(recorded, of_the_gripper, source=path.name)
     vertices, faces = (None, None) if mesh is None else mesh
-    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig)
+    sensor = None if batch.settings is None else batch.settings.sensor
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig, sensor=sensor)
     own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
     same = read.setdefault(recording_digest(recorded), [])
     refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
