@@ -197,8 +197,8 @@ class SensorSettings(Device):
     skin, where the maker or a calibration says.
 
     `common_scale_sd`: of a common factor on force and gel stiffness where a recording states none;
-    `picture_scale_sd`: of the scale of the gel's pictures. `gel_kn_MPa_per_mm`, `gel_kt_MPa_per_mm`: the gel's
-    known stiffness, with the relative error `gel_stiffness_sd`; each recording's is compared with it.
+    `picture_scale_sd`: of the scale of the gel's pictures. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`: the
+    gel's known stiffness, with the relative error `gel_stiffness_sd`; each recording's is compared with it.
     """
 
     gel_scale_sd: Relative | None = None

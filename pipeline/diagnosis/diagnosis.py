@@ -164,7 +164,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         ]
     )
     budget, pit = handed.budget, fruit.pit.record
-    scale = sensor_scale(fruit.placed, case.task.settings.sensor).common
+    scale = sensor_scale([one.recording for one in fruit.placed], case.task.settings.sensor).common
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),

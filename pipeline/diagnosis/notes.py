@@ -111,13 +111,13 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 
 def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
     """What the sensors' scales leave open."""
-    scale = sensor_scale(placed, settings)
+    scale = sensor_scale([one.recording for one in placed], settings)
     share = float(np.linalg.norm([scale.common, scale.pictures, scale.gain]))
     if not share:
         return []
     return [
-        f"The sensor's scales leave E another ± {share:.1%}, the same in all grasps ({scale.common:.1%} of it by "
-        "a common factor on force and gel stiffness): the intervals here do not hold it."
+        f"The sensor's scales leave E another ± {share:.1%}, the same in all grasps ({scale.common:.1%} "
+        "of it by a common factor on force and gel stiffness): the intervals here do not hold it."
     ]
 
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.batch.records import MeshRecord
 from pipeline.batch.settings import Settings
 from pipeline.fruit.input_doubts import E_PER_SIZE, CategoryKind, Doubt
 from recon.pit.priors import PitPrior, known_categories, load_prior
@@ -46,14 +45,17 @@ def of_poisson_ratio(settings: Settings, prior: PitPrior | None) -> list[Doubt]:
     ]
 
 
-def of_category(mesh: MeshRecord, prior: PitPrior | None, *, others: Sequence[PitPrior]) -> list[Doubt]:
+def of_category(
+    box_mm: Sequence[float], prior: PitPrior | None, *, others: Sequence[PitPrior]
+) -> list[Doubt]:
     """A size that is unusual in the fruit's category and fits one of the `others` better, whose pit differs.
 
-    The size is the cube root of the box's volume. Its logarithm is taken as normal within each category.
+    The size is the cube root of the volume of the mesh's box. Its logarithm is taken as normal within each
+    category.
     """
     if prior is None or prior.axis_ratios is None or prior.fruit_mm is None or prior.measured is not None:
         return []
-    size_mm = float(np.cbrt(np.prod(mesh.box_mm)))
+    size_mm = float(np.cbrt(np.prod(box_mm)))
     own = _log_likelihood(size_mm, prior.fruit_mm)
     if abs(_scores(size_mm, prior.fruit_mm)) <= UNUSUAL_SD:
         return []

@@ -138,7 +138,7 @@ def _category_doubts(task: FruitTask, shape: FruitShape) -> list[Doubt]:
     doubts = of_poisson_ratio(task.settings, task.prior)
     if task.given.reference or task.settings.pit.none or task.folder.pit_ply.is_file():
         return doubts
-    return doubts + of_category(shape.record, task.prior, others=shipped_categories())
+    return doubts + of_category(shape.record.box_mm, task.prior, others=shipped_categories())
 
 
 def _placed(

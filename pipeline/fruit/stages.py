@@ -142,7 +142,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
-            sensor=sensor_scale(placed, task.settings.sensor),
+            sensor=sensor_scale([one.recording for one in placed], task.settings.sensor),
             plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
         )
         _refuse_implausible(task, found.modulus.E_MPa)

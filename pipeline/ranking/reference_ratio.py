@@ -19,8 +19,8 @@ from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, Refe
 from pipeline.fruit.elasticity import GAIN, SENSOR, doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
-    common_sd_beside_sensor_MPa,
-    sd_beside_sensor_MPa,
+    sd_of_fruit_MPa,
+    shared_sd_of_fruit_MPa,
     verified,
     with_sensor,
 )
@@ -195,7 +195,7 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
         E_found_sd_MPa=modulus.E_sd_MPa,
         own=Ratio(
             ratio=modulus.E_MPa / known,
-            ln_sd=math.hypot(sd_beside_sensor_MPa(modulus) / modulus.E_MPa, sd / known),
+            ln_sd=math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
         ),
         gain=modulus.parts_sd_MPa.get(GAIN, 0.0) / modulus.E_MPa,
     )
@@ -204,8 +204,8 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
 def _of(bodies: Sequence[BodyFound], moduli: Sequence[ModulusRecord]) -> Ratio:
     return combined_ratio(
         np.array([one.E_found_MPa for one in bodies]),
-        np.array([sd_beside_sensor_MPa(one) for one in moduli]),
-        np.array([common_sd_beside_sensor_MPa(one) for one in moduli]),
+        np.array([sd_of_fruit_MPa(one) for one in moduli]),
+        np.array([shared_sd_of_fruit_MPa(one) for one in moduli]),
         np.array([one.E_known_MPa for one in bodies]),
         np.array([one.E_known_sd_MPa for one in bodies]),
     )

@@ -11,14 +11,14 @@ from pipeline.fruit.elasticity import GAIN, SENSOR
 from tactile.unseen_error import unseen_error
 
 
-def sd_beside_sensor_MPa(modulus: ModulusRecord) -> float:
+def sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
     """E's standard deviation without the sensor's scale and gain, which a reference body measures."""
     parts = modulus.parts_sd_MPa
     sensor = math.hypot(parts.get(SENSOR, 0.0), parts.get(GAIN, 0.0))
     return math.sqrt(max(modulus.E_sd_MPa**2 - sensor**2, 0.0))
 
 
-def common_sd_beside_sensor_MPa(modulus: ModulusRecord) -> float:
+def shared_sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
     """The same of the part that all fruit share."""
     return math.sqrt(max(modulus.common_sd_MPa**2 - modulus.parts_sd_MPa.get(SENSOR, 0.0) ** 2, 0.0))
 

@@ -26,6 +26,7 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
@@ -69,7 +70,15 @@ def check(root: Path) -> tuple[Problem, ...]:
     read: Read = {}
     columns = TableColumns(found.rows)
     fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns)]
-    return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
+    return (*found.problems, *_of_settings(found), *_strays(found), *fruit, *_in_two_fruit(found, read))
+
+
+def _of_settings(batch: Survey) -> Iterator[Problem]:
+    """What in batch.toml will put every E in doubt."""
+    if batch.settings is not None:
+        for doubt in of_poisson_ratio(batch.settings, batch.prior):
+            sentence = f"{doubt.sentence} Every E will be in doubt."
+            yield Problem(str(batch.folder.settings), sentence, doubtful=True)
 
 
 class ImplausibleNumbers:
@@ -321,6 +330,10 @@ def _ready_mesh_problems(
     if pit is not None and not broken:
         broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
     yield from broken
+    if not broken and not row.reference and pit is None and not (batch.settings and batch.settings.pit.none):
+        box_mm = np.ptp(mesh[0], axis=0).tolist()
+        for doubt in of_category(box_mm, batch.prior, others=shipped_categories()):
+            yield _doubted(row, folder.fruit_ply, doubt.sentence)
     if not broken and not row.reference:
         doubts: list[Doubt] = []
         yield from _tried(row, folder.fruit_ply, lambda: doubts.extend(_pit_doubts(batch, row, mesh, pit)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.io.recording import GelPad, marker_area_mm2
-from tactile.known_gel import KnownGel
+from tactile.published_gel import PublishedGel
 
 FAR_SD = 3.0
 """Standard deviations beyond which a gel is not taken to be the sensor's: one sound gel in 370."""
@@ -20,7 +20,7 @@ third power: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade --only "picture s
 markers' places alone and the forces with its square, 0.8."""
 
 
-def gel_findings(pads: Sequence[GelPad], known: KnownGel) -> list[Finding]:
+def gel_findings(pads: Sequence[GelPad], known: PublishedGel) -> list[Finding]:
     """Stiffness and pitch that are further than FAR_SD from what is known; both pads in one sentence. Of two
     wrong stiffnesses of a pad the first is named.
     """
@@ -35,7 +35,7 @@ def measured_pitch_mm(pad: GelPad) -> float | None:
     return None if area_mm2 is None else float(np.sqrt(area_mm2))
 
 
-def _stiffness(pad: GelPad, known: KnownGel) -> Finding | None:
+def _stiffness(pad: GelPad, known: PublishedGel) -> Finding | None:
     for name, (expected, sd) in known.stiffness.items():
         stated: float = getattr(pad, name)
         off = float(np.log(stated / expected))
@@ -54,7 +54,7 @@ def _stiffness(pad: GelPad, known: KnownGel) -> Finding | None:
     return None
 
 
-def _pitch(pad: GelPad, known: KnownGel) -> Finding | None:
+def _pitch(pad: GelPad, known: PublishedGel) -> Finding | None:
     pitch = measured_pitch_mm(pad)
     if pitch is None or known.pitch_mm is None:
         return None

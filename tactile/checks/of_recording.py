@@ -24,7 +24,7 @@ from tactile.checks.reference import reference_findings
 from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.io.recording import GelPad, Recording
-from tactile.known_gel import KnownGel
+from tactile.published_gel import PublishedGel
 from tactile.registration import depth_along
 
 QUARTERS = np.array(
@@ -46,7 +46,7 @@ def recording_findings(
     *,
     E_range_MPa: tuple[float, float] | None = None,
     surface_sd_mm: float = 0.0,
-    gels: Sequence[KnownGel] = (),
+    gels: Sequence[PublishedGel] = (),
 ) -> list[Finding]:
     """What cannot be right in `recording` of the fruit with this mesh, the likeliest cause first.
 

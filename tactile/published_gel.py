@@ -9,7 +9,7 @@ from tactile.io.sensor_model import Published, SensorModel
 
 
 @dataclass(frozen=True, kw_only=True)
-class KnownGel:
+class PublishedGel:
     """`source`: who says so. `stiffness`: by the name of a pad's attribute, the value (MPa/mm) and its
     relative standard deviation. `pitch_mm`: geometric mean of both steps of the grid, with its relative
     `pitch_sd`.
@@ -21,14 +21,14 @@ class KnownGel:
     pitch_sd: float = 0.0
 
 
-def gel_of_model(model: SensorModel) -> KnownGel:
+def gel_of_model(model: SensorModel) -> PublishedGel:
     """What the sensor's published values say of its gel.
 
     Where the stiffness itself is not published it is the bonded layer's (tactile.layer_stiffness):
     kn = E (1 - nu) / ((1 + nu) (1 - 2 nu) h) and kt = E / (2 (1 + nu) h), errors to first order.
     """
     pitch = model.pitch_mm
-    return KnownGel(
+    return PublishedGel(
         source=f'the sensor model "{model.key}"',
         stiffness={**_of_a_layer(model.gel), **_as_published(model.gel)},
         pitch_mm=None if pitch is None else float(np.exp(np.log(pitch.value).mean())),
