@@ -56,7 +56,7 @@ def better(size_mm: float, category: str) -> str:
         (23.0, "plum", ""),  # a cherry's pit is as large
         (23.0, "cherry", ""),
         (34.0, "cherry", ""),
-        (70.0, "apricot", "nectarine"),
+        (70.0, "apricot", "peach"),
         (42.0, "nectarine", "apricot"),
         (62.0, "peach", ""),
     ],
