@@ -15,6 +15,7 @@ from pipeline.fruit.known_sensor import known_gels
 from tactile.checks.gel_findings import measured_pitch_mm
 from tactile.checks.gel_gain import unseen_gain
 from tactile.io.recording import GelPad, Recording
+from tactile.plain_jaw import RIGID_MPA_PER_MM
 from tactile.unseen_error import unseen_error
 
 COMMON_SD = 0.03
@@ -58,7 +59,7 @@ def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | Non
     return SensorScale(
         common=float(np.mean([common_sd(one, settings) for one in recordings])),
         pictures=float(np.mean([_picture_sd(one, settings) for one in recordings])),
-        gain=E_PER_GAIN * unseen_gain(recordings),
+        gain=E_PER_GAIN * unseen_gain([pad for one in recordings for pad in _gels(one)]),
     )
 
 
@@ -89,7 +90,9 @@ def _picture_sd(recording: Recording, settings: SensorSettings | None) -> float:
 
 
 def _gels(recording: Recording) -> list[GelPad]:
-    return [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    """Without what stands in a plain jaw's place (tactile.plain_jaw)."""
+    gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    return [pad for pad in gels if pad.gel_kn_MPa_per_mm < RIGID_MPA_PER_MM]
 
 
 def _gel_over_fruit(recording: Recording, pads: Sequence[GelPad]) -> float:

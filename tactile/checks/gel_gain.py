@@ -11,7 +11,7 @@ import numpy as np
 from tactile.checks.gain_findings import GAIN_SAID
 from tactile.checks.pressing import pressing_of
 from tactile.checks.relation import relation_of
-from tactile.io.recording import GelPad, Recording
+from tactile.io.recording import GelPad
 from tactile.unseen_error import unseen_error
 
 GAIN_SD = GAIN_SAID / 2
@@ -21,13 +21,13 @@ LAW_SD = 0.015
 sound recordings reach (benchmarks/field_spreads.py)."""
 
 
-def unseen_gain(recordings: Sequence[Recording]) -> float:
-    """Root mean square of ln gain, given all pads of the recordings.
+def unseen_gain(pads: Sequence[GelPad]) -> float:
+    """Root mean square of ln gain, given all pads of all recordings.
 
     The measured ln gains of n pads, each of variance s^2 = LAW_SD^2 + noise, have a mean of variance
     mean(s^2) / n; the prior is N(0, GAIN_SD^2). Without a pad that says anything the prior is all there is.
     """
-    found = [one for recording in recordings for pad in recording.pads if (one := _of_pad(pad)) is not None]
+    found = [one for pad in pads if (one := _of_pad(pad)) is not None]
     if not found:
         return GAIN_SD
     measured, sd = np.transpose(found)
@@ -35,9 +35,9 @@ def unseen_gain(recordings: Sequence[Recording]) -> float:
     return unseen_error(float(measured.mean()), mean_sd, prior_sd=GAIN_SD)
 
 
-def _of_pad(pad: object) -> tuple[float, float] | None:
+def _of_pad(pad: GelPad) -> tuple[float, float] | None:
     """ln gain and its standard deviation by noise; None where the gel's law says nothing of the pad."""
-    relation = relation_of(pressing_of(pad)) if isinstance(pad, GelPad) else None
+    relation = relation_of(pressing_of(pad))
     if relation is None or not relation.gain > 0:
         return None
     return float(np.log(relation.gain)), relation.gain_sd
