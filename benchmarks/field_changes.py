@@ -56,6 +56,34 @@ def gel(kn: float, kt: float | None = None) -> Change:
     )
 
 
+def picture_scale(times: float, *, sensor: str | None = None) -> Change:
+    """Lengths in the gel's plane times a factor, and the forces of each marker's area times its square.
+
+    `sensor`: the name of the sensor in place of the recordings' own.
+    """
+    plane = np.array([times, times, 1.0])
+    scaled = pads(
+        lambda pad, rng: replace(
+            pad,
+            rest_mm=pad.rest_mm * plane,
+            displacement_mm=pad.displacement_mm * plane,
+            force_N=pad.force_N * times**2,
+        )
+    )
+    renamed = each(lambda one, rng: one if sensor is None else replace(one, sensor=sensor))
+    return lambda fruit, other, rng: renamed(scaled(fruit, other, rng), other, rng)
+
+
+def both(first: Change, second: Change) -> Change:
+    """One change after the other."""
+    return lambda fruit, other, rng: second(first(fruit, other, rng), other, rng)
+
+
+def stated(**settings: str | float) -> Change:
+    """Another category or Poisson's ratio in the batch's settings."""
+    return lambda fruit, other, rng: replace(fruit, **settings)
+
+
 def frames(order: Callable[[int, np.random.Generator], np.ndarray], *, log: bool) -> Change:
     """Gel frames in another order; with `log` the jaws' log and poses too."""
 

@@ -29,6 +29,7 @@ class Fruit:
     faces: np.ndarray
     pit: tuple[np.ndarray, np.ndarray] | None
     recordings: tuple[Recording, ...]
+    poisson_ratio: float = 0.45
 
 
 def fruit_of(folder: Path) -> Fruit | None:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from field_changes import (
     Change,
+    both,
     clipped,
     cut,
     dead,
@@ -27,6 +28,7 @@ from field_changes import (
     other_recording,
     pads,
     permuted,
+    picture_scale,
     pit,
     pose,
     rounded,
@@ -34,6 +36,7 @@ from field_changes import (
     shift,
     some,
     standing_still,
+    stated,
     transposed,
     until_peak,
     without_markers,
@@ -43,10 +46,10 @@ from field_changes import (
     about_the_middle as middled,
 )
 
-from pipeline.fruit.input_doubts import PitKind
+from pipeline.fruit.input_doubts import CategoryKind, PitKind
 from tactile.checks.finding import Field, FindingKind
 
-Said = FindingKind | PitKind
+Said = FindingKind | PitKind | CategoryKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +57,8 @@ class Mistake:
     """A change, and what names it.
 
     `kinds`: findings whose cause this is, if they are of its `field` and its `unit`; `among`: findings whose
-    sentence lists this cause among others. `harmless`: E does not depend on it.
+    sentence lists this cause among others. `harmless`: E does not depend on it. `covered`: no check needs to
+    name it, and E is within two of its standard deviations.
     """
 
     name: str
@@ -64,6 +68,7 @@ class Mistake:
     field: Field | None = None
     unit: str = ""
     harmless: bool = False
+    covered: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,8 +313,54 @@ MISTAKES: tuple[Mistake, ...] = (
         harmless=True,
     ),
     Mistake(
-        name="stiffness of another gel", change=gel(2.2), kinds=set(), among={FindingKind.GAIN}, harmless=True
+        name="stiffness of another gel",
+        change=gel(2.2),
+        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
+        among={FindingKind.GAIN},
+        harmless=True,
     ),
+    Mistake(
+        name="stiffness and force x 2",
+        change=both(gel(2.0), force(2.0)),
+        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
+    ),
+    Mistake(
+        name="stiffness and force x 0.5",
+        change=both(gel(0.5), force(0.5)),
+        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
+    ),
+    Mistake(name="picture scale 1.1", change=picture_scale(1.1), kinds={FindingKind.PITCH_NOT_OF_SENSOR}),
+    Mistake(name="picture scale 0.9", change=picture_scale(0.9), kinds={FindingKind.PITCH_NOT_OF_SENSOR}),
+    Mistake(
+        name="picture scale 1.1, sensor unknown",
+        change=picture_scale(1.1, sensor="own gel"),
+        kinds=set(),
+        covered=True,
+    ),
+    Mistake(
+        name="picture scale 0.9, sensor unknown",
+        change=picture_scale(0.9, sensor="own gel"),
+        kinds=set(),
+        covered=True,
+    ),
+    Mistake(name="force x 1.079", change=force(1.079), kinds=set(), among={FindingKind.GAIN}, covered=True),
+    Mistake(name="force x 0.927", change=force(0.927), kinds=set(), among={FindingKind.GAIN}, covered=True),
+    Mistake(
+        name="one pad's force x 1.079",
+        change=force(1.079, only=0),
+        kinds=set(),
+        among={FindingKind.GAIN},
+        covered=True,
+    ),
+    Mistake(
+        name="Poisson's ratio 0.30", change=stated(poisson_ratio=0.30), kinds={CategoryKind.POISSON_RATIO}
+    ),
+    Mistake(
+        name="Poisson's ratio 0.39", change=stated(poisson_ratio=0.39), kinds={CategoryKind.POISSON_RATIO}
+    ),
+    Mistake(name="a plum's category", change=stated(category="plum"), kinds={CategoryKind.SIZE}),
+    Mistake(name="an apricot's category", change=stated(category="apricot"), kinds={CategoryKind.SIZE}),
+    Mistake(name="a cherry's category", change=stated(category="cherry"), kinds={CategoryKind.SIZE}),
     Mistake(
         name="poses in metres", change=pose(scaled_place(1e-3)), kinds={FindingKind.POSES_UNIT}, unit="metres"
     ),

@@ -26,8 +26,11 @@ from field_list import MISTAKES, Answer, Mistake, naming
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.settings import Settings
 from pipeline.batch.task import fruit_task
-from pipeline.fruit.input_doubts import of_a_given_pit
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
+from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
+from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.stages import grade_fruit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh
@@ -41,6 +44,16 @@ def E_range_MPa(category: str) -> tuple[float, float] | None:
     return None if plausible is None else plausible.E_MPa
 
 
+def category_doubts(fruit: Fruit) -> list[Doubt]:
+    """What the category says of Poisson's ratio, and of the mesh where the pit is the category's."""
+    prior = load_prior(fruit.category)
+    settings = Settings(category=fruit.category, poisson_ratio=fruit.poisson_ratio)
+    doubts = of_poisson_ratio(settings, prior)
+    if fruit.pit is not None:
+        return doubts
+    return doubts + of_category(np.ptp(fruit.vertices, axis=0).tolist(), prior, others=shipped_categories())
+
+
 def checked(fruit: Fruit) -> list[Answer]:
     """What the checks alone say of a given pit and of every recording; remarks last."""
     said: list[Answer] = []
@@ -51,9 +64,16 @@ def checked(fruit: Fruit) -> list[Answer]:
             for one in doubts
             if one.kind is not None
         ]
+    said += [
+        Answer(kind=one.kind, sentence=one.sentence) for one in category_doubts(fruit) if one.kind is not None
+    ]
     for recording in fruit.recordings:
         found = recording_findings(
-            recording, fruit.vertices, fruit.faces, E_range_MPa=E_range_MPa(fruit.category)
+            recording,
+            fruit.vertices,
+            fruit.faces,
+            E_range_MPa=E_range_MPa(fruit.category),
+            gels=known_gels(recording.sensor, None),
         )
         said += [
             Answer(
@@ -69,9 +89,11 @@ def checked(fruit: Fruit) -> list[Answer]:
     return sorted(said, key=lambda one: one.remark)
 
 
+COVERED_SD = 2.0
+"""Standard deviations within which E must be after a mistake that no check needs to name."""
 SETTINGS = """\
 category = "{category}"
-poisson_ratio = 0.45
+poisson_ratio = {poisson_ratio}
 [mesh]
 edge_mm = 8.0
 pad_edge_mm = 3.0
@@ -98,7 +120,9 @@ def as_batch(fruit: Fruit, folder: Path) -> Path:
     """The folder, written as a batch of this fruit alone, "F"."""
     where = folder / "fruits" / "F"
     (where / "grasps").mkdir(parents=True, exist_ok=True)
-    settings = SETTINGS.format(category=fruit.category) + (PHANTOM if fruit.category == "phantom" else "")
+    settings = SETTINGS.format(category=fruit.category, poisson_ratio=fruit.poisson_ratio) + (
+        PHANTOM if fruit.category == "phantom" else ""
+    )
     (folder / "batch.toml").write_text(settings, encoding="utf-8")
     (folder / "fruits.csv").write_text("fruit_id\nF\n", encoding="utf-8")
     write_mesh(where / "fruit.ply", fruit.vertices, fruit.faces)
@@ -118,6 +142,7 @@ def judged(fruit: Fruit, changed: Fruit, mistake: Mistake, cache: Path | None) -
         "fruit": fruit.name,
         "category": fruit.category,
         "harmless": mistake.harmless,
+        "covered": mistake.covered,
         "refused": any(one.refused for one in said),
         "named": how == "named",
         "among several": how == "among several",
@@ -152,10 +177,12 @@ def in_a_line(name: str, rows: Sequence[dict[str, object]]) -> str:
 
     said = [bool(row["refused"] or row["named"] or row["among several"]) for row in rows]
     wrong = [row for row, one in zip(rows, said, strict=True) if not one and _far(row)]
+    bare = [row for row in rows if row["covered"] and float(str(row.get("sds") or 0.0)) > COVERED_SD]
     return (
         f"{name:32s} {len(rows):3d}  named {share('named'):4.0%}  among several "
         f"{share('among several'):4.0%}  refused {share('refused'):4.0%}  E/true {middle('ratio')}  "
-        f"sd {middle('sd')}  |error|/sd {middle('sds')}  wrong and not named {len(wrong)}"
+        f"sd {middle('sd')}  |error|/sd {middle('sds')}  wrong and not named {len(wrong)}  "
+        f"not covered {len(bare)}"
     )
 
 
@@ -219,7 +246,11 @@ def sound(fruits: Sequence[Fruit]) -> None:
     for fruit in fruits:
         for one in fruit.recordings:
             found = recording_findings(
-                one, fruit.vertices, fruit.faces, E_range_MPa=E_range_MPa(fruit.category)
+                one,
+                fruit.vertices,
+                fruit.faces,
+                E_range_MPa=E_range_MPa(fruit.category),
+                gels=known_gels(one.sensor, None),
             )
             count += 1
             wrong += bool(found)

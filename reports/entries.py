@@ -171,6 +171,8 @@ class FruitEntry:
     """The true rank is `rank` with `rank_probability`, and from `rank_low` to `rank_high` with 90 %."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
+    E_scale_sd_MPa: float | None = None
+    """Beside E_sd_MPa, by a common factor on force and gel stiffness; None where there is no gel."""
     maturity: str | None = None
     maturity_probability: float | None = None
     class_withheld: bool = False

@@ -40,6 +40,7 @@ RANKING_COLUMNS = (
     "screen_p",
     "decision",
     "decision_reason",
+    "E_scale_sd_MPa",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -162,6 +163,7 @@ def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell
         "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
         "decision": fruit.decision or None,
         "decision_reason": safe(fruit.decision_reason.replace("\u00a0", " ")),
+        "E_scale_sd_MPa": _significant(fruit.E_scale_sd_MPa, figures=3),
     }
 
 

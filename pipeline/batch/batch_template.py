@@ -32,6 +32,11 @@ category = "{category}"              # {known}, or a file of your own
 # gel_scale_sd = 0.02                # relative standard deviation of single markers' displacement
 # force_scale_sd = 0.02              # of single markers' force
 # pose_sd_mm = 0.2                   # of a pad's place along the skin
+# common_scale_sd = 0.03             # of a common factor on force and gel stiffness
+# picture_scale_sd = 0.05            # of the scale of the gel's pictures
+# gel_kn_MPa_per_mm = 0.22           # known stiffness of the gel, which recordings are compared with
+# gel_kt_MPa_per_mm = 0.055
+# gel_stiffness_sd = 0.05            # relative standard deviation of both
 
 # [gripper]
 # name = "two-finger gripper"

@@ -225,6 +225,8 @@ class ModulusRecord(_Record):
     E_sd_MPa: float
     common_sd_MPa: float = 0.0
     """The part of E_sd_MPa that all fruit of the batch share, so that it does not touch their order."""
+    scale_sd_MPa: float = 0.0
+    """Beside E_sd_MPa, by a common factor on force and gel stiffness, which no recording shows."""
     parts_sd_MPa: dict[str, float] = {}
     pit_found: PitFoundRecord | None = None
 
@@ -241,6 +243,7 @@ class ReferenceRecord(_Record):
     corrected: bool
     E_MPa: float
     E_sd_MPa: float
+    E_scale_sd_MPa: float = 0.0
 
 
 class AmountRecord(_Record):

@@ -39,6 +39,8 @@ Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
 standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
 Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
+Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
+"""Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
@@ -202,11 +204,30 @@ class Device(Strict):
 
 class SensorSettings(Device):
     """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
-    skin, where the maker or a calibration says."""
+    skin, where the maker or a calibration says.
+
+    `common_scale_sd`: of a common factor on force and gel stiffness where a recording states none;
+    `picture_scale_sd`: of the scale of the gel's pictures. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`: the
+    gel's known stiffness, with the relative error `gel_stiffness_sd`; each recording's is compared with it.
+    """
 
     gel_scale_sd: Relative | None = None
     force_scale_sd: Relative | None = None
     pose_sd_mm: Shift | None = None
+    common_scale_sd: Relative | None = None
+    picture_scale_sd: Relative | None = None
+    gel_kn_MPa_per_mm: Stiffness | None = None
+    gel_kt_MPa_per_mm: Stiffness | None = None
+    gel_stiffness_sd: Relative = 0.05
+
+    @property
+    def gel_stiffness(self) -> dict[str, tuple[float, float]]:
+        """By name the known stiffness and its relative standard deviation; empty where none is stated."""
+        known = {
+            "gel_kn_MPa_per_mm": self.gel_kn_MPa_per_mm,
+            "gel_kt_MPa_per_mm": self.gel_kt_MPa_per_mm,
+        }
+        return {name: (value, self.gel_stiffness_sd) for name, value in known.items() if value is not None}
 
 
 class ReferenceSettings(Strict):
@@ -411,7 +432,8 @@ def _likely_slip(key: str, value: Any) -> str:
         return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
     if key in {"certainty", "inspect_below_p"}:
         return f": is it in per cent ({value / 100:g})?" if 1 < value <= 100 else ""
-    if key in {"size_sd", "gel_scale_sd", "force_scale_sd", "poisson_ratio_sd", "poisson_ratio"}:
+    shares = {"poisson_ratio", "poisson_ratio_sd", "size_sd", "common_scale_sd", "picture_scale_sd"}
+    if key in shares | {"gel_scale_sd", "force_scale_sd", "gel_stiffness_sd"}:
         return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
     return ""
 

@@ -22,6 +22,7 @@ from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
+from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
 from reports.fruit_scene import SceneSurface
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -42,7 +43,7 @@ AS_GRADED = "E without an effect: {said}."
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
-    page.
+    page. `common_scale_sd`: relative, of E by a common factor on force and gel stiffness; None without a gel.
     """
 
     explanation: Explanation
@@ -50,6 +51,7 @@ class Diagnosis:
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
     pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
+    common_scale_sd: float | None = None
 
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
@@ -162,6 +164,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         ]
     )
     budget, pit = handed.budget, fruit.pit.record
+    scale = sensor_scale([one.recording for one in fruit.placed], case.task.settings.sensor).common
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),
@@ -174,7 +177,9 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             ("Pit", "none" if pit is None else pit.source),
             *([] if pit is None else [("Pit's place and size", off)]),
             ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
+            ("Common scale of force and gel stiffness", f"± {100 * scale:.2g} % of E, beside its error"),
         ),
+        common_scale_sd=scale,
     )
 
 

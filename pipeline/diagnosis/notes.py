@@ -8,11 +8,12 @@ import numpy as np
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import Explanation
+from pipeline.batch.settings import SensorSettings
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.fruit.grasped import GraspedFruit, owner_of
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
-from pipeline.fruit.sensor_scale import sensor_scale_sd
+from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.problem import BatchRefused, Problem
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
@@ -104,18 +105,19 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
         *case.notes,
         *(note for grasp in fruit.placed for note in _air(grasp)),
         *_swapped(fruit.placed),
-        *_scale(fruit.placed),
+        *_scale(fruit.placed, case.task.settings.sensor),
     ]
 
 
-def _scale(placed: Sequence[PlacedGrasp]) -> list[str]:
-    """What the sensors' own scales leave open, which no recording shows."""
-    share = sensor_scale_sd(placed)
+def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
+    """What the sensors' scales leave open."""
+    scale = sensor_scale([one.recording for one in placed], settings)
+    share = float(np.linalg.norm([scale.common, scale.pictures, scale.gain]))
     if not share:
         return []
     return [
-        f"The sensors' descriptions leave E another ± {share:.0%}, the same in all grasps: the intervals "
-        "here do not hold it."
+        f"The sensor's scales leave E another ± {share:.1%}, the same in all grasps ({scale.common:.1%} "
+        "of it by a common factor on force and gel stiffness): the intervals here do not hold it."
     ]
 
 

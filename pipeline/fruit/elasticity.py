@@ -33,12 +33,16 @@ from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
+from pipeline.fruit.sensor_scale import NO_SCALE, SensorScale
 
 CONFIRMED = "confirmed effects"
 """The part of an error bar that comes from effects in the batch's settings."""
 
 SENSOR = "the sensor's own scale"
-"""The part that comes from the spread that sensors' descriptions state."""
+"""The part that comes from the scale of the gel's lengths: of its pictures, or as descriptions state it."""
+
+GAIN = "force against the gel's stiffness"
+"""The part that comes from a gain of the forces that the checks cannot tell from none."""
 
 PLAIN_JAW = "contact of the plain jaw"
 """The part that comes from not seeing how widely a jaw without a gel touches."""
@@ -116,30 +120,32 @@ def modulus_record(
     effects_common_sd_MPa: float = 0.0,
     effects_own_sd_MPa: float = 0.0,
     doubted: float = 0.0,
-    sensor_scale: float = 0.0,
+    sensor: SensorScale = NO_SCALE,
     plain_jaws: float = 0.0,
 ) -> ModulusRecord:
     """What the fruit's record says of its modulus and of the pit that came with it.
 
     `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
     whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
-    the inputs (pipeline.fruit.input_doubts). `sensor_scale`: that of the sensors' scales, which all fruit
-    share (pipeline.fruit.sensor_scale). `plain_jaws`: share of the recordings in which one jaw has no gel.
+    the inputs (pipeline.fruit.input_doubts). `sensor`: those of the sensors' scales. `plain_jaws`: share of
+    the recordings in which one jaw has no gel.
     """
     pit = found.pit
     of_doubts = doubted * found.E_MPa
-    of_sensor = sensor_scale * found.E_MPa
+    of_sensor, of_gain = sensor.pictures * found.E_MPa, sensor.gain * found.E_MPa
     of_jaw = PLAIN_JAW_SD * plain_jaws * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor, of_jaw])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor, of_gain, of_jaw])),
         common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor])),
+        scale_sd_MPa=sensor.common * found.E_MPa,
         parts_sd_MPa=found.parts_sd_MPa
         | ({CONFIRMED: of_effects} if of_effects else {})
         | ({DOUBTED: of_doubts} if of_doubts else {})
         | ({SENSOR: of_sensor} if of_sensor else {})
+        | ({GAIN: of_gain} if of_gain else {})
         | ({PLAIN_JAW: of_jaw} if of_jaw else {}),
         pit_found=None
         if pit is None

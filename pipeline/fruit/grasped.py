@@ -17,6 +17,7 @@ from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord, GraspRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
@@ -86,7 +87,7 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
         pit = embedded_pit(task, shape)
         facts.pit = pit.record
         write_meshes(task.results, shape, pit)
-        doubts = _pit_doubts(task, shape, pit)
+        doubts = _pit_doubts(task, shape, pit) + _category_doubts(task, shape)
     placed, failures = _placed(task, shape, replace(_checked(task, shape), explains=explains), log)
     failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
     facts.grasps = failed
@@ -130,6 +131,14 @@ def _pit_doubts(task: FruitTask, shape: FruitShape, pit: FruitPit) -> list[Doubt
     if refused:
         raise FruitEnded(Outcome.IMPLAUSIBLE_PIT, " ".join(refused))
     return doubts
+
+
+def _category_doubts(task: FruitTask, shape: FruitShape) -> list[Doubt]:
+    """Where Poisson's ratio or the mesh's size is another category's; a given pit stands for itself."""
+    doubts = of_poisson_ratio(task.settings, task.prior)
+    if task.given.reference or task.settings.pit.none or task.folder.pit_ply.is_file():
+        return doubts
+    return doubts + of_category(shape.record.box_mm, task.prior, others=shipped_categories())
 
 
 def _placed(
@@ -206,6 +215,7 @@ def _checked(task: FruitTask, shape: FruitShape) -> Checked:
     return Checked(
         E_range_MPa=None if plausible is None else plausible.E_MPa,
         surface_sd_mm=float(np.hypot(shape.record.surface_sd_mm or 0.0, scale)),
+        sensor=task.settings.sensor,
     )
 
 

@@ -63,6 +63,9 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.FORCE_SCALE: _GAIN,
     FindingKind.DISPLACEMENT_SCALE: _GAIN,
     FindingKind.FORCE_DRIFT: _GAIN,
+    # another scale of all forces alike, which every sign of a modulus leaves as it is
+    FindingKind.STIFFNESS_NOT_OF_SENSOR: frozenset(),
+    FindingKind.PITCH_NOT_OF_SENSOR: frozenset(),
     # the first touch is found late; the residual is judged by the noise itself
     FindingKind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
     # places of the gel against the jaws; the two pads' forces are still of one instant
@@ -135,6 +138,13 @@ class PitKind(StrEnum):
     FOUND_ELSEWHERE = "pit-found-elsewhere"
 
 
+class CategoryKind(StrEnum):
+    """What belongs to another category than the batch's."""
+
+    POISSON_RATIO = "poisson-ratio-of-category"
+    SIZE = "size-of-category"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
     """A sentence with the cause, and the relative standard deviation that it adds to E.
@@ -146,7 +156,7 @@ class Doubt:
     sentence: str
     relative_sd: float = 0.0
     refused: bool = False
-    kind: FindingKind | PitKind | None = None
+    kind: FindingKind | PitKind | CategoryKind | None = None
     field: Field | None = None
     pads: tuple[str, ...] = ()
 

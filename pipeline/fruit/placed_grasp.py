@@ -12,6 +12,8 @@ from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
+from pipeline.batch.settings import SensorSettings
+from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
 from reports.patch_residual import PatchResidual
@@ -62,13 +64,15 @@ class PlacedGrasp:
 @dataclass(frozen=True, kw_only=True)
 class Checked:
     """What the checks of a recording are told: moduli that the category can have, the mesh's error, and what
-    the jaws give, where a rig was taken out of the recording. `explains`: for the mismatch finder, which
-    takes recordings with a fault that it has an effect for (Finding.has_effect).
+    the jaws give, where a rig was taken out of the recording; `sensor`: what batch.toml states of the sensor.
+    `explains`: for the mismatch finder, which takes recordings with a fault that it has an effect for
+    (Finding.has_effect).
     """
 
     E_range_MPa: tuple[float, float] | None = None
     surface_sd_mm: float = 0.0
     rig: RigCurve | None = None
+    sensor: SensorSettings | None = None
     explains: bool = False
 
 
@@ -145,6 +149,7 @@ def findings_of(
         faces,
         E_range_MPa=checked.E_range_MPa,
         surface_sd_mm=checked.surface_sd_mm,
+        gels=known_gels(recording.sensor, checked.sensor),
     )
     found += read_otherwise(recording)
     if checked.rig is not None:

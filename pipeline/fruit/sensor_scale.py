@@ -1,12 +1,33 @@
-"""How uncertain E is because the sensors' own scales are: what their descriptions state under [spread]."""
+"""How uncertain E is because the sensors' scales are: of forces, of the gel's pictures, of both with the gel.
+
+Three scales are not the same. *Common*: a factor on forces and gel stiffness alike, which no recording shows.
+*Pictures*: a factor on the gel's lengths, shown by the pitch of the markers where the sensor's is known.
+*Gain*: a factor on forces alone, which the gel's law shows (tactile/checks/gel_gain.py).
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.fruit.placed_grasp import PlacedGrasp
+from pipeline.batch.settings import SensorSettings
+from pipeline.fruit.known_sensor import known_gels
+from tactile.checks.gel_findings import measured_pitch_mm
+from tactile.checks.gel_gain import unseen_gain
 from tactile.io.recording import GelPad, Recording
+from tactile.plain_jaw import RIGID_MPA_PER_MM
+from tactile.unseen_error import unseen_error
 
+COMMON_SD = 0.03
+"""Relative standard deviation of a common factor on force and gel stiffness that nobody states. Assumed: what
+a calibration on a load cell leaves (the cell, its alignment, the gel's temperature and wear)."""
+PICTURE_SD = 0.05
+"""The same of the scale of a gel's pictures: assumed, so that 10 % are two of them. The width of a print on
+the mesh tells no more: in recordings of a sound fruit it misses the scale by 0.02 and 0.07."""
+E_PER_GAIN, E_PER_PICTURE = 1.1, 1.45
+"""Error of ln E per ln of each (benchmarks/field_mistakes.py --grade). E is 0.081 off at a gain of 1.079. At
+a scale of 1.1 it is 0.148 off where displacement and the forces computed from it have that scale, and 0.077
+where places in the gel's plane have it, and forces by each marker's area its square."""
 IN_CONTACT = 0.05
 """Share of the peak force from which the pads touch, and of a marker's greatest from which it does (set by
 hand)."""
@@ -15,24 +36,63 @@ LEAST_OWN = 0.1
 hand)."""
 
 
-def sensor_scale_sd(grasps: Sequence[PlacedGrasp]) -> float:
-    """Relative standard deviation of E that all grasps by these sensors share; 0 where nothing is stated.
-
-    E goes with the force's scale, and with that of the gel's displacement times the gel's part of the travel
-    over the fruit's: what the gel gives is taken off the jaws' travel. Sensors of one kind err alike, so that
-    pads and grasps do not make it less.
+@dataclass(frozen=True, kw_only=True)
+class SensorScale:
+    """Relative standard deviations of E: by the `common` factor on force and gel stiffness, by the scale of
+    the gel's `pictures`, by the forces' `gain`.
     """
-    each = [_of_recording(grasp.recording) for grasp in grasps]
-    return float(np.mean(each)) if each else 0.0
+
+    common: float = 0.0
+    pictures: float = 0.0
+    gain: float = 0.0
 
 
-def _of_recording(recording: Recording) -> float:
-    pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
-    if not any(pad.force_scale_sd or pad.displacement_scale_sd for pad in pads):
-        return 0.0
-    force = np.mean([pad.force_scale_sd for pad in pads])
-    displacement = np.mean([pad.displacement_scale_sd for pad in pads])
-    return float(np.hypot(force, displacement * _gel_over_fruit(recording, pads)))
+NO_SCALE = SensorScale()
+
+
+def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | None) -> SensorScale:
+    """Of E from all these recordings. Sensors of one kind err alike in the first two, so that pads and grasps
+    do not make them less.
+    """
+    if not recordings:
+        return NO_SCALE
+    return SensorScale(
+        common=float(np.mean([common_sd(one, settings) for one in recordings])),
+        pictures=float(np.mean([_picture_sd(one, settings) for one in recordings])),
+        gain=E_PER_GAIN * unseen_gain([pad for one in recordings for pad in _gels(one)]),
+    )
+
+
+def common_sd(recording: Recording, settings: SensorSettings | None) -> float:
+    """Of the common factor: what the recording states (force_scale_sd), else batch.toml, else COMMON_SD."""
+    assumed = COMMON_SD if settings is None or settings.common_scale_sd is None else settings.common_scale_sd
+    gels = _gels(recording)
+    return float(np.mean([pad.force_scale_sd or assumed for pad in gels])) if gels else 0.0
+
+
+def _picture_sd(recording: Recording, settings: SensorSettings | None) -> float:
+    """Of E by the scale of the gel's lengths.
+
+    A scale of the displacement that the recording states: E goes with it times the gel's part of the travel
+    over the fruit's, since what the gel gives is taken off the jaws' travel; the forces' own is in
+    force_scale_sd. Else the prior, and what the pitch of the markers says where the sensor's is known.
+    """
+    gels = _gels(recording)
+    if stated := float(np.mean([pad.displacement_scale_sd for pad in gels])) if gels else 0.0:
+        return stated * _gel_over_fruit(recording, gels)
+    prior = PICTURE_SD if settings is None or settings.picture_scale_sd is None else settings.picture_scale_sd
+    pitches = [pitch for pad in gels if (pitch := measured_pitch_mm(pad)) is not None]
+    for known in known_gels(recording.sensor, settings):
+        if known.pitch_mm is not None and pitches:
+            off = float(np.log(np.mean(pitches) / known.pitch_mm))
+            return E_PER_PICTURE * unseen_error(off, known.pitch_sd, prior_sd=prior)
+    return E_PER_PICTURE * prior if gels else 0.0
+
+
+def _gels(recording: Recording) -> list[GelPad]:
+    """Without what stands in a plain jaw's place (tactile.plain_jaw)."""
+    gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    return [pad for pad in gels if pad.gel_kn_MPa_per_mm < RIGID_MPA_PER_MM]
 
 
 def _gel_over_fruit(recording: Recording, pads: Sequence[GelPad]) -> float:

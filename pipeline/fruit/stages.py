@@ -31,7 +31,7 @@ from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
-from pipeline.fruit.sensor_scale import sensor_scale_sd
+from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
 from recon.plain_file import printable
 from recon.recon_failure import ReconFailure
@@ -145,7 +145,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
-            sensor_scale=sensor_scale_sd(placed),
+            sensor=sensor_scale([one.recording for one in placed], task.settings.sensor),
             plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
         )
         _refuse_implausible(task, found.modulus.E_MPa)

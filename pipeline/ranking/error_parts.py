@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from fem.estimation.error_budget import MODEL, PIT_PLACE, REGISTRATION, SCATTER, TACTILE
 from fem.estimation.information import FORCE_SCALE
 from fem.estimation.sensitivity import PIT_SIZE, POISSON_RATIO
-from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, PLAIN_JAW, SENSOR
+from pipeline.batch.records import ModulusRecord
+from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, GAIN, PLAIN_JAW, SENSOR
 from pipeline.fruit.pressed_fruit import RECORDINGS, SHAPE
 from pipeline.ranking.reference_ratio import PART as REFERENCE
 from reports.words import percent
@@ -20,7 +21,8 @@ ADVICE = {
     MODEL: "another grasp at another place; drupe explain says what the model leaves out",
     SCATTER: "more grasps, at other places",
     FORCE_SCALE: "a calibration of the gel on a load cell (drupe calibrate)",
-    SENSOR: "a calibration of the gel on a load cell (drupe calibrate)",
+    SENSOR: "a calibration of the sensor's camera (picture_scale_sd under [sensor] in batch.toml)",
+    GAIN: "more grasps, or a calibration of the gel on a load cell (drupe calibrate)",
     PLAIN_JAW: "a gel on the other jaw too",
     CONFIRMED: "better known parameters of the effects in batch.toml (their sd)",
     DOUBTED: "an answer to the doubts above",
@@ -30,8 +32,22 @@ ADVICE = {
 }
 """What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa); nothing helps against
 that of the elements."""
+COMMON_SCALE = "common scale of force and gel stiffness"
+"""What no recording shows, and all fruit of a sensor share."""
 MUCH = 0.5
 """Share of E's variance from which one part alone is named: the rest together is less. Set by hand."""
+
+
+def about_error(modulus: ModulusRecord) -> str:
+    """Sentences on E's error bar, and on the common scale that is not in it."""
+    said = smaller_error(modulus.parts_sd_MPa)
+    if not modulus.scale_sd_MPa > 0:
+        return said
+    return (
+        f"{said} A {COMMON_SCALE} adds ± {100 * modulus.scale_sd_MPa / modulus.E_MPa:.2g} % of E: all fruit "
+        "share it, no recording shows it, and it counts for the class and not for the order. A body of known "
+        "modulus in fruits.csv (reference = true) removes it."
+    ).strip()
 
 
 def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:

@@ -45,6 +45,7 @@ def standings(
     E_sd_MPa: Float[np.ndarray, " n"],
     common_sd_MPa: Float[np.ndarray, " n"],
     *,
+    scale_sd_MPa: Float[np.ndarray, " n"] | float = 0.0,
     classes: Sequence[GradingClass],
     rng: np.random.Generator,
     draws: int = 4000,
@@ -52,14 +53,14 @@ def standings(
     """Each fruit's standing, in the order given.
 
     `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say): it counts for the
-    class, which has fixed limits, and not for the order.
+    class, which has fixed limits, and not for the order. So does `scale_sd_MPa`, which is beside `E_sd_MPa`.
 
     The modulus is positive with an error that scales with it, so its uncertainty is taken as lognormal:
     `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from `draws` joint
     draws; `rank_low` and `rank_high` hold the central 90 %. The probability of being softer than the next
     fruit in the ranking is exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
     """
-    mean, whole = np.log(E_MPa), E_sd_MPa / E_MPa
+    mean, whole = np.log(E_MPa), np.hypot(E_sd_MPa, scale_sd_MPa) / E_MPa
     spread = np.sqrt(np.maximum(E_sd_MPa**2 - common_sd_MPa**2, 0)) / E_MPa
     order = np.lexsort((np.arange(len(mean)), mean))
     rank = np.empty(len(mean), dtype=int)

@@ -1,7 +1,8 @@
 """What the reference bodies of a batch say of the gripper, and what that does to the fruit's moduli.
 
 A gain of force or displacement that both pads share scales every modulus of a batch alike and leaves no trace
-in any one recording: only a body of known modulus shows it.
+in any one recording: only a body of known modulus shows it. So the ratio found to known replaces what is
+assumed of the sensor's scales (pipeline.fruit.sensor_scale), and their spread is no part of its own error.
 """
 
 import math
@@ -15,8 +16,14 @@ from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
-from pipeline.fruit.elasticity import doubted_modulus
+from pipeline.fruit.elasticity import GAIN, SENSOR, doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
+from pipeline.ranking.verified_scale import (
+    sd_of_fruit_MPa,
+    shared_sd_of_fruit_MPa,
+    verified,
+    with_sensor,
+)
 from reports.tables import safe_cell
 
 WITHIN_SD = 2.0
@@ -88,6 +95,8 @@ class BodyFound:
     E_found_MPa: float
     E_found_sd_MPa: float
     own: Ratio
+    gain: float = 0.0
+    """Relative part of E_found_sd_MPa by a gain of the forces that the checks do not see."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,9 +165,7 @@ def against_references(
     if not asked:
         return [record.model_copy(update={"reference": None}) for record in records], None
     bodies = tuple(_body(record, record.modulus) for record in asked if record.graded and record.modulus)
-    ratio = (
-        _of(bodies, [r.modulus.common_sd_MPa for r in asked if r.graded and r.modulus]) if bodies else None
-    )
+    ratio = _of(bodies, [r.modulus for r in asked if r.graded and r.modulus]) if bodies else None
     usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
     corrected = correct and usable
     finding = ReferenceFinding(
@@ -187,16 +194,18 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
         E_found_MPa=modulus.E_MPa,
         E_found_sd_MPa=modulus.E_sd_MPa,
         own=Ratio(
-            ratio=modulus.E_MPa / known, ln_sd=math.hypot(modulus.E_sd_MPa / modulus.E_MPa, sd / known)
+            ratio=modulus.E_MPa / known,
+            ln_sd=math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
         ),
+        gain=modulus.parts_sd_MPa.get(GAIN, 0.0) / modulus.E_MPa,
     )
 
 
-def _of(bodies: Sequence[BodyFound], common_sd_MPa: Sequence[float]) -> Ratio:
+def _of(bodies: Sequence[BodyFound], moduli: Sequence[ModulusRecord]) -> Ratio:
     return combined_ratio(
         np.array([one.E_found_MPa for one in bodies]),
-        np.array([one.E_found_sd_MPa for one in bodies]),
-        np.array(common_sd_MPa),
+        np.array([sd_of_fruit_MPa(one) for one in moduli]),
+        np.array([shared_sd_of_fruit_MPa(one) for one in moduli]),
         np.array([one.E_known_MPa for one in bodies]),
         np.array([one.E_known_sd_MPa for one in bodies]),
     )
@@ -283,13 +292,18 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
         return record.model_copy(update={"reference": None})
     changed: dict[str, object] = {}
     if finding.corrected:
-        modulus = corrected_modulus(modulus, ratio)
+        gain = float(np.mean([one.gain for one in finding.bodies]))
+        modulus = corrected_modulus(modulus, ratio, gain=gain)
         changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
     elif ratio.disagree or ratio.apart:
         doubt = _doubt(ratio, finding.bodies)
+        if not (ratio.disagree or ratio.implausible):
+            modulus = verified(modulus, 0.0, ratio.ln_sd)  # |ln r| itself is the doubt's
         modulus = doubted_modulus(modulus, doubt.relative_sd, shared=True)
         changed["doubts"] = (*record.doubts, doubt.sentence)
         changed["warnings"] = (doubt.sentence, *record.warnings)
+    else:
+        modulus = verified(modulus, math.log(ratio.ratio), ratio.ln_sd)
     reference = ReferenceRecord(
         bodies=tuple(one.fruit_id for one in finding.bodies),
         ratio=ratio.ratio,
@@ -297,6 +311,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
         corrected=finding.corrected,
         E_MPa=modulus.E_MPa,
         E_sd_MPa=modulus.E_sd_MPa,
+        E_scale_sd_MPa=modulus.scale_sd_MPa,
     )
     return record.model_copy(update={**changed, "modulus": modulus, "reference": reference})
 
@@ -320,8 +335,14 @@ def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
     )
 
 
-def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
-    """E / r with sd^2 = (sd / r)^2 + (E / r * sd of ln r)^2, the second part common to all fruit."""
+def corrected_modulus(modulus: ModulusRecord, ratio: Ratio, *, gain: float = 0.0) -> ModulusRecord:
+    """E / r with sd^2 = (sd / r)^2 + (E / r * sd of ln r)^2, the second part common to all fruit.
+
+    The ratio takes the place of the sensor's scales in sd, and of as much of its `gain` as the bodies have.
+    """
+    own = modulus.parts_sd_MPa.get(GAIN, 0.0)
+    other = abs(own - gain * modulus.E_MPa)
+    modulus = with_sensor(modulus, {SENSOR: 0.0, GAIN: min(other, own)}, scale_sd_MPa=0.0)
     E_MPa = modulus.E_MPa / ratio.ratio
     of_ratio = E_MPa * ratio.ln_sd
     parts = {name: sd / ratio.ratio for name, sd in modulus.parts_sd_MPa.items()}

@@ -17,7 +17,7 @@ from pipeline.batch.records import FruitRecord, PitFoundRecord
 from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
-from pipeline.ranking.error_parts import smaller_error
+from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.grasp_entries import curves_of, estimate_of, frames_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
@@ -75,15 +75,17 @@ def batch_entry(
     """
     shown = pictures or ReportPictures(results, fruits=len(batch.rows))
     graded = [r for r in records if r.graded and not r.given.reference]
-    E, sd, common = (
-        np.array(
-            [(r.modulus.E_MPa, r.modulus.E_sd_MPa, r.modulus.common_sd_MPa) for r in graded if r.modulus]
-        )
-        .reshape(-1, 3)
-        .T
+    moduli = [r.modulus for r in graded if r.modulus]
+    E, sd, common, scale = (
+        np.array([(m.E_MPa, m.E_sd_MPa, m.common_sd_MPa, m.scale_sd_MPa) for m in moduli]).reshape(-1, 4).T
     )
     places = standings(
-        E, sd, common, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED)
+        E,
+        sd,
+        common,
+        scale_sd_MPa=scale,
+        classes=batch.settings.grading.classes,
+        rng=np.random.default_rng(RANKING_SEED),
     )
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
     settings = batch.settings
@@ -167,6 +169,7 @@ def _fruit_entry(
         rank_high=place.rank_high if place else None,
         E_MPa=modulus.E_MPa if modulus else None,
         E_sd_MPa=modulus.E_sd_MPa if modulus else None,
+        E_scale_sd_MPa=(modulus.scale_sd_MPa or None) if modulus else None,
         maturity=place.maturity if place and not record.doubts else None,
         maturity_probability=place.maturity_probability if place and not record.doubts else None,
         class_withheld=place is not None and place.maturity is not None and bool(record.doubts),
@@ -201,7 +204,7 @@ def _fruit_entry(
         estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
         curves=tuple(curves_of(record.grasps)),
         frames=tuple(frames_of(record.grasps)),
-        smaller_error="" if record.modulus is None else smaller_error(record.modulus.parts_sd_MPa),
+        smaller_error="" if record.modulus is None else about_error(record.modulus),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
@@ -294,6 +297,8 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
             for name, value in record.modulus.parts_sd_MPa.items()
             if value >= 0.5 * 10.0**-places
         ]
+        if (scale := record.modulus.scale_sd_MPa) > 0:
+            facts.append((f"Beside the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
         if (found := record.modulus.pit_found) is not None:
             facts += _pit_found(found)
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]

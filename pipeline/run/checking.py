@@ -27,6 +27,7 @@ from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
@@ -73,8 +74,16 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     read: Read = {}
     columns = TableColumns(found.rows)
     fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns, quick=quick)]
-    strays = [*_strays(found), *_unused(found)]
-    return (*found.problems, *strays, *fruit, *_in_two_fruit(found, read))
+    of_batch = [*_of_settings(found), *_strays(found), *_unused(found)]
+    return (*found.problems, *of_batch, *fruit, *_in_two_fruit(found, read))
+
+
+def _of_settings(batch: Survey) -> Iterator[Problem]:
+    """What in batch.toml will put every E in doubt."""
+    if batch.settings is not None:
+        for doubt in of_poisson_ratio(batch.settings, batch.prior):
+            sentence = f"{doubt.sentence} Every E will be in doubt."
+            yield Problem(str(batch.folder.settings), sentence, doubtful=True)
 
 
 class ImplausibleNumbers:
@@ -230,7 +239,8 @@ def _findings(
     found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
     recording = corrected(recorded, of_the_gripper, source=path.name)
     vertices, faces = (None, None) if mesh is None else mesh
-    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig)
+    sensor = None if batch.settings is None else batch.settings.sensor
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig, sensor=sensor)
     own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
     same = read.setdefault(recording_digest(recorded), [])
     refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
@@ -331,6 +341,10 @@ def _ready_mesh_problems(
     if pit is not None and not broken:
         broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
     yield from broken
+    if not broken and not row.reference and pit is None and not (batch.settings and batch.settings.pit.none):
+        box_mm = np.ptp(mesh[0], axis=0).tolist()
+        for doubt in of_category(box_mm, batch.prior, others=shipped_categories()):
+            yield _doubted(row, folder.fruit_ply, doubt.sentence)
     if not broken and not row.reference:
         doubts: list[Doubt] = []
         yield from _tried(row, folder.fruit_ply, lambda: doubts.extend(_pit_doubts(batch, row, mesh, pit)))

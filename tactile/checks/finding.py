@@ -35,6 +35,7 @@ class FindingKind(StrEnum):
     MARKERS_ORDER = "markers-order"
     MARKERS_MISSING = "markers-missing"
     MARKERS_PITCH_OFF = "markers-pitch-off"
+    PITCH_NOT_OF_SENSOR = "pitch-not-of-sensor"
     OVER_EDGE = "over-edge"
     REFERENCE_PRINT = "reference-print"
     PRINT_WITHOUT_FORCE = "print-without-force"
@@ -55,6 +56,8 @@ class FindingKind(StrEnum):
     FORCE_OR_STIFFNESS_UNIT = "force-or-stiffness-unit"
     GAIN = "gain"
     """A factor whose cause is not known: of the force, of the displacement or of the stated stiffness."""
+    STIFFNESS_NOT_OF_SENSOR = "stiffness-not-of-sensor"
+    """The stated stiffness is not that of the named sensor."""
     FORCE_DRIFT = "force-drift"
     # time
     FRAMES_SHUFFLED = "frames-shuffled"

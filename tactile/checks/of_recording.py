@@ -16,6 +16,7 @@ from tactile.checks.footprint import (
     footprint_findings,
     tilted,
 )
+from tactile.checks.gel_findings import gel_findings
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
@@ -23,6 +24,7 @@ from tactile.checks.reference import reference_findings
 from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.io.recording import GelPad, Recording
+from tactile.published_gel import PublishedGel
 from tactile.registration import depth_along
 
 QUARTERS = np.array(
@@ -44,11 +46,13 @@ def recording_findings(
     *,
     E_range_MPa: tuple[float, float] | None = None,
     surface_sd_mm: float = 0.0,
+    gels: Sequence[PublishedGel] = (),
 ) -> list[Finding]:
     """What cannot be right in `recording` of the fruit with this mesh, the likeliest cause first.
 
     What a refused finding explains is left out: nothing of a lower rank is looked for. `E_range_MPa`: moduli
-    that the category can have, `surface_sd_mm`: the mesh's error. A bare indenter's trace is not checked.
+    that the category can have, `surface_sd_mm`: the mesh's error, `gels`: what is known of
+    the sensor's. A bare indenter's trace is not checked.
     Without a mesh (None) only what the recording says of itself is: its fields pad by pad, and whether the
     contact runs over the edge of the markers.
     """
@@ -66,6 +70,7 @@ def recording_findings(
         lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
         lambda: axis_findings(pressings),
         lambda: time_findings(recording, pressings),
+        lambda: [finding for known in gels for finding in gel_findings(pads, known)],
         lambda: relation_findings(
             pressings, closing_mm=[closing_mm(one) for one in pressings], E_range_MPa=E_range_MPa
         ),

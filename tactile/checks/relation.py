@@ -27,6 +27,7 @@ NOISE_FOR_SLOPES = 0.06
 class Relation:
     """Of one pad: V over U, correlations over frames, markers and axes, the delay of V against U, saturation.
 
+    `gain_sd`: relative standard deviation of `gain`, the slope of V on U, by what the slope leaves of V.
     `lag_frames`: by how many frames V is late, with the correlation there; `axes[i, j]` correlates component
     i of V with component j of U; `saturation` is the slope above half the peak over that below; `summed` the
     correlation of V with U summed over frames (U written as increments).
@@ -35,6 +36,7 @@ class Relation:
     felt_mm: float
     gel_mm: float
     gain: float
+    gain_sd: float
     in_time: float
     over_markers: float
     axes: Float[np.ndarray, "3 3"]
@@ -57,6 +59,7 @@ def relation_of(one: Pressing) -> Relation | None:
         felt_mm=float(np.abs(U).max()),
         gel_mm=float(np.abs(V).max()),
         gain=_slope(U, V),
+        gain_sd=_slope_sd(U, V),
         in_time=_correlation(U, V),
         over_markers=_over_markers(one, top, use),
         axes=_axes(one, felt[top].mean(axis=0), gel[top].mean(axis=0), frames=len(top)),
@@ -139,3 +142,17 @@ def _saturation(
 def _slope(x: Float[np.ndarray, " t"], y: Float[np.ndarray, " t"]) -> float:
     about = x - x.mean()
     return float(about @ y / max(float(about @ about), 1e-30))
+
+
+def _slope_sd(x: Float[np.ndarray, " t"], y: Float[np.ndarray, " t"]) -> float:
+    """Relative standard deviation of `_slope`: sqrt(c sum r^2 / ((t - 2) sum (x - mean x)^2)) over the slope.
+
+    r is what the slope leaves of y; c = (1 + rho) / (1 - rho) with the correlation rho of r between
+    neighbouring frames, since errors that last count as fewer frames.
+    """
+    slope, about = _slope(x, y), x - x.mean()
+    left = y - y.mean() - slope * about
+    square = float(left @ left)
+    rho = float(np.clip(left[1:] @ left[:-1] / max(square, 1e-30), 0.0, 0.9))
+    variance = (1 + rho) / (1 - rho) * square / max(len(x) - 2, 1)
+    return float(np.sqrt(variance / max(float(about @ about), 1e-30)) / max(abs(slope), 1e-12))

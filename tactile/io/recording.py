@@ -183,6 +183,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
         time_s = root.time("time_s", limit=TIME)
         frames = len(time_s)
         pads_group = root.child("pads")
+        scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
         return Recording(
             fruit_id=root.text("fruit_id"),
             category=root.text("category"),
@@ -195,7 +196,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             **_rig_fields(root, frames),
             notes=(REVERSED,) if turned else (),
             pads=tuple(
-                _read_pad(pads_group.child(name), name, frames=frames, images=images)
+                _read_pad(pads_group.child(name), name, frames=frames, images=images, scale_sd=scale_sd)
                 for name in PADS_OF_LOADING[loading]
             ),
         )
@@ -291,8 +292,13 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
     return unreadable(path, "the file", found, COMPLETE, DAMAGED)
 
 
-def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
-    """One pad of a recording: a gel's fields, or the force of an indenter."""
+def _read_pad(
+    pad: GroupReader, name: str, *, frames: int, images: bool, scale_sd: float
+) -> GelPad | IndenterPad:
+    """One pad of a recording: a gel's fields, or the force of an indenter.
+
+    `scale_sd`: the recording's own `force_scale_sd`, for a pad that states none.
+    """
     pose = pad.poses("pose", frames)
     if "force_z_N" in pad and "rest_mm" not in pad:
         indenter = pad.choice("indenter", {"ball", "flat", "plate"})
@@ -323,7 +329,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         reference_print=_at_least_zero(pad, "reference_print", ()),
         print_shown=_at_least_zero(pad, "print_shown", (frames,)),
         reference_sd_mm=_at_least_zero(pad, "reference_sd_mm", (markers,)),
-        force_scale_sd=pad.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0,
+        force_scale_sd=pad.optional_positive("force_scale_sd", limit=SCALE_SD) or scale_sd,
         displacement_scale_sd=pad.optional_positive("displacement_scale_sd", limit=SCALE_SD) or 0.0,
         spread=read_spread(pad, frames=frames, markers=markers),
         images=pad.frames("images", frames) if images and "images" in pad else None,

@@ -5,6 +5,7 @@ gives.
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -56,6 +57,25 @@ def model_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
+def model_named(sensor: str) -> SensorModel | None:
+    """The shipped sensor that a recording names: by its key or its name, which a serial number may follow.
+
+    >>> [one and one.key for one in map(model_named, ("GelSight Mini, marked gel", "Tac3D A1-0040R", "gel"))]
+    ['gelsight-mini', 'tac3d', None]
+    """
+    said = _plain(sensor)
+    for model in map(read_model, model_names()):
+        for name in (_plain(model.key), _plain(model.name)):
+            if said == name or (said.startswith(f"{name} ") and not said.startswith(f"{name} (")):
+                return model
+    return None
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.lower().split())
+
+
+@cache
 def read_model(name: str) -> SensorModel:
     """The shipped sensor of that name; raises TactileFailure (unreadable-sensor) for a file that is none."""
     path = FOLDER / f"{name}.toml"

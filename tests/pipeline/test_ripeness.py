@@ -19,6 +19,17 @@ def stand(E, sd, common=0.0, seed=1):
     return standings(E, sd, common * np.ones_like(E), classes=CLASSES, rng=np.random.default_rng(seed))
 
 
+def test_a_common_scale_counts_for_the_class_and_not_for_the_order():
+    E, sd = np.array([0.29, 0.31]), np.array([0.003, 0.003])
+    plain = standings(E, sd, np.zeros(2), classes=CLASSES, rng=np.random.default_rng(1))
+    wide = standings(E, sd, np.zeros(2), scale_sd_MPa=0.1 * E, classes=CLASSES, rng=np.random.default_rng(1))
+    assert [s.p_softer_than_next for s in wide] == [s.p_softer_than_next for s in plain]
+    assert [s.rank_probability for s in wide] == [s.rank_probability for s in plain]
+    assert plain[0].maturity_probability > 0.99
+    expected = norm.cdf((np.log(0.3) - np.log(0.29)) / np.hypot(0.1, 0.003 / 0.29))
+    assert wide[0].maturity_probability == pytest.approx(expected)
+
+
 def test_softest_fruit_has_rank_one():
     assert [s.rank for s in stand([0.9, 0.2, 0.5], [0.01] * 3)] == [3, 1, 2]
 

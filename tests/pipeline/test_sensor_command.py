@@ -14,7 +14,7 @@ from test_camera_from_dots import dots, eye, picture
 from fem.estimation.joint_inference import FruitModulus
 from pipeline.cli import app
 from pipeline.fruit.elasticity import SENSOR, modulus_record
-from pipeline.fruit.sensor_scale import _of_recording
+from pipeline.fruit.sensor_scale import COMMON_SD, PICTURE_SD, SensorScale, sensor_scale
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import model_names, read_model
@@ -143,17 +143,18 @@ def test_the_spread_of_the_scales_is_kept_and_goes_into_e(tmp_path: Path) -> Non
     pad = read_recording(tmp_path / "g.h5").pads[0]
     assert isinstance(pad, GelPad)
     assert (pad.force_scale_sd, pad.displacement_scale_sd) == (0.2, 0.03)
-    assert _of_recording(grasp(0.0, 0.0)) == 0
-    assert _of_recording(grasp(0.2, 0.0)) == pytest.approx(0.2)
-    assert _of_recording(grasp(0.0, 0.03)) == pytest.approx(0.03 * 0.5 / 1.5)
+    unknown, stated = sensor_scale([grasp(0.0, 0.0)], None), sensor_scale([grasp(0.2, 0.03)], None)
+    assert (unknown.common, unknown.pictures) == pytest.approx((COMMON_SD, PICTURE_SD))
+    assert (stated.common, stated.pictures) == pytest.approx((0.2, 0.03 * 0.5 / 1.5))
 
 
-def test_it_is_common_to_all_fruit() -> None:
+def test_the_scale_of_pictures_is_common_to_all_fruit_and_the_common_scale_is_beside_the_error_bar() -> None:
     found = FruitModulus(
         E_MPa=0.5, E_sd_MPa=0.02, parts_sd_MPa={"tactile noise": 0.02}, pit=None, grasps=1, warnings=()
     )
-    plain, wide = modulus_record(found), modulus_record(found, sensor_scale=0.2)
+    plain, wide = modulus_record(found), modulus_record(found, sensor=SensorScale(common=0.1, pictures=0.2))
     assert wide.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.2 * plain.E_MPa))
     assert wide.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
     assert wide.parts_sd_MPa[SENSOR] == pytest.approx(0.2 * plain.E_MPa)
+    assert wide.scale_sd_MPa == pytest.approx(0.1 * plain.E_MPa)
     assert SENSOR not in plain.parts_sd_MPa
