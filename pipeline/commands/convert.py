@@ -108,7 +108,8 @@ def convert(
         str | None,
         typer.Option(
             metavar="LIST",
-            help="Units that no name says: force=N (mN, g, kgf), travel=mm (um, cm), time=s (ms, min).",
+            help="Units that the table does not state: force=N (kN, lbf, kgf, ...), travel=mm (um, in, ...), "
+            "time=s (ms, min, ...).",
         ),
     ] = None,
     sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
