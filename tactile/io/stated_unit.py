@@ -21,8 +21,8 @@ QUANTITIES = {
     "gap": _LENGTH_MM,
 }
 """Our unit of each quantity, its kind, our units in one of SI, and the smallest and largest factor of any
-press: ns to days, 0.1 uN to a tonne, 0.1 nm to m. Beyond these pint reads what a header means otherwise: `Mm` as a
-megametre, `pct` as a picocarat."""
+press: ns to days, 0.1 uN to a tonne, 0.1 nm to m. Beyond these pint reads what a header means otherwise: `Mm`
+as a megametre, `pct` as a picocarat."""
 EXAMPLES = {
     "time": ("s", "ms", "min"),
     "force": ("N", "kN", "mN", "kgf", "gf", "lbf"),

@@ -68,16 +68,12 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     """
     found = [read_unit(text, quantity) for text in _IN_BRACKETS.findall(name)]
     if found:
-        return min(found, key=lambda one: (not isinstance(one, Unit), _unknown(one)))
+        return min(found, key=lambda one: (not isinstance(one, Unit), not _of_another(one)))
     end = _AT_END.search(name.strip())
     if end is None or (len(end[1]) == 1 and end[1] not in (*_ONE_LETTER, "V")):
         return None
     unit = read_unit(end[1], quantity)
     return unit if isinstance(unit, Unit) or unit.other in _NO_FORCE_OR_LENGTH else None
-
-
-def _unknown(unit: Unit | NoUnit) -> bool:
-    return isinstance(unit, NoUnit) and unit.other is None
 
 
 def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColumns | None:
@@ -217,12 +213,24 @@ def _no_unit(
 ) -> TactileFailure:
     """No unit, or one that is not known: asks for it."""
     q = missing[0]
-    unit = unit_of_name(chosen[q], q) or (read_unit(row[q], q) if row.get(q) else None)
+    stated = {one: _stated(chosen[one], row.get(one, ""), one) for one in missing}
+    unit = next(iter(stated[q]), None)
     said = f'the unit "{unit.text}", which {unit.why},' if isinstance(unit, NoUnit) else "no unit"
-    whole = ",".join(f"{q}={EXAMPLES[q][0]}" for q in missing)
-    ways = "; ".join(f"{q} in {', '.join(EXAMPLES[q])}, ..." for q in missing)
+    whole = ",".join(_asked(one, stated[one]) for one in missing)
+    ways = "; ".join(f"{one} in {', '.join(EXAMPLES[one])}, ..." for one in missing)
     found = f'{said} of {q} ("{chosen[q]}") in the file'
     return unusable(source, found, f"its unit: give --units {whole}, or what it is in ({ways})")
+
+
+def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
+    """What the row of units and the column's name state, the row first."""
+    found = [read_unit(in_row, quantity) if in_row else None, unit_of_name(name, quantity)]
+    return [one for one in found if one is not None]
+
+
+def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
+    """The option's part for a quantity; no unit is proposed where the file states one that is not known."""
+    return f"{quantity}={'UNIT' if stated else EXAMPLES[quantity][0]}"
 
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:
@@ -271,19 +279,24 @@ def proposed(header: Sequence[str], units_row: Sequence[str] = ()) -> str:
     columns = ",".join(f"{q}={name}" for q, name in names.items())
     columns = f'"{columns}"' if re.search(r"[^\w=,.-]", columns) else columns
     row = dict(zip(header, units_row, strict=False))
-    unstated = [
-        q
-        for q, name in names.items()
-        if not any(isinstance(one, Unit) for one in (unit_of_name(name, q), read_unit(row.get(name, ""), q)))
-    ]
-    units = ",".join(f"{q}={EXAMPLES[q][0]}" for q in unstated)
+    stated = {q: _stated(name, row.get(name, ""), q) for q, name in names.items()}
+    units = ",".join(
+        _asked(q, one) for q, one in stated.items() if not any(isinstance(unit, Unit) for unit in one)
+    )
     return f"--columns {columns}" + (f" --units {units} (or what they are in)" if units else "")
 
 
 def _like(quantity: str, header: Sequence[str]) -> str | None:
-    """The first column whose name sounds like the quantity, one that was measured before one that was set."""
+    """The first column whose name sounds like the quantity, one that was measured before one that was set,
+    and none in a unit of another quantity.
+    """
     named = [name for name in header if re.search(_LIKE[quantity], name, re.IGNORECASE)]
-    return next((name for name in named if not _NOT_MEASURED.search(name)), next(iter(named), None))
+    fit = [name for name in named if not _of_another(unit_of_name(name, quantity))]
+    return next((name for name in fit if not _NOT_MEASURED.search(name)), next(iter(fit), None))
+
+
+def _of_another(unit: Unit | NoUnit | None) -> bool:
+    return isinstance(unit, NoUnit) and unit.other is not None
 
 
 def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[str, ...]]:
