@@ -16,7 +16,7 @@ from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
-from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
+from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
@@ -42,7 +42,7 @@ AS_GRADED = "E without an effect: {said}."
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
-    page.
+    page. `doubts`: why E cannot be right.
     """
 
     explanation: Explanation
@@ -50,6 +50,7 @@ class Diagnosis:
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
     pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
@@ -57,8 +58,10 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     bare = bare_recordings(case.task.folder.grasp_files())
     with threadpool_limits(1):
         if bare is None:
-            return _of_grasps(case, log, jobs)
-        return _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+            found = _of_grasps(case, log, jobs)
+        else:
+            found = _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+    return replace(found, doubts=doubts_of_modulus(case, found.explanation))
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
