@@ -47,6 +47,7 @@ from recon.surface.mesh_file import Mesh, read_mesh
 from recon.triangle_mesh import volume_mm3
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording
+from tactile.io.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 MOST_CPU_S, MOST_WALL_S = 20, 90
@@ -74,12 +75,21 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             return [], _digest(held)
         source = root / ("sources/tac3d" if "tac3d" in path else path)
         wanted = ConvertRequest(sensor=root / "sources" / "sensor.toml")
-        convert(source, root / "out.h5", wanted, report=lambda _: None)
-        return [], _digest([read_recording(root / "out.h5")])
+        if command == "press":
+            wanted = ConvertRequest(indenter="ball", radius_mm=10.0, trace=_first_columns(source))
+        done = convert(source, root / "out.h5", wanted, report=lambda _: None)
+        said = [*done.refused, *done.doubts]
+        return said, "" if said else _digest([read_recording(root / "out.h5")])
     except BatchRefused as refused:
         return [str(p) for p in refused.problems], ""
     except (ReconFailure, TactileFailure) as failure:
         return [failure.detail], ""
+
+
+def _first_columns(source: Path) -> TraceWords:
+    """A press's columns by their order: time, travel, force, semicolons between them."""
+    names = source.read_text(encoding="utf-8").splitlines()[0].split(";")
+    return TraceWords(columns=dict(zip(("time", "travel", "force"), names, strict=True)))
 
 
 def _digest_of_batch(batch: Path) -> str:
@@ -229,8 +239,9 @@ def sound_digests(sound: Path) -> dict[str, str]:
         said, digest[command] = outcome(command, sound)
         if said:
             raise RuntimeError(said)
-    for path in ("sources/fields.csv", "sources/fields.npz", "sources/tac3d"):
-        said, digest[path] = outcome("convert", sound, path)
+    sources = dict.fromkeys(("sources/fields.csv", "sources/fields.npz", "sources/tac3d"), "convert")
+    for path, command in {**sources, "sources/press.csv": "press"}.items():
+        said, digest["press" if command == "press" else path] = outcome(command, sound, path)
         if said:
             raise RuntimeError(said)
     return digest

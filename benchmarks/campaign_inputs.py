@@ -24,6 +24,7 @@ from campaign_changes import (
 )
 from campaign_files import others_files
 from campaign_recordings import NPY, recordings
+from campaign_units import inverted_signs, stated_units
 
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
@@ -203,5 +204,20 @@ def cases() -> list[Broken]:
         *(
             Broken(format="files of others", kind=kind, path=path, change=change, expects=expects)
             for kind, path, change, expects in others_files()
+        ),
+        *(
+            Broken(
+                format="units",
+                kind=kind,
+                path="sources/press.csv",
+                change=c,
+                command="press",
+                expects=expects,
+            )
+            for kind, c, expects in stated_units()
+        ),
+        *(
+            Broken(format="signs", kind=kind, path=path, change=c, command="convert", expects=expects)
+            for kind, path, c, expects in inverted_signs()
         ),
     ]

@@ -71,6 +71,8 @@ TABLE = (
     "fruit_id,height_mm,mass_g,shore_oo,diameter_mm,notes\nA,55.9,95,60,56.2,ready\nB,57.6,110,50,60,photos\n"
 )
 FRAMES = 5
+PRESS = [(round(0.1 * t, 1), round(0.05 * t, 2), round(0.02 * t**1.5, 4)) for t in range(30)]
+"""A ball's press: time (s), travel (mm) and force (N), with few decimals: they come back exactly."""
 
 
 def write_sound(root: Path) -> None:
@@ -168,7 +170,11 @@ def _write_sources(folder: Path) -> None:
                 lines.append(",".join(f"{v:.6g}" for v in (0.05 * t, 60, k, m, *held)))
     np.savez(folder / "fields.npz", **arrays)
     (folder / "fields.csv").write_text("\n".join(lines) + "\n")
-    (folder / "sensor.toml").write_text(SENSOR.replace("markers-mono", "fields"))
+    gel = "[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.05"
+    sensor = SENSOR.replace("markers-mono", "fields").replace("[gel]", gel)
+    (folder / "sensor.toml").write_text(sensor)
+    rows = [f"{1e3 * t:g};{travel:g};{force:g}" for t, travel, force in PRESS]
+    (folder / "press.csv").write_text("\n".join(["t_ms;travel_mm;force_N", *rows]) + "\n")
     tac3d = folder / "tac3d" / "AD2"
     tac3d.mkdir(parents=True)
     pad = made.pads[0]

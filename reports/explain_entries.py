@@ -219,8 +219,9 @@ class NextGraspPlanEntry(_Entry):
 class ExplainEntry(_Entry):
     """All that is written of one fruit. `verdict`: the names left; one, or several not told apart.
 
-    `E_withheld`: why no E is given, which is then not a number. `applied`: one sentence where the effect was
-    written into a batch's settings, or why it was not. `inputs`: SHA-256 in hex by file. Of the page alone:
+    `E_withheld`: why no E is given, which is then not a number. `doubts`: why E cannot be right. `applied`:
+    one sentence where the effect was written into a batch's settings, or why it was not. `inputs`: SHA-256 in
+    hex by file. Of the page alone:
     `effects`, words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and
     parameter; `contacts_mm`, where each pad touched, all grasps
     together; `facts`, (label, value): Poisson's ratio, elements.
@@ -237,6 +238,7 @@ class ExplainEntry(_Entry):
     verdict: Annotated[tuple[str, ...], BeforeValidator(_names)]
     E_MPa: ModuliEntry
     E_withheld: str | None = Field(default=None, validation_alias="withheld")
+    doubts: tuple[str, ...] = ()
     fit: FitEntry = FitEntry()
     next_grasp: str | None = None
     next_grasp_plan: NextGraspPlanEntry | None = None
@@ -277,14 +279,17 @@ class ExplainEntry(_Entry):
         return made.isoformat(timespec="seconds")
 
     def as_json(self) -> dict[str, Any]:
-        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null, a
-        plan that was not computed and the reason of an E that is given are left out.
+        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null. A
+        plan that was not computed, the reason of an E that is given, and doubts where there are none are left
+        out.
         """
         written: dict[str, Any] = _finite(self.model_dump())
         if self.next_grasp_plan is None:
             del written["next_grasp_plan"]
         if self.E_withheld is None:
             del written["E_withheld"]
+        if not self.doubts:
+            del written["doubts"]
         return written
 
 

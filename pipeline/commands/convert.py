@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import about
-from pipeline.exit_status import INTERRUPTED, UNUSABLE
+from pipeline.exit_status import DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
 
@@ -108,7 +108,8 @@ def convert(
         str | None,
         typer.Option(
             metavar="LIST",
-            help="Units that no name says: force=N (mN, g, kgf), travel=mm (um, cm), time=s (ms, min).",
+            help="Units that the table does not state: force=N (kN, lbf, kgf, ...), travel=mm (um, in, ...), "
+            "time=s (ms, min, ...).",
         ),
     ] = None,
     sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
@@ -122,9 +123,10 @@ def convert(
 ) -> None:
     """Turn frames, tables or another maker's files into a recording that grade and explain read.
 
-    What was noticed on the way (lost frames, torn markers, clocks apart, ...) is said. OUT.h5 appears whole
-    or not at all. Exit status: 0 written, 1 internal error, 2 usage, 3 SOURCE cannot be used, 130
-    interrupted.
+    Notes tell what was noticed (lost frames, torn markers, clocks apart, ...). The checks of `drupe check`
+    that need no fruit run too. OUT.h5 appears whole or not at all. Exit status: 0 written, 1 internal error,
+    2 usage, 3 SOURCE cannot be used (nothing is written) or `drupe grade` will refuse OUT.h5, 4 written, but
+    E from it will be in doubt, 130 interrupted.
     """
     with elsewhere():
         from pipeline.recordings.conversion import ConvertRequest
@@ -155,13 +157,19 @@ def convert(
         covariance=covariance,
     )
     try:
-        notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
+        done = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
     except TactileFailure as reason:
         typer.echo(f"drupe: {about(source, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; nothing was written", err=True)
         raise typer.Exit(INTERRUPTED) from None
-    for note in notes:
+    for note in done.notes:
         typer.echo(f"note: {note}")
+    for doubt in done.doubts:
+        typer.echo(f"E will be in doubt: {doubt}", err=True)
+    for finding in done.refused:
+        typer.echo(f"drupe grade will refuse this recording: {finding}", err=True)
     typer.echo(f"wrote {out}")
+    if done.doubts or done.refused:
+        raise typer.Exit(UNUSABLE if done.refused else DOUBTED)

@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.machine import cores, require_libraries
-from pipeline.exit_status import INTERRUPTED, UNUSABLE
+from pipeline.exit_status import DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.safe_start import elsewhere, load
 
 MOST_EXPLAINING = 4
@@ -69,7 +69,7 @@ def explain(
     later `drupe grade` puts into its table, and shape and pictures, made anew where they are not there yet.
 
     Exit status: 0 an answer was given (whatever it says), 1 internal error, 2 usage or settings, 3 the fruit
-    or its recordings could not be used, 130 interrupted.
+    or its recordings could not be used, 4 an answer was given but its E is in doubt, 130 interrupted.
     """
     require_libraries()
     with elsewhere():
@@ -95,3 +95,5 @@ def explain(
         typer.echo("drupe: interrupted; no answer was written", err=True)
         raise typer.Exit(INTERRUPTED) from None
     print_explanation(found, [path for path in (json, html) if path], console=Console())
+    if found.doubts:
+        raise typer.Exit(DOUBTED)

@@ -16,7 +16,7 @@ from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
-from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
+from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
@@ -44,6 +44,7 @@ AS_GRADED = "E without an effect: {said}."
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
     page. `common_scale_sd`: relative, of E by a common factor on force and gel stiffness; None without a gel.
+    `doubts`: why E cannot be right.
     """
 
     explanation: Explanation
@@ -52,6 +53,7 @@ class Diagnosis:
     pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
     common_scale_sd: float | None = None
+    doubts: tuple[str, ...] = ()
 
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
@@ -59,8 +61,10 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     bare = bare_recordings(case.task.folder.grasp_files())
     with threadpool_limits(1):
         if bare is None:
-            return _of_grasps(case, log, jobs)
-        return _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+            found = _of_grasps(case, log, jobs)
+        else:
+            found = _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+    return replace(found, doubts=doubts_of_modulus(case, found.explanation))
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:

@@ -49,6 +49,7 @@ def explain_entry(
             },
             "contacts_mm": found.contacts_mm,
             "facts": found.facts,
+            "doubts": found.doubts,
         },
     )
 

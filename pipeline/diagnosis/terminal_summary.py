@@ -45,6 +45,8 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
         line(
             f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
         )
+    for doubt in found.doubts:
+        line(f"doubt: {doubt}")
     line(
         f"chance of so large a difference where nothing is missing: p {found.p_value:.2g} "
         f"(below {DETECTION_P:g} counts as a mismatch)"

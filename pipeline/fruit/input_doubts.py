@@ -129,6 +129,11 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
 named. ModulusSign.ONE_FRAME is never."""
 
 
+def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:
+    """The least and the greatest E that flesh of the category has; None where its file does not say."""
+    return None if prior is None or prior.plausible is None else prior.plausible.E_MPa
+
+
 class PitKind(StrEnum):
     """What is doubted of a given pit."""
 

@@ -26,7 +26,13 @@ from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
+from pipeline.fruit.input_doubts import (
+    causes_alone,
+    expected_E_MPa,
+    of_a_pit_found,
+    relative_sd,
+    signs_explained,
+)
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
@@ -192,8 +198,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
 
 def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
     """Raises FruitEnded for a modulus that no flesh of the category has."""
-    plausible = None if task.prior is None else task.prior.plausible
-    limits = None if plausible is None else plausible.E_MPa
+    limits = expected_E_MPa(task.prior)
     if limits is not None and not limits[0] <= E_MPa <= limits[1]:
         said = f"{E_MPa:.3g} MPa ({limits[0]:g} to {limits[1]:g} MPa expected)"
         raise FruitEnded(Outcome.IMPLAUSIBLE_MODULUS, said)

@@ -11,8 +11,8 @@ from rich.table import Table
 from reports.entries import BatchEntry, FruitEntry, ranked, without_references
 from reports.words import remarks, screen_words
 
-MOST_CHARACTERS = 160
-"""Of a cause on the terminal; the whole sentence stands in the report."""
+MOST_LINES = 40
+"""Of doubts, and of warnings; the report and record.json have them all."""
 MOST_IDS = 5
 """That a line names of the fruit that share a cause."""
 
@@ -26,34 +26,33 @@ def decimals(sd_MPa: float) -> int:
     return max(3, math.ceil(-math.log10(sd_MPa))) if 0 < sd_MPa < 1 else 3
 
 
-def cause(doubts: Sequence[str]) -> str:
-    """The first of a fruit's doubts or warnings, not too long for a line, and how many more there are.
-
-    >>> cause(["grasp-1: forces look like grams.", "pit.ply is turned."])
-    'grasp-1: forces look like grams (and 1 more)'
-    """
-    said = doubts[0].rstrip(".")
-    if len(said) > MOST_CHARACTERS:
-        said = f"{said[:MOST_CHARACTERS].rsplit(' ', 1)[0].rstrip(',;:')} ..."
-    return said if len(doubts) == 1 else f"{said} (and {len(doubts) - 1} more)"
-
-
 def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for each fruit whose E is in doubt, or for all that share their doubts: ids and cause."""
-    by_doubts: dict[tuple[str, ...], list[str]] = {}
-    for fruit in fruits:
-        if fruit.ok and fruit.doubts:
-            by_doubts.setdefault(fruit.doubts, []).append(fruit.fruit_id)
-    return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in by_doubts.items()]
+    """A line for each doubt about E: the fruit that it concerns, and its whole text."""
+    return _once("E in doubt", [(fruit.fruit_id, fruit.doubts) for fruit in fruits if fruit.ok])
 
 
 def warned(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for each graded fruit with warnings, or for all that share theirs: ids and the first warning."""
-    by_warnings: dict[tuple[str, ...], list[str]] = {}
-    for fruit in fruits:
-        if fruit.ok and fruit.warnings:
-            by_warnings.setdefault(tuple(fruit.warnings), []).append(fruit.fruit_id)
-    return [f"warning: {_ids(ids)}: {cause(warnings)}" for warnings, ids in by_warnings.items()]
+    """A line for each warning about graded fruit: the fruit that it concerns, and its whole text."""
+    return _once("warning", [(fruit.fruit_id, fruit.warnings) for fruit in fruits if fruit.ok])
+
+
+def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    """Every sentence once, in the order of the first fruit that has it; those of most fruit come first.
+
+    >>> _once("warning", [("A", ["no rig."]), ("B", ["no rig.", "one ramp."])])
+    ['warning: all fruit: no rig.', 'warning: B: one ramp.']
+    """
+    ids: dict[str, list[str]] = {}
+    for fruit_id, sentences in said:
+        for sentence in dict.fromkeys(sentences):
+            ids.setdefault(sentence, []).append(fruit_id)
+    ordered = sorted(ids.items(), key=lambda one: -len(one[1]))
+    lines = [
+        f"{lead}: {'all fruit' if len(those) == len(said) > 1 else _ids(those)}: {sentence}"
+        for sentence, those in ordered[:MOST_LINES]
+    ]
+    left = len(ordered) - len(lines)
+    return [*lines, f"{lead}: {left} more in report.html"] if left else lines
 
 
 def suspected(fruits: Sequence[FruitEntry]) -> list[str]:

@@ -14,6 +14,10 @@ from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import BatchRefused, Problem
+from recon.pit.priors import load_prior
+from recon.recon_failure import ReconFailure
+from tactile.checks.finding import Finding
+from tactile.checks.of_recording import recording_findings
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
 from tactile.from_frames import recording_of
@@ -80,10 +84,20 @@ class ConvertRequest:
     covariance: bool = False
 
 
-def convert(
-    source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]
-) -> tuple[str, ...]:
-    """Writes the recording in `source` to `out` and returns its notes; `report` tells progress.
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """What is said of a recording that was written.
+
+    `doubts`, `refused`: findings of the checks that need no mesh; grading refuses for the second.
+    """
+
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+
+
+def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]) -> Conversion:
+    """Writes the recording in `source` to `out`; `report` tells progress.
 
     `out` appears whole or not at all: the file is written elsewhere and read back first. Raises
     TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
@@ -114,7 +128,22 @@ def convert(
     )
     for line in _contact(converted.recording, out.name):
         report(line)
-    return converted.notes
+    found = _findings(converted.recording)
+    return Conversion(
+        notes=(*converted.notes, *(f"{source.name}: {one.sentence}." for one in found if one.remark)),
+        doubts=tuple(f"{source.name}: {one.sentence}." for one in found if not (one.refused or one.remark)),
+        refused=tuple(f"{source.name}: {one.sentence}." for one in found if one.refused),
+    )
+
+
+def _findings(recording: Recording) -> list[Finding]:
+    """What `drupe check` finds in the recording alone, without a fruit's mesh."""
+    try:
+        plausible = load_prior(recording.category).plausible
+    except ReconFailure:  # no category, or one of the user's own
+        plausible = None
+    limits = None if plausible is None else plausible.E_MPa
+    return recording_findings(recording, None, None, E_range_MPa=limits)
 
 
 def _is_converted(path: Path) -> bool:

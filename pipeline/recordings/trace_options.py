@@ -3,7 +3,8 @@
 import re
 
 from pipeline.problem import BatchRefused, Problem
-from tactile.io.trace_columns import KNOWN, UNITS, TraceWords
+from tactile.io.stated_unit import EXAMPLES, NoUnit, read_unit
+from tactile.io.trace_columns import KNOWN, TraceWords
 
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
 """A comma that parts two quantities; another one is of a column's name."""
@@ -20,9 +21,9 @@ def trace_words(columns: str | None, units: str | None, sheet: str | None) -> Tr
         raise _refused("--columns", "names both a travel and a gap; give one of them.")
     stated = _pairs("--units", units, "time=s,force=N,travel=mm")
     for quantity, unit in stated.items():
-        if unit not in UNITS[quantity]:
-            ways = ", ".join(UNITS[quantity])
-            raise _refused("--units", f'knows no unit "{unit}" of {quantity}; give one of {ways}.')
+        if isinstance(found := read_unit(unit, quantity), NoUnit):
+            ways = ", ".join(EXAMPLES[quantity])
+            raise _refused("--units", f"says {quantity}={unit}, which {found.why}; give {ways} or another.")
     return TraceWords(columns=names, units=stated, sheet=sheet)
 
 

@@ -26,7 +26,7 @@ from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem
-from pipeline.ranking.run_summary import cause, decimals
+from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.console import utc_now
 from pipeline.run.engines import WorkPlace, cluster_of, local_pool
@@ -422,11 +422,11 @@ def _way_of_dying(exit_code: int | None) -> str:
 
 
 def _in_a_line(record: FruitRecord) -> str:
-    """What the progress line says of a fruit: its E and why that is in doubt, or why it has none."""
+    """What the progress line says of a fruit: its E and whether that is in doubt, or why it has none."""
     if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
-    doubt = f", in doubt: {cause(record.doubts)}" if record.doubts else ""
+    doubt = ", in doubt (the causes stand below)" if record.doubts else ""
     return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
 
 

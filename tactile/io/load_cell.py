@@ -15,7 +15,7 @@ from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.trace_columns import FORCE, UNITS, FoundColumns, TraceWords, columns_wanted, find_columns
+from tactile.io.trace_columns import FORCE, FoundColumns, TraceWords, columns_wanted, find_columns
 from tactile.trace_thinning import thin
 
 TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)
@@ -131,9 +131,10 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
         notes.append(f"{path.name}: is not UTF-8; its letters were read as Windows-1252.")
     if words.columns or words.units or sheet.name:
         said = ", ".join(
-            f'{q} is "{columns.header[at]}" in {columns.units[q]}' for q, at in columns.place.items()
+            f'{q} is "{columns.header[at]}" in {columns.units[q].text}' for q, at in columns.place.items()
         )
         notes.append(f"{path.name}{f', sheet {sheet.name}' if sheet.name else ''}: {said}.")
+    notes += columns.notes
     return sheet, columns, notes
 
 
@@ -172,7 +173,7 @@ def _values(
     if commas:
         notes.append(f"{path.name}: decimal commas.")
     return {
-        q: UNITS[q][found.units[q]]
+        q: found.units[q].factor
         * np.array([_number(path, found.header[at], row, at, commas=commas) for row in rows])
         for q, at in found.place.items()
     }

@@ -1,12 +1,14 @@
 """Which column of a machine's table is time, force, travel or gap, and in what unit: said, never guessed."""
 
 import difflib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
+from tactile.io.stated_unit import EXAMPLES, PRESSURE, RATIO, VOLTAGE, NoUnit, Unit, is_unit, read_unit
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")
@@ -14,13 +16,6 @@ FORCE = ("force_N", "force_z_N", "fz_N")
 """Names that travel and force may have; the first that the file has is taken."""
 KNOWN = {"time": ("time_s",), "force": FORCE, "travel": TRAVEL, "gap": ("gap_mm",)}
 """The names that are known without an option. A gap takes the place of a travel."""
-UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
-    "force": {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3, "kgf": 9.80665},
-    "travel": {"mm": 1.0, "um": 1e-3, "cm": 10.0},
-    "gap": {"mm": 1.0, "um": 1e-3, "cm": 10.0},
-}
-"""Factors to s, N and mm; a gram or kilogram of force is at standard gravity, 9.80665 m/s2 (CGPM 1901)."""
 _LIKE = {
     "time": r"time|zeit|temps|tiempo|^t$",
     "force": r"(?<!goal)(?<!goal.)(force|kraft|load|fz|peso|last)",
@@ -29,8 +24,14 @@ _LIKE = {
 }
 """Words in names of columns by which an option is proposed (it is never taken without being given)."""
 _NOT_MEASURED = re.compile(r"goal|target|set|soll|cons|command|step", re.IGNORECASE)
-_IN_BRACKETS = re.compile(r"[\(\[]\s*([^\s\)\]]+)\s*[\)\]]\s*$")
-_AFTER_LINE = re.compile(r"[_/]\s*([A-Za-zµμ]+)$")
+_IN_BRACKETS = re.compile(r"[(\[{]\s*([^()\[\]{}]+?)\s*[)\]}]")
+_AT_END = re.compile(r"(?:[_/,]\s*|\bin\s+|\s)([^\W\d_]{1,12})\.?$")
+_ONE_LETTER = "smgN"
+"""Units of one letter that a name may end in without brackets; others are axes and channels there."""
+_NO_FORCE_OR_LENGTH = frozenset({PRESSURE, VOLTAGE, RATIO})
+"""What a column of a like name may hold in place of a force or a travel."""
+_ROWS_BELOW = 3
+"""Rows below the names in which a row of units is looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,32 +45,35 @@ class TraceWords:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundColumns:
-    """Where the numbers stand: `place` of each quantity in a row, its unit, and the first row of numbers."""
+    """Where the numbers stand: `place` of each quantity in a row, its unit, and the first row of numbers;
+    `notes`: what must be known of the units.
+    """
 
     header: tuple[str, ...]
     place: Mapping[str, int]
-    units: Mapping[str, str]
+    units: Mapping[str, Unit]
     first: int
+    notes: tuple[str, ...] = ()
 
 
-def unit_in(cell: str) -> str | None:
-    """A unit as UNITS has it; None where it is none of them. The micro sign has two codes.
+def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
+    """The unit that a column's name states: in brackets, or at its end; None where it states none.
 
-    >>> unit_in("[µm]"), unit_in("kgf"), unit_in("Pa")
-    ('um', 'kgf', None)
+    What stands at the end without brackets is a unit only where it fits, or is plainly of another quantity.
+
+    >>> unit_of_name("Normal force (kN)", "force").factor, unit_of_name("travel_in", "travel").factor
+    (1000.0, 25.4)
+    >>> unit_of_name("Pos", "travel"), unit_of_name("Load (%)", "force").why
+    (None, 'is a ratio, an angle or a count, not a force')
     """
-    plain = cell.strip("[]() ").replace("µ", "u").replace("μ", "u")
-    return next((unit for units in UNITS.values() for unit in units if unit == plain), None)
-
-
-def unit_of_name(name: str) -> str | None:
-    """The unit that a column's name ends in.
-
-    >>> unit_of_name("Normal force (N)"), unit_of_name("force_N"), unit_of_name("Pos")
-    ('N', 'N', None)
-    """
-    said = _IN_BRACKETS.search(name) or _AFTER_LINE.search(name)
-    return None if said is None else unit_in(said[1])
+    found = [read_unit(text, quantity) for text in _IN_BRACKETS.findall(name)]
+    if found:
+        return min(found, key=lambda one: (not isinstance(one, Unit), not _of_another(one)))
+    end = _AT_END.search(name.strip())
+    if end is None or (len(end[1]) == 1 and end[1] not in (*_ONE_LETTER, "V")):
+        return None
+    unit = read_unit(end[1], quantity)
+    return unit if isinstance(unit, Unit) or unit.other in _NO_FORCE_OR_LENGTH else None
 
 
 def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColumns | None:
@@ -89,28 +93,76 @@ def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColum
         _check_apart(source, sheet, k)
         if len(set(place.values())) < len(place):
             raise unusable(source, "one column named for two quantities", "a column of its own for each")
-        below = sheet.rows[k + 1 : k + 2]
-        row = _units_row(below[0][1], place) if below else None
-        in_file = {q: (row or {}).get(q) or unit_of_name(chosen[q]) for q in place}
-        stated = {q: words.units.get(q) or in_file[q] for q in place}
-        if idle := [q for q in words.units if q not in place]:
-            read = ", ".join(f'{q} ("{chosen[q][:60]}")' for q in place)
-            found = f"--units of {idle[0]}, where {read} are read"
-            raise unusable(source, found, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
-        for q, unit in in_file.items():
-            if unit in UNITS[q] and unit != stated[q]:
-                found = f'{q} ("{chosen[q][:60]}") in {unit} by the file and in {stated[q]} by --units'
-                raise unusable(source, found, f"one unit; leave out {q}={stated[q]}")
-        missing = [q for q, unit in stated.items() if unit is None or unit not in UNITS[q]]
-        if missing:
-            raise _no_unit(source, chosen, stated, missing)
-        return FoundColumns(
-            header=tuple(names),
-            place=place,
-            units={q: unit for q, unit in stated.items() if unit is not None},
-            first=k + 1 if row is None else k + 2,
-        )
+        row, first = _units_below(sheet, k, place)
+        units, notes = _units(source, chosen, row, words)
+        return FoundColumns(header=tuple(names), place=place, units=units, first=first, notes=notes)
     return None
+
+
+def _units(
+    source: str, chosen: Mapping[str, str], row: Mapping[str, str], words: TraceWords
+) -> tuple[dict[str, Unit], tuple[str, ...]]:
+    """The unit of each quantity, from the names, the row of units and --units, which must agree."""
+    if idle := [q for q in words.units if q not in chosen]:
+        read = ", ".join(f'{q} ("{name[:60]}")' for q, name in chosen.items())
+        found = f"--units of {idle[0]}, where {read} are read"
+        raise unusable(source, found, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
+    units: dict[str, Unit] = {}
+    notes, missing = [], []
+    for q, name in chosen.items():
+        in_name = unit_of_name(name, q)
+        in_row = read_unit(row[q], q) if row.get(q) else None
+        named = f'{q} ("{name[:60]}")'
+        for one in (in_row, in_name):
+            if isinstance(one, NoUnit) and one.other is not None:
+                raise _other_quantity(source, one, q, named)
+        in_file = [one for one in (in_row, in_name) if isinstance(one, Unit)]
+        stated = read_unit(words.units[q], q) if q in words.units else None
+        if isinstance(stated, NoUnit):
+            raise unusable(source, f"--units {q}={stated.text}, which {stated.why}", _ways(q))
+        every = [*in_file, *([stated] if stated else [])]
+        if any(not math.isclose(one.factor, every[0].factor, rel_tol=1e-6) for one in every[1:]):
+            raise _contradiction(source, named, in_row, in_name, stated)
+        if not every:
+            missing.append(q)
+            continue
+        units[q] = every[0]
+        unknown = next((one for one in (in_row, in_name) if isinstance(one, NoUnit)), None)
+        if unknown is not None and not in_file:
+            notes.append(f'{named} states "{unknown.text}", which {unknown.why}; read in {every[0].text}.')
+        if every[0].of_mass:
+            one = f"1 {every[0].text} = {every[0].factor:.6g} N"
+            notes.append(f"{named} is in {every[0].text}, a mass: taken as its weight ({one}).")
+    if missing:
+        raise _no_unit(source, chosen, row, missing)
+    return units, tuple(f"{source}: {note}" for note in notes)
+
+
+def _contradiction(
+    source: str, named: str, in_row: Unit | NoUnit | None, in_name: Unit | NoUnit | None, stated: Unit | None
+) -> TactileFailure:
+    """Two units that are not equal, of the file or of the file and --units."""
+    said = (("the row of units", in_row), ("its name", in_name), ("--units", stated))
+    units = [f"{one.text} by {where}" for where, one in said if isinstance(one, Unit)]
+    if stated is None:
+        return unusable(
+            source, f"{named} in {' and in '.join(units)}", "one unit: correct a copy of the table"
+        )
+    expected = "one unit: leave --units out for it, or correct the file in a copy"
+    return unusable(source, f"{named} in {' and in '.join(units)}", expected)
+
+
+def _other_quantity(source: str, unit: NoUnit, quantity: str, named: str) -> TactileFailure:
+    """A column of something else, which no option turns into a force, a travel or a time."""
+    expected = (
+        f"a column of {quantity} ({', '.join(EXAMPLES[quantity])}, ...): name another column, convert the "
+        f'values, or rename the column if "{unit.text}" is no unit'
+    )
+    return unusable(source, f'{named} in "{unit.text}", which {unit.why}', expected)
+
+
+def _ways(quantity: str) -> str:
+    return f"a unit of {quantity}, such as {', '.join(EXAMPLES[quantity])}"
 
 
 def _check_apart(source: str, sheet: CellTable, k: int) -> None:
@@ -139,26 +191,46 @@ def _chosen(names: Sequence[str], words: TraceWords) -> dict[str, str] | None:
     return found if len(found) == 3 else None
 
 
-def _units_row(cells: Sequence[Cell], place: Mapping[str, int]) -> dict[str, str | None] | None:
-    """The units in the row below the names; None where that row is one of numbers already."""
-    own = {q: cells[at] if at < len(cells) else "" for q, at in place.items()}
-    if any(isinstance(cell, float) or number_of(cell) is not None for cell in own.values()):
-        return None
-    texts = {q: cell for q, cell in own.items() if isinstance(cell, str) and cell}
-    return {q: unit_in(cell) for q, cell in texts.items()} if len(texts) == len(own) else None
+def _units_below(sheet: CellTable, k: int, place: Mapping[str, int]) -> tuple[dict[str, str], int]:
+    """The texts in the row of units below the names in row `k`, if any, and the first row of numbers."""
+    texts: list[dict[str, str]] = []
+    for _, cells in sheet.rows[k + 1 : k + 1 + _ROWS_BELOW]:
+        own = {q: cells[at] if at < len(cells) else "" for q, at in place.items()}
+        if any(
+            cell != "" and (isinstance(cell, float) or number_of(cell) is not None) for cell in own.values()
+        ):
+            break
+        if not any(own.values()):
+            break
+        texts.append({q: str(cell) for q, cell in own.items() if cell})
+    if not texts:
+        return {}, k + 1
+    return max(texts, key=lambda row: sum(map(is_unit, row.values()))), k + 1 + len(texts)
 
 
 def _no_unit(
-    source: str, chosen: Mapping[str, str], stated: Mapping[str, str | None], missing: Sequence[str]
+    source: str, chosen: Mapping[str, str], row: Mapping[str, str], missing: Sequence[str]
 ) -> TactileFailure:
-    """No unit, or one of another kind: asks for it."""
-    quantity = missing[0]
-    unit = stated[quantity]
-    said = "no unit" if unit is None else f'the unit "{unit}"'
-    whole = ",".join(f"{q}={next(iter(UNITS[q]))}" for q in missing)
-    ways = "; ".join(f"{q} in {', '.join(UNITS[q])}" for q in missing)
-    found = f'{said} of {quantity} ("{chosen[quantity]}") in the file'
+    """No unit, or one that is not known: asks for it."""
+    q = missing[0]
+    stated = {one: _stated(chosen[one], row.get(one, ""), one) for one in missing}
+    unit = next(iter(stated[q]), None)
+    said = f'the unit "{unit.text}", which {unit.why},' if isinstance(unit, NoUnit) else "no unit"
+    whole = ",".join(_asked(one, stated[one]) for one in missing)
+    ways = "; ".join(f"{one} in {', '.join(EXAMPLES[one])}, ..." for one in missing)
+    found = f'{said} of {q} ("{chosen[q]}") in the file'
     return unusable(source, found, f"its unit: give --units {whole}, or what it is in ({ways})")
+
+
+def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
+    """What the row of units and the column's name state, the row first."""
+    found = [read_unit(in_row, quantity) if in_row else None, unit_of_name(name, quantity)]
+    return [one for one in found if one is not None]
+
+
+def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
+    """The option's part for a quantity; no unit is proposed where the file states one that is not known."""
+    return f"{quantity}={'UNIT' if stated else EXAMPLES[quantity][0]}"
 
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:
@@ -206,16 +278,25 @@ def proposed(header: Sequence[str], units_row: Sequence[str] = ()) -> str:
         names["travel"] = "NAME"
     columns = ",".join(f"{q}={name}" for q, name in names.items())
     columns = f'"{columns}"' if re.search(r"[^\w=,.-]", columns) else columns
-    row = {name: unit_in(unit) for name, unit in zip(header, units_row, strict=False)}
-    unstated = [q for q, name in names.items() if (row.get(name) or unit_of_name(name)) not in UNITS[q]]
-    units = ",".join(f"{q}={next(iter(UNITS[q]))}" for q in unstated)
+    row = dict(zip(header, units_row, strict=False))
+    stated = {q: _stated(name, row.get(name, ""), q) for q, name in names.items()}
+    units = ",".join(
+        _asked(q, one) for q, one in stated.items() if not any(isinstance(unit, Unit) for unit in one)
+    )
     return f"--columns {columns}" + (f" --units {units} (or what they are in)" if units else "")
 
 
 def _like(quantity: str, header: Sequence[str]) -> str | None:
-    """The first column whose name sounds like the quantity, one that was measured before one that was set."""
+    """The first column whose name sounds like the quantity, one that was measured before one that was set,
+    and none in a unit of another quantity.
+    """
     named = [name for name in header if re.search(_LIKE[quantity], name, re.IGNORECASE)]
-    return next((name for name in named if not _NOT_MEASURED.search(name)), next(iter(named), None))
+    fit = [name for name in named if not _of_another(unit_of_name(name, quantity))]
+    return next((name for name in fit if not _NOT_MEASURED.search(name)), next(iter(fit), None))
+
+
+def _of_another(unit: Unit | NoUnit | None) -> bool:
+    return isinstance(unit, NoUnit) and unit.other is not None
 
 
 def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -231,7 +312,7 @@ def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[st
             if len(texts) < 2 or _numeric(above):
                 continue
             names = tuple(cell if isinstance(cell, str) else f"{cell:g}" for cell in above)
-            if any(re.search(r"[^\W\d_]{3}", cell) and not unit_in(cell) for cell in texts):
+            if any(re.search(r"[^\W\d_]{3}", cell) and not is_unit(cell) for cell in texts):
                 return names, units
             units = names
         break

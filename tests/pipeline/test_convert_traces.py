@@ -67,7 +67,7 @@ def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them
     assert "--columns time=Time,force=Force,travel=Pos --units time=s,force=N,travel=mm" in said
     said = refused(tmp_path, source, "--columns", NAMES)
     assert 'no unit of time ("Time") in the file' in said
-    assert "force in N, mN, g, kgf" in said
+    assert "force in N, kN, mN, kgf, gf, lbf" in said
     said = converted(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
     assert 'force is "Force" in N' in said
 
@@ -134,7 +134,7 @@ def test_a_spreadsheet_of_old_asks_for_its_sheet_and_reads_the_row_of_units(tmp_
     (tmp_path / "out.h5").unlink()
     assert "(Details, Axial - 1, Axial - 2)" in refused(tmp_path, XLS, *wrong)
     other = ("--columns", columns, "--sheet", "Axial - 1", "--units", "gap=mm")
-    assert "in um by the file and in mm by --units" in refused(tmp_path, XLS, *other)
+    assert "in µm by the row of units and in mm by --units" in refused(tmp_path, XLS, *other)
 
 
 def test_a_new_spreadsheet_is_read(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def write_xlsx(path: Path, names: list[str], rows: np.ndarray) -> None:
         ("time_s,gap_mm,force_N\n0,0,0\n1,1,1\n2,2,4\n", (), "is it a travel? give --columns travel=..."),
         ("T,T,F\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F,travel=T",), "the column 'T' twice"),
         ("Time,Pos,Frc\n0,0,0\n1,1,1\n2,2,2\n", (NAMES,), 'did you mean force="Frc"?'),
-        ("T,P,F (Pa)\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F (Pa),travel=P",), "no unit of time"),
+        ("T,P,F (Pa)\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F (Pa),travel=P",), "a pressure or stress, not"),
     ],
 )
 def test_a_bad_table_is_refused_with_its_row_or_column(
@@ -209,7 +209,9 @@ def test_a_bad_table_is_refused_with_its_row_or_column(
         (("--columns", ""), 'holds ""; give time=Time'),
         (("--columns", "time=a,time=b"), "names time twice"),
         (("--columns", "travel=a,gap=b"), "names both a travel and a gap"),
-        (("--units", "force=lbf"), 'knows no unit "lbf" of force; give one of N, mN, g, kgf'),
+        (("--units", "force=stone-ish"), "says force=stone-ish, which is no unit that is known; give N, kN"),
+        (("--units", "force=MPa"), "which is a pressure or stress, not a force; give N, kN, mN"),
+        (("--units", "force=lbf"), "in N by its name and in lbf by --units"),
         (("--units", "pressure=Pa"), 'holds "pressure=Pa"'),
     ],
 )

@@ -46,7 +46,7 @@ def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
 def test_the_progress_line_of_a_fruit_in_doubt_names_the_cause():
     doubted = record("graded").model_copy(update={"doubts": ("g: one marker in ten is dead.", "a pit")})
     said = grading._in_a_line(doubted)
-    assert said == "E = 900.000 ± 30.000 MPa, in doubt: g: one marker in ten is dead (and 1 more)"
+    assert said == "E = 900.000 ± 30.000 MPa, in doubt (the causes stand below)"
 
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"

@@ -83,7 +83,7 @@ def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further
     for t in range(FRAMES):
         write_picture(raw_of(batch) / "left" / f"frame_{t:06d}.png", drawn(grid(), noise=1.0, seed=t))
     lines: list[str] = []
-    notes = convert(raw_of(batch), tmp_path / "out.h5", ConvertRequest(), report=lines.append)
+    notes = convert(raw_of(batch), tmp_path / "out.h5", ConvertRequest(), report=lines.append).notes
     assert any("the reference bears a print" in note and ADVICE in note for note in notes)
     assert not any("close the jaws" in line for line in lines)
     assert any("the left pad's" in line and "the reference bears a print itself" in line for line in lines)

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 from rich.console import Console
 
-from pipeline.ranking.run_summary import MOST_CHARACTERS, print_summary
+from pipeline.ranking.run_summary import MOST_LINES, print_summary
 from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect, Unfinished
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
@@ -50,7 +50,8 @@ def fruit(fruit_id, *doubts, ok=True):
 
 def test_a_fruit_in_doubt_has_a_line_with_its_id_and_the_cause(lines):
     said = lines(fruit("N01"), fruit("N02", "grasp-1: forces look like grams [g].", "pit.ply is turned."))
-    assert "E in doubt: N02: grasp-1: forces look like grams [g] (and 1 more)" in said
+    assert "E in doubt: N02: grasp-1: forces look like grams [g]." in said
+    assert "E in doubt: N02: pit.ply is turned." in said
     assert not any(line.startswith("E in doubt: N01") for line in said)
 
 
@@ -59,16 +60,34 @@ def test_a_cause_that_fruit_share_is_said_once_with_their_ids(lines):
     said = lines(*(fruit(f"{k}", shared) for k in range(1, 9)), fruit("9", "another."))
     doubts = [line for line in said if line.startswith("E in doubt")]
     assert doubts == [
-        "E in doubt: 1, 2, 3, 4, 5 and 3 more: The gripper reads 1.2 of the reference's modulus",
-        "E in doubt: 9: another",
+        "E in doubt: 1, 2, 3, 4, 5 and 3 more: The gripper reads 1.2 of the reference's modulus.",
+        "E in doubt: 9: another.",
     ]
 
 
-def test_a_long_cause_is_cut_between_words_and_one_not_graded_has_its_reason_alone(lines):
-    said = lines(fruit("A", "word " * 100), fruit("B", "a doubt", ok=False))
-    (line,) = [one for one in said if one.startswith("E in doubt")]
-    assert line.endswith("word ...")
-    assert len(line) <= MOST_CHARACTERS + len("E in doubt: A:  ...")
+BOUND = "E is a lower bound on a softer rig. A gripper of 8 N/mm would give 90 % of that travel itself."
+
+
+@pytest.mark.parametrize(
+    ("warnings", "expected"),
+    [
+        ([[BOUND], [BOUND], [BOUND]], [f"warning: all fruit: {BOUND}"]),
+        ([[BOUND, "Own."], [BOUND], []], [f"warning: 1, 2: {BOUND}", "warning: 1: Own."]),
+        ([["First.", BOUND], [BOUND], [BOUND]], [f"warning: all fruit: {BOUND}", "warning: 1: First."]),
+        ([[BOUND, BOUND]], [f"warning: 1: {BOUND}"]),
+        ([["word " * 100 + "end."]], ["warning: 1: " + "word " * 100 + "end."]),
+    ],
+)
+def test_a_warning_is_said_whole_and_once(lines, warnings, expected):
+    fruits = [replace(fruit(str(k)), warnings=tuple(own)) for k, own in enumerate(warnings, 1)]
+    assert [one for one in lines(*fruits) if one.startswith("warning")] == expected
+
+
+def test_so_many_warnings_are_counted_and_one_not_graded_has_its_reason_alone(lines):
+    many = replace(fruit("A"), warnings=tuple(f"{k}." for k in range(MOST_LINES + 3)))
+    said = lines(many, fruit("B", "a doubt", ok=False))
+    assert len([one for one in said if one.startswith("warning")]) == MOST_LINES + 1
+    assert "warning: 3 more in report.html" in said
     assert "not graded: B: no-grasp: no grasp" in said
 
 

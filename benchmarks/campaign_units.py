@@ -1,0 +1,101 @@
+"""Presses with units in their headers, and recordings with inverted signs, each with what it must come to."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from campaign_changes import Change, put
+from campaign_sound import PRESS
+
+SAME = "same"
+S, MM, N = ("Time (s)", 1.0), ("Travel (mm)", 1.0), ("Force (N)", 1.0)
+GRAVITY, POUND_KG, INCH_MM = 9.80665, 0.45359237, 25.4
+"""m/s2 (CGPM 1901); the avoirdupois pound and the inch (international agreement of 1959): exact."""
+Column = tuple[str, float]
+"""A column's name, and its unit in s, mm or N."""
+HEADERS: tuple[tuple[Column, Column, Column, str], ...] = (
+    (S, MM, ("Load (kN)", 1e3), SAME),
+    (S, MM, ("Load [KN]", 1e3), SAME),
+    (S, MM, ("Compressive load / lbf", POUND_KG * GRAVITY), SAME),
+    (S, MM, ("Load {lbs}", POUND_KG * GRAVITY), SAME),
+    (S, MM, ("Load (oz)", POUND_KG / 16 * GRAVITY), SAME),
+    (S, MM, ("load_kgf", GRAVITY), SAME),
+    (S, MM, ("Peso (kg)", GRAVITY), SAME),
+    (S, MM, ("Force_g", 1e-3 * GRAVITY), SAME),
+    (S, MM, ("Force (gf)", 1e-3 * GRAVITY), SAME),
+    (S, MM, ("Standardkraft in cN", 1e-2), SAME),
+    (S, MM, ("Force (daN)", 10.0), SAME),
+    (S, MM, ("Fz, mN", 1e-3), SAME),
+    (("Zeit / min", 60.0), ("Weg in µm", 1e-3), ("Kraft [N]", 1.0), SAME),
+    (("Time (sec)", 1.0), ("Position (in)", INCH_MM), N, SAME),
+    (("t_ms", 1e-3), ('Position (")', INCH_MM), N, SAME),
+    (("Time [S]", 1.0), ("Extension (inch)", INCH_MM), N, SAME),
+    (S, ("Position (mil)", INCH_MM / 1e3), N, SAME),
+    (S, ("Position_thou", INCH_MM / 1e3), N, SAME),
+    (S, ("Weg (μm)", 1e-3), N, SAME),
+    (S, ("Allongement (cm)", 10.0), N, SAME),
+    (S, ("travel_m", 1e3), N, SAME),
+    (S, MM, ("Stress (MPa)", 1.0), r"press\.csv: .*Stress \(MPa\).* is a pressure or stress, not a force"),
+    (S, MM, ("Load [V]", 1.0), r"press\.csv: .*Load \[V\].* is a voltage, not a force"),
+    (S, MM, ("load (counts)", 1.0), r"press\.csv: .*load \(counts\).* count, not a force"),
+    (S, ("Strain (%)", 1.0), N, r"press\.csv: .*Strain \(%\).* a ratio.*, not a length"),
+    (S, ("Time of travel (s)", 1.0), N, r"press\.csv: .* is a time, not a length"),
+    (S, MM, ("Load (klumps)", 1.0), r'press\.csv: .*"klumps", which is no unit.*--units force=UNIT'),
+    (S, MM, ("Load (MN)", 1.0), r"press\.csv: .*would be 1e\+06 N, which no press has.*--units force=UNIT"),
+    (S, MM, ("Load", 1.0), r"press\.csv: found no unit of force .*--units force=N"),
+)  # fmt: skip
+ROWS_OF_UNITS = (
+    ("(sec)", "(in)", "(lbf)", (1.0, INCH_MM, POUND_KG * GRAVITY)),
+    ("ms", "µm", "kN", (1e-3, 1e-3, 1e3)),
+    ("[min]", "[cm]", "[kg]", (60.0, 10.0, GRAVITY)),
+)
+
+
+def stated_units() -> Iterator[tuple[str, Change, str]]:
+    """Each header, the table that has it, and what is expected."""
+    for columns in HEADERS:
+        names, factors = zip(*columns[:3], strict=True)
+        yield "; ".join(names), _table([";".join(names)], factors), columns[3]
+    for *units, factors in ROWS_OF_UNITS:
+        yield f"row of units {units}", _table(["Time;Travel;Force", ";".join(units)], factors), SAME
+    contradicting = ["Time;Travel;Load (kN)", "s;mm;N"]
+    said = r"press\.csv: found force \(.*\) in N by the row of units and in kN by its name"
+    yield "row of units against the name", _table(contradicting, (1.0, 1.0, 1.0)), said
+
+
+def _table(header: list[str], factors: tuple[float, ...]) -> Change:
+    rows = [";".join(f"{v / f:.15g}" for v, f in zip(row, factors, strict=True)) for row in PRESS]
+    return lambda path, _: put(path, ("\n".join([*header, *rows]) + "\n").encode())
+
+
+def inverted_signs() -> Iterator[tuple[str, str, Change, str]]:
+    """What is inverted, in which source, and the finding that convert must state."""
+    path = "sources/fields.npz"
+    for pads in (("left",), ("right",), ("left", "right")):
+        named = "both pads'" if len(pads) == 2 else f"the {pads[0]} pad's"
+        for field, said in (("force_N", "force"), ("displacement_mm", "displacement")):
+            names = [f"pads/{pad}/{field}" for pad in pads]
+            yield (
+                f"{named} {said}",
+                path,
+                _inverted(names),
+                rf"fields\.npz: {named} {said} has the wrong sign",
+            )
+    yield "Tac3D's forces", "sources/tac3d", _turned, r"tac3d: the tip pad's force has the wrong sign"
+
+
+def _inverted(names: list[str]) -> Change:
+    def change(path: Path, _: np.random.Generator) -> None:
+        with np.load(path) as held:
+            arrays = {name: -values if name in names else values for name, values in held.items()}
+        path.unlink()
+        np.savez(path, **arrays)
+
+    return change
+
+
+def _turned(path: Path, _: np.random.Generator) -> None:
+    forces = path / "AD2" / "3D_Forces.npy"
+    values = -np.load(forces)
+    forces.unlink()
+    np.save(forces, values)

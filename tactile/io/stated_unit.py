@@ -1,0 +1,151 @@
+"""The unit that a text states (a column's name, a row of units, an option), read with pint."""
+
+import functools
+import re
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pint
+
+STANDARD_GRAVITY = 9.80665
+"""m/s2: what turns a mass into a force (CGPM 1901)."""
+FORCE, MASS, LENGTH, TIME = "a force", "a mass", "a length", "a time"
+PRESSURE, VOLTAGE, RATIO = "a pressure or stress", "a voltage", "a ratio, an angle or a count"
+_LENGTH_MM = ("mm", LENGTH, 1e3, 1e-7, 1e3)
+QUANTITIES = {
+    "time": ("s", TIME, 1.0, 1e-9, 86_400.0),
+    "force": ("N", FORCE, 1.0, 1e-7, 1e4),
+    "travel": _LENGTH_MM,
+    "gap": _LENGTH_MM,
+}
+"""Our unit of each quantity, its kind, our units in one of SI, and the smallest and largest factor of any
+press: ns to days, 0.1 uN to a tonne, 0.1 nm to m. Beyond these pint reads what a header means otherwise: `Mm`
+as a megametre, `pct` as a picocarat."""
+EXAMPLES = {
+    "time": ("s", "ms", "min"),
+    "force": ("N", "kN", "mN", "kgf", "gf", "lbf"),
+    "travel": ("mm", "um", "cm", "in"),
+    "gap": ("mm", "um", "cm", "in"),
+}
+"""Units that messages propose, our own first."""
+_KINDS = {
+    "second": TIME,
+    "meter": LENGTH,
+    "newton": FORCE,
+    "kilogram": MASS,
+    "pascal": PRESSURE,
+    "volt": VOLTAGE,
+    "radian": RATIO,
+    "ampere": "a current",
+    "meter/second": "a speed",
+    "kelvin": "a temperature",
+}
+"""A unit of each kind that is told by its name; others are of another quantity."""
+_ALIASES = (
+    "@alias second = sek = sekunde = sekunden = seconde = secondes = seg = segundo = segundos",
+    "@alias minute = minuten = minuto = minutos",
+    "@alias gram = gramm = gramme = grammes = gramo = gramos",
+    "@alias inch = zoll = pouce = pouces",
+    "@alias force_kilogram = kp = kilopond",
+)
+"""Words of German, French and Spanish exports beside pint's own."""
+_MEANT = {'"': "inch", "''": "inch", "′′": "inch", "”": "inch", "mil": "thou", "mils": "thou"}
+"""Marks, and `mil` as a length (pint: an angle)."""
+_AMBIGUOUS = {"gr": "may be a grain or a gram"}
+_PLAIN = re.compile(r"[^\W\d_]{1,20}|%|°[CFK]")
+_COMPOUND = re.compile(r"[^\W\d_]{1,12}[23]?(?:[*/·. ]?\^?[^\W\d_]{1,12}[23]?){1,2}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unit:
+    """`factor`: to s, N or mm. `of_mass`: a mass, taken as its weight at standard gravity."""
+
+    text: str
+    factor: float
+    of_mass: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoUnit:
+    """A text that is no unit of the quantity, and `why`. `other`: the kind of quantity it is a unit of."""
+
+    text: str
+    why: str
+    other: str | None = None
+
+
+def read_unit(text: str, quantity: str) -> Unit | NoUnit:
+    """The unit of a quantity (a key of QUANTITIES) in `text`, which may stand in brackets.
+
+    Capitals count where they decide (mN, MN), else not.
+
+    >>> read_unit("KN", "force"), read_unit("[µm]", "travel").factor
+    (Unit(text='KN', factor=1000.0, of_mass=False), 0.001)
+    >>> read_unit("MPa", "force").why
+    'is a pressure or stress, not a force'
+    """
+    ours, kind, ours_per_SI, least, most = QUANTITIES[quantity]
+    shown = unicodedata.normalize("NFKC", text).replace("μ", "µ").strip("[](){} \t").rstrip(".")
+    if shown == ours:
+        return Unit(text=ours, factor=1.0)
+    if shown in _AMBIGUOUS:
+        return NoUnit(text=shown, why=_AMBIGUOUS[shown])
+    other: str | None = None
+    for spelt in _spellings(_MEANT.get(shown, shown)):
+        found, of_SI = _parsed(spelt)
+        of_mass = kind == FORCE and found == MASS
+        if found == kind or of_mass:
+            factor = of_SI * ours_per_SI * (STANDARD_GRAVITY if of_mass else 1.0)
+            if least <= factor * (1 + 1e-9) and factor <= most * (1 + 1e-9):
+                return Unit(text=shown, factor=float(f"{factor:.12g}"), of_mass=of_mass)
+            return NoUnit(text=shown, why=f"would be {factor:.3g} {ours}, which no press has")
+        other = other or found
+    if other is None:
+        return NoUnit(text=shown, why="is no unit that is known")
+    return NoUnit(text=shown, why=f"is {other}, not {kind}", other=other)
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell holds nothing but a unit, of whatever quantity, or stands in brackets as units do.
+
+    >>> is_unit("(lbf)"), is_unit("sec"), is_unit("Force")
+    (True, True, False)
+    """
+    text = cell.strip()
+    if re.fullmatch(r"[\[({][^\])}]*[\])}]", text):
+        return True
+    return any(_parsed(spelt)[0] is not None for spelt in _spellings(_MEANT.get(text, text)))
+
+
+def _spellings(plain: str) -> tuple[str, ...]:
+    """As it stands, with newton's capital alone, and in small letters: `KN`, `Sec`, `LBF`, `MM`."""
+    low = plain.lower()
+    newton = [f"{low[:-1]}N"] if low in ("n", "kn", "mn", "cn", "dan") else []
+    return tuple(dict.fromkeys([plain, *newton, low]))
+
+
+@functools.lru_cache(maxsize=1000)
+def _parsed(text: str) -> tuple[str | None, float]:
+    """The kind of pint's unit and its factor to SI; None where it is no unit. Nothing else is evaluated."""
+    if not (_PLAIN.fullmatch(text) or _COMPOUND.fullmatch(text)):
+        return None, 0.0
+    registry = _registry()
+    try:
+        unit = registry.parse_units(text)
+        kinds = [kind for one, kind in _KINDS.items() if unit.is_compatible_with(one)]
+        factor = float(registry.Quantity(1.0, unit).to_base_units().magnitude)
+    except Exception:  # noqa: BLE001  pint raises more kinds than it documents for texts that are no unit
+        return None, 0.0
+    return (kinds[0] if kinds else "of another quantity"), factor
+
+
+@functools.cache
+def _registry() -> "pint.UnitRegistry":
+    import pint  # takes a second: only where a unit is not our own
+
+    registry: pint.UnitRegistry = pint.UnitRegistry()
+    for alias in _ALIASES:
+        registry.define(alias)
+    return registry
