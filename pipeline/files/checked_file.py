@@ -1,7 +1,7 @@
 """Files that end in the SHA-256 of their content: a changed bit is noticed before anything is read.
 
-The last 73 bytes are a line feed, the word `sha256`, a space and 64 hexadecimal digits, and a line feed. Readers of zip
-files (`.npz`) and HDF5 ignore bytes behind the end, so that such a file can still be opened by other programs.
+The last 73 bytes are a line feed, the word `sha256`, a space, 64 hexadecimal digits and a line feed. Readers
+of zip files (`.npz`) and of HDF5 ignore bytes behind the end, so other programs can still open such a file.
 """
 
 import hashlib
