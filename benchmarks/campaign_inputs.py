@@ -23,6 +23,7 @@ from campaign_changes import (
     with_bytes,
 )
 from campaign_recordings import NPY, recordings
+from campaign_resources import costly
 
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
@@ -195,4 +196,5 @@ def cases() -> list[Broken]:
         *_binary("ONNX", "batch/model.onnx", {}),
         *_binary("field arrays (.npz)", "sources/fields.npz", {}, command="convert"),
         *_binary("Tac3D array", "sources/tac3d/AD2/3D_Forces.npy", NPY, command="convert"),
+        *(Broken(**vars(one)) for one in costly()),
     ]
