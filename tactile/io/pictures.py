@@ -26,9 +26,7 @@ MOST_HEADER_BYTES = 1_000_000
 """In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
 MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
 """Types of the first box of an MP4 or QuickTime file (ISO/IEC 14496-12)."""
-os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = (
-    f"protocol_whitelist;file|format_whitelist;avi,mov|max_pixels;{MOST_PIXELS}"
-)
+os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file|format_whitelist;avi,mov"
 """For FFmpeg inside OpenCV: no other protocol and no list of files. Replaces what the user may have set."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
