@@ -14,6 +14,7 @@ from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from recon.cameras.printed_mat import Mat
+from recon.learned.onnx_file import model_files
 from recon.pit.priors import PitBody, PitPrior
 from recon.plain_file import printable
 
@@ -89,7 +90,7 @@ def fruit_task(
     if batch.mat is not None:
         files.append(batch.folder.mat)
     if settings.recon.geometry_model is not None:
-        files.append(batch.folder.root / settings.recon.geometry_model)
+        files += model_files(batch.folder.root / settings.recon.geometry_model)
     if (rig := rig_path(batch.folder.root, settings)) is not None:
         files.append(rig)
     key = stage_key(

@@ -6,7 +6,9 @@ import tomllib
 
 import pytest
 
+import recon.limited_memory
 import recon.plain_file
+import tactile.io.limited_process
 import tactile.io.named_file
 
 SHARED = [
@@ -30,6 +32,13 @@ def test_a_rule_is_the_same_in_both_rooms(name):
     theirs = inspect.getsource(getattr(tactile.io.named_file, name))
     ours = inspect.getsource(getattr(recon.plain_file, name))
     assert theirs.replace("FileNotReadable", "NotReadable") == ours
+
+
+@pytest.mark.parametrize("name", ["limited_memory", "_addresses_in_use"])
+def test_so_is_the_limit_on_memory(name):
+    both = (recon.limited_memory, tactile.io.limited_process)
+    theirs, ours = (inspect.getsource(getattr(room, name)) for room in both)
+    assert theirs == ours
 
 
 def test_so_are_the_limits():
