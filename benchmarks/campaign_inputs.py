@@ -24,6 +24,7 @@ from campaign_changes import (
 )
 from campaign_files import others_files
 from campaign_recordings import NPY, recordings
+from campaign_resources import costly
 from campaign_units import inverted_signs, stated_units
 
 from recon.silhouettes.hull import ball
@@ -220,4 +221,5 @@ def cases() -> list[Broken]:
             Broken(format="signs", kind=kind, path=path, change=c, command="convert", expects=expects)
             for kind, path, c, expects in inverted_signs()
         ),
+        *(Broken(**vars(one)) for one in costly()),
     ]

@@ -9,7 +9,9 @@ import numpy as np
 from campaign_changes import Change, put, with_bytes
 
 
-def _h5(change: Callable[[h5py.File], None]) -> Change:
+def hdf5_changed(change: Callable[[h5py.File], None]) -> Change:
+    """The file's own copy, changed through HDF5."""
+
     def done(path: Path, _: np.random.Generator) -> None:
         put(path, path.read_bytes())
         with h5py.File(path, "r+") as file:
@@ -24,7 +26,7 @@ def _field(name: str, make: Callable[[np.ndarray], object]) -> Change:
         del file[name]
         file[name] = make(values)
 
-    return _h5(change)
+    return hdf5_changed(change)
 
 
 def _lies(name: str, how: str) -> Change:
@@ -55,7 +57,7 @@ def _lies(name: str, how: str) -> Change:
         elif how == "objects":
             file.create_dataset(name, data=[file.ref] * 3, dtype=h5py.ref_dtype)
 
-    return _h5(change)
+    return hdf5_changed(change)
 
 
 def _set(values: np.ndarray, number: float) -> np.ndarray:
@@ -72,7 +74,7 @@ def _attribute(place: str, name: str, value: object) -> Change:
         else:
             held[name] = value
 
-    return _h5(change)
+    return hdf5_changed(change)
 
 
 def recordings() -> dict[str, Change]:
@@ -92,7 +94,7 @@ def recordings() -> dict[str, Change]:
         said[f"{name}: empty"] = _field(name, lambda v: v[:0])
         said[f"{name}: backwards"] = _field(name, lambda v: v[::-1])
         said[f"{name}: a scalar"] = _field(name, lambda _: 1.0)
-        said[f"{name}: removed"] = _h5(lambda file, n=name: file.__delitem__(n))
+        said[f"{name}: removed"] = hdf5_changed(lambda file, n=name: file.__delitem__(n))
         for how in ("moved", "external", "raw", "claimed", "chunk", "virtual", "group", "text", "objects"):
             said[f"{name}: {how}"] = _lies(name, how)
     pads = [

@@ -7,7 +7,9 @@ import os
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -16,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pipeline.batch.stage_record import StageRecord
-from pipeline.files.whole_file import put
+from pipeline.files.checked_file import put_checked, read_checked
 from recon.plain_file import not_plain
 
 PACKAGES = Path(__file__).resolve().parents[2]
@@ -49,7 +51,25 @@ AT_REST_NS = 3_000_000_000
 or every second one."""
 _hashed: dict[Path, tuple[tuple[int, ...], str]] = {}
 """SHA-256 of files at rest, with what said that they were."""
+_report: ContextVar[Callable[[str], None] | None] = ContextVar("_report", default=None)
+"""Who is told of damaged files."""
 Kept = TypeVar("Kept", bound=StageRecord)
+
+
+@contextmanager
+def damage_reported_to(report: Callable[[str], None]) -> Iterator[None]:
+    """Inside the block `report` gets a sentence for each kept file that is damaged."""
+    before = _report.set(report)
+    try:
+        yield
+    finally:
+        _report.reset(before)
+
+
+def report_damage(path: Path) -> None:
+    """Says that the kept file at `path` does not match its SHA-256."""
+    if (report := _report.get()) is not None:
+        report(f"the kept file {path.name} does not match its SHA-256; it is computed again")
 
 
 def file_hash(path: Path) -> str:
@@ -112,7 +132,8 @@ def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[
 def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]) -> Kept:
     """What `stage` keeps, from `folder` if it was made from the same key, else computed and kept.
 
-    A file that does not validate as a `record` is computed anew, as is one that cannot be read.
+    A file that does not match its SHA-256 or does not validate as a `record` is computed anew, as is one that
+    cannot be read.
     """
     path = folder / f"{stage}.npz"
     stored = _load(path, key, record)
@@ -123,7 +144,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, r
     buffer = io.BytesIO()
     named: dict[str, Any] = {HEADER: np.array(json.dumps({"key": key, "record": text})), **arrays}
     np.savez(buffer, **named)
-    put(path, buffer.getvalue())
+    put_checked(path, buffer.getvalue())
     return made
 
 
@@ -133,8 +154,12 @@ def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
     """
     if not_plain(path):
         return None
+    data = read_checked(path)
+    if data is None:
+        report_damage(path)
+        return None
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             header = json.loads(str(stored[HEADER]))
             if header["key"] != key:
                 return None

@@ -6,13 +6,12 @@ such table is refused.
 """
 
 import csv
-import fcntl
 import hashlib
 import io
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -22,6 +21,7 @@ from jaxtyping import Float
 
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.write_guard import batch_trees, require_file_apart
+from pipeline.files.lock_file import WAIT_S, holder_of, locked_within
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, read_text
@@ -216,11 +216,18 @@ def update_chart(path: Path, own: Sequence[Point]) -> ControlChart:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """While no other run of drupe writes a chart in this folder, where its file system has locks."""
+    """While no other run of drupe writes a chart in this folder, where its file system has locks.
+
+    Raises BatchRefused where a process still holds the folder's lock after WAIT_S.
+    """
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        with suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
+        if not locked_within(handle, WAIT_S):
+            sentence = (
+                f"another process{holder_of(handle)} has held this folder's lock for {WAIT_S:.0f} s; the "
+                "control chart in it was not updated. End that process, and make the report again."
+            )
+            raise BatchRefused([Problem(str(folder), sentence)])
         yield
     finally:
         os.close(handle)

@@ -15,6 +15,7 @@ from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from pipeline.batch.unused_files import unused_of_fruit
 from recon.cameras.printed_mat import Mat
+from recon.learned.onnx_file import model_files
 from recon.pit.priors import PitBody, PitPrior
 from recon.plain_file import printable
 
@@ -90,7 +91,7 @@ def fruit_task(
     if batch.mat is not None:
         files.append(batch.folder.mat)
     if settings.recon.geometry_model is not None:
-        files.append(batch.folder.root / settings.recon.geometry_model)
+        files += model_files(batch.folder.root / settings.recon.geometry_model)
     if (rig := rig_path(batch.folder.root, settings)) is not None:
         files.append(rig)
     key = stage_key(

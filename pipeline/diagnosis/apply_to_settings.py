@@ -1,7 +1,6 @@
 """`drupe explain --apply`: a confirmed effect goes into batch.toml, whose other text stays as it is."""
 
 import re
-import tomllib
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -14,6 +13,7 @@ from pipeline.batch.confirmed_effects import ConfirmedEffect, Value
 from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
+from recon.plain_file import NotReadable, toml_of
 
 HEADER = re.compile(r"[ \t]*\[")
 MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
@@ -155,7 +155,7 @@ def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) ->
     if text.startswith(BYTE_ORDER_MARK):
         changed = with_effects(text.removeprefix(BYTE_ORDER_MARK), effects, note=note)
         return None if changed is None else BYTE_ORDER_MARK + changed
-    before = Settings.model_validate(tomllib.loads(text))
+    before = Settings.model_validate(toml_of(text))
     places = {one.place() for one in effects}
     kept = tuple(one for one in before.mismatch if one.place() not in places)
     replaced = [k for k, one in enumerate(before.mismatch) if one.place() in places]
@@ -171,8 +171,8 @@ def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) ->
     added = [line for one in effects for line in ("", *_lines(one, note=note))]
     changed = (body + end if body else "") + end.join(added) + end
     try:
-        after = Settings.model_validate(tomllib.loads(changed))
-    except (tomllib.TOMLDecodeError, ValidationError):
+        after = Settings.model_validate(toml_of(changed))
+    except (NotReadable, ValidationError):
         return None
     wanted = before.model_copy(update={"mismatch": (*kept, *effects)})
     return changed if after == wanted else None

@@ -10,23 +10,17 @@ import hashlib
 import json
 import os
 import stat
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from pipeline.files.lock_file import locked, open_lock
+from pipeline.files.lock_file import WAIT_S, locked_within, open_lock
 from pipeline.files.whole_file import NotWritten, put
 from recon.plain_file import NotReadable, json_of, read_text
 
 MANIFEST = ".written.json"
 LIST_LOCK = ".written.lock"
-WAIT_S = 30.0
-"""Seconds that a process waits for another that writes into the same folder, which takes that less than one
-for each file: one that was stopped holds up nobody for good. Set by hand."""
-LOOK_S = 0.01
-"""Seconds between two looks whether it still writes."""
 FORMAT = "drupe-written"
 MOST_BYTES = 20_000_000
 """Of a JSON file or page that is not on the list of what drupe wrote: batch.json of 2000 fruit with 72 photos
@@ -106,9 +100,10 @@ def _alone(folder: Path) -> Iterator[None]:
     except OSError:
         lock = None
     try:
-        until = time.monotonic() + WAIT_S
-        while lock is not None and not locked(lock) and time.monotonic() < until:
-            time.sleep(LOOK_S)
+        if lock is not None:
+            locked_within(
+                lock, WAIT_S
+            )  # after that the file is written: a stopped process holds up nobody for good
         yield
     finally:
         if lock is not None:

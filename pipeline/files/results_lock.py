@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.files.lock_file import is_at, locked, open_lock
+from pipeline.files.lock_file import holder_of, is_at, locked, open_lock
 from pipeline.problem import BatchRefused, Problem
 
 LOCK = ".lock"
@@ -22,8 +22,10 @@ def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
     except OSError as error:
         sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
         raise BatchRefused([Problem(str(root), sentence)]) from None
-    if lock is None:
-        sentence = f"another run is writing here; wait for it, or choose another {option}."
+    if isinstance(lock, str):
+        sentence = (
+            f"another run is writing here{lock} and holds {LOCK}; wait for it, or choose another {option}."
+        )
         raise BatchRefused([Problem(str(root), sentence)])
     try:
         yield
@@ -31,16 +33,18 @@ def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
         os.close(lock)
 
 
-def _locked_file(root: Path) -> int | None:
-    """The open lock of `root`; None where another run holds it. One that `drupe clean` removed before it was
-    locked keeps nobody out, and is made anew.
+def _locked_file(root: Path) -> int | str:
+    """The open lock of `root`; where another run holds it, that run in brackets, or an empty text.
+
+    One that `drupe clean` removed before it was locked keeps nobody out, and is made anew.
     """
     while True:
         root.mkdir(parents=True, exist_ok=True)
         lock = open_lock(root / LOCK)
         if not locked(lock):
+            holder = holder_of(lock)
             os.close(lock)
-            return None
+            return holder
         if is_at(lock, root / LOCK):
             return lock
         os.close(lock)

@@ -15,6 +15,7 @@ from pipeline.batch.task import FruitTask
 from pipeline.fruit.photographed import KeptMesh, photographed
 from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
+from recon.learned.onnx_file import model_files
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.surface.fruit_frame import orientation_warnings
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
@@ -99,7 +100,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
             *folder.photo_files(),
             *folder.flipped_files(),
             *mat_file,
-            *([model_path] if model_path else []),
+            *(model_files(model_path) if model_path else []),
         ],
         settings=[
             task.settings.recon.model_dump(),

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from pipeline.batch.cache import damage_reported_to
 from pipeline.batch.records import (
     FleshRecord,
     GraspRecord,
@@ -51,7 +52,8 @@ class StageLog:
         self.current = name
         started = time.perf_counter()
         try:
-            yield
+            with damage_reported_to(self.progress):
+                yield
         finally:
             self.seconds[name] = round(time.perf_counter() - started, 2)
 

@@ -148,10 +148,10 @@ def _findings(recording: Recording) -> list[Finding]:
 
 def _is_converted(path: Path) -> bool:
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             said = file.attrs.get("written_by")
             return isinstance(said, str) and said == WRITTEN_BY
-    except (OSError, RuntimeError, TypeError, ValueError):  # HDF5 holds more types than h5py reads
+    except (TactileFailure, TypeError, ValueError):  # HDF5 holds more types than h5py reads
         return False
 
 

@@ -39,6 +39,7 @@ from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report, report_of_records
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
+from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
 
 MOST_UNUSED_SAID = 20
@@ -437,7 +438,7 @@ def read_files(batch: Batch) -> list[Path]:
 
 def _models(batch: Batch) -> list[Path]:
     model = batch.settings.recon.geometry_model
-    return [] if model is None else [batch.folder.root / model]
+    return [] if model is None else [*model_files(batch.folder.root / model)]
 
 
 def _inputs(batch: Batch) -> list[Path]:

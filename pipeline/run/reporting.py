@@ -54,9 +54,9 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     _write(entry, run)
     outcomes = {record.fruit_id: record.outcome for record in measured}
     run.write_provenance(outcomes, status, finding, faults)
+    _write_tables(entry, run)
     if run.chart is not None and own:
         update_chart(run.chart, own)
-    _write_tables(entry, run)
     return status, entry
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from recon.cameras.photos import Photo
 from recon.learned.model_cameras import camera_places, first_place, unprojected
 from recon.learned.onnx_file import bad_model
-from recon.learned.onnx_session import Session, opened
+from recon.learned.onnx_session import Session, opened, ran
 
 MULTIPLE = 14
 """px: sides must be a multiple of the model's patch, 14 in VGGT."""
@@ -112,7 +112,7 @@ def _outputs(
         n for n in ("world_points", "world_points_conf", "depth", "depth_conf", "pose_enc") if n in offered
     ]
     try:
-        outputs = dict(zip(wanted, session.run(wanted, {"images": images.astype(KINDS[kind])}), strict=True))
+        outputs = dict(zip(wanted, ran(session, wanted, {"images": images.astype(KINDS[kind])}), strict=True))
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
             model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"

@@ -2,17 +2,22 @@
 
 import difflib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
+import numpy as np
 import onnxruntime
 
-from recon.learned.onnx_file import bad_model, require_onnx
+from recon.learned.onnx_file import bad_model, model_files, require_onnx
+from recon.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""
+SIZES, MOST_BESIDE = 3, 1_000_000_000
+"""Memory to load a model: so many times its files, since constants are computed and copied, and so many bytes
+beside."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:
@@ -49,9 +54,28 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
             f"onnxruntime has not",
             f"one of {', '.join(known)} in providers",
         )
+    most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_BESIDE
     try:
-        return onnxruntime.InferenceSession(str(model), options, providers=usable)
+        with limited_memory(most):
+            return onnxruntime.InferenceSession(str(model), options, providers=usable)
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
-            model, "is damaged or of a kind that onnxruntime cannot load", "an ONNX model"
+            model,
+            f"is damaged, of a kind that onnxruntime cannot load, or takes more than {most / 1e6:.0f} MB",
+            "an ONNX model",
         ) from error
+
+
+def ran(
+    session: Session,
+    outputs: Sequence[str],
+    inputs: Mapping[str, np.ndarray],
+    *,
+    most_bytes: int | None = None,
+) -> list[np.ndarray]:
+    """What the model makes of the inputs, with at most `most_bytes` more memory; raises as onnxruntime does.
+
+    None: SHARE_OF_FREE of the machine's free memory.
+    """
+    with limited_memory(int(SHARE_OF_FREE * free_bytes()) if most_bytes is None else most_bytes):
+        return list(session.run(list(outputs), dict(inputs)))

@@ -5,18 +5,24 @@ import io
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from tactile.io.decimal_number import decimal_number
-from tactile.io.named_file import FileNotReadable, not_plain, read_bytes
+from tactile.io.limited_process import Ending, tried
+from tactile.io.named_file import FileNotReadable, not_plain, read_bytes, size
 from tactile.io.pictures import unusable
 
 MOST_BYTES, MOST_UNPACKED = 200_000_000, 500_000_000
 """Bytes of a file, and of what an .xlsx unpacks to: an hour at 1 kHz is 150 MB of text."""
+MOST_CELLS = 5_000_000
+"""Of all sheets, with the empty ones between the used ones: four columns of as many rows as a sheet can have.
+A cell takes some 90 bytes."""
+PATIENCE_S, MOST_MEMORY = 60.0, 800_000_000
+"""To find the cells: a million take 4 s and 90 MB."""
 LOOKED_AT = 400
 """Rows in which the names of columns are looked for: machines write some ten to a hundred lines above."""
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
@@ -154,6 +160,7 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
             with zipfile.ZipFile(path) as archive:
                 if sum(one.file_size for one in archive.infolist()) > MOST_UNPACKED:
                     raise unusable(path.name, "more than 500 MB unpacked", "a smaller spreadsheet")
+        _require_few_cells(path, lambda: load_workbook(io.BytesIO(data)))
         book = load_workbook(io.BytesIO(data))
         sheets = [
             (name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in book.sheet_names
@@ -167,6 +174,36 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
         )
         for name, rows in sheets
     )
+
+
+def _require_few_cells(path: Path, load: Callable[[], Any]) -> None:
+    """Refuses sheets whose used cells span too many; raises TactileFailure with the sheet's name.
+
+    The library makes a table of all cells between, and ends the process where there is no memory for it. A
+    process of its own tries that first: `<dimension>` in the file need not be true.
+    """
+
+    def sizes(tell: Callable[[str], None]) -> None:
+        book = load()
+        for name in book.sheet_names:
+            tell(name)
+            sheet = book.get_sheet_by_name(name)
+            tell(f"{sheet.total_height} {sheet.total_width}")
+
+    trial = tried(sizes, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
+    expected = f"at most {MOST_CELLS} cells; delete what lies outside of the table, or save the sheet as .csv"
+    names, spans = trial.lines[::2], [line.split() for line in trial.lines[1::2]]
+    where = f"sheet {names[-1]}" if names else "the sheets"
+    if trial.ending is Ending.TOO_LONG:
+        raise unusable(f"{path.name}: {where}", f"cells that take more than {PATIENCE_S:.0f} s", expected)
+    if trial.ending is Ending.TOO_LARGE:
+        found = f"cells so far apart that they take more than {size(MOST_MEMORY)}"
+        raise unusable(f"{path.name}: {where}", found, expected)
+    left = MOST_CELLS
+    for name, (rows, columns) in zip(names, spans, strict=False):
+        left -= int(rows) * int(columns)
+        if left < 0:
+            raise unusable(f"{path.name}: sheet {name}", f"{rows} rows of {columns} cells", expected)
 
 
 def _cell(value: object) -> Cell:

@@ -1,5 +1,6 @@
 """Frames of one camera, read one by one: numbered pictures, a video, or images in an HDF5 file."""
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from tactile.io.limited_process import lacks_memory, limited_memory
 from tactile.io.named_file import (
     NO_LFS_FILE,
     FileNotReadable,
@@ -18,6 +20,7 @@ from tactile.io.named_file import (
     not_plain,
     printable,
     read_bytes,
+    size,
 )
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -25,10 +28,17 @@ PICTURES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4")
 MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
 """Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
+MOST_FRAME_MEMORY = 1_000_000_000
+"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB, a
+chunk of an HDF5 file up to 256 MB."""
 MOST_HEADER_BYTES = 1_000_000
 """In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of a frame header, which holds height and width (ITU-T T.81, table B.1)."""
+MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
+"""Types of the first box of an MP4 or QuickTime file (ISO/IEC 14496-12)."""
+os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file|format_whitelist;avi,mov"
+"""For FFmpeg inside OpenCV: no other protocol and no list of files. Replaces what the user may have set."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
 
@@ -87,7 +97,15 @@ def pictures_of(dataset: Any, source: str) -> Pictures:
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         for k in range(dataset.shape[0]):
-            yield np.asarray(dataset[k], dtype=np.uint8)
+            try:
+                with limited_memory(MOST_FRAME_MEMORY):
+                    frame = np.asarray(dataset[k], dtype=np.uint8)
+            except (OSError, MemoryError) as cause:
+                if not lacks_memory(cause):
+                    raise
+                found = f"frame {k} that takes more than {size(MOST_FRAME_MEMORY)} to unpack"
+                raise unusable(source, found, "a frame of a camera; copy the file again") from cause
+            yield frame
 
     return Pictures(source, tuple(range(dataset.shape[0])), frames)
 
@@ -118,29 +136,58 @@ def _folder(folder: Path) -> Pictures:
 
 def _video(path: Path) -> Pictures:
     """The frames of a video, read one by one. Raises TactileFailure where it is unreadable or cut short."""
-    video = cv2.VideoCapture(str(path))
+    _require_container(path)
+    video = _capture(path)
     said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+    wide, high = (int(video.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     video.release()
-    if said < 1 and is_lfs_pointer(path):
-        raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")
     if said < 1:
         raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
     if said > MOST_FRAMES:
         raise unusable(path.name, f"{said} frames", f"at most {MOST_FRAMES}")
+    if wide * high > MOST_PIXELS:
+        found = f"frames of {wide} x {high} pixels"
+        raise unusable(path.name, found, f"at most {MOST_PIXELS / 1e6:g} million")
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        video = cv2.VideoCapture(str(path))
+        video = _capture(path)
         try:
             for k in range(said):
-                more, frame = video.read()
+                with limited_memory(MOST_FRAME_MEMORY):
+                    more, frame = video.read()
                 if not more:
-                    expected = f"{said} as its header says: it is cut short, copy it again"
+                    expected = (
+                        f"{said} of {wide} x {high} pixels as its header says: it is cut short or damaged, "
+                        "copy it again"
+                    )
                     raise unusable(path.name, f"{k} frames", expected)
                 yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), dtype=np.uint8)
         finally:
             video.release()
 
     return Pictures(path.name, tuple(range(said)), frames)
+
+
+def _require_container(path: Path) -> None:
+    """Refuse what is no AVI or MP4 by its first bytes.
+
+    FFmpeg knows lists of files (ffconcat, HLS, SDP), by which it would read files that the user did not name.
+    """
+    if wrong := not_plain(path):
+        raise unusable(path.name, f"that it {wrong}", "a video")
+    if is_lfs_pointer(path):
+        raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")
+    with path.open("rb") as file:
+        begin = file.read(12)
+    avi = begin[:4] == b"RIFF" and begin[8:12] == b"AVI "
+    if not avi and begin[4:8] not in MP4_BEGINS:
+        raise unusable(path.name, "no video of a kind that is read", "an AVI or MP4 file, whatever its name")
+
+
+def _capture(path: Path) -> cv2.VideoCapture:
+    """The open video, by FFmpeg alone, in one thread: each thread keeps frames of its own."""
+    with limited_memory(MOST_FRAME_MEMORY):
+        return cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
 
 def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:

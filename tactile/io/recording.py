@@ -18,7 +18,7 @@ from scipy.spatial import QhullError, Voronoi
 
 from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
 from tactile.io.hdf5_faults import fault_of
-from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
+from tactile.io.hdf5_texts import child_group, link_out, texts_fault
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
@@ -253,8 +253,7 @@ def opened(path: Path) -> Iterator[Any]:
         found = f"{length / 1e9:.1f} GB"
         advice = "divide the recording, or leave its images out"
         raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
-    if not texts_can_be_read(path):
-        found = f"texts that the HDF5 library does not come to the end of in {PATIENCE_S:.0f} s"
+    if found := texts_fault(path):
         raise unreadable(path, "the file", found, COMPLETE, DAMAGED)
     try:
         file = h5py.File(path, "r")
@@ -263,6 +262,9 @@ def opened(path: Path) -> Iterator[Any]:
     # The fields' readers answer for TypeError and ValueError: here they would hide mistakes of this program.
     with file:
         try:
+            if name := link_out(file):
+                found = "a link to another file"
+                raise unreadable(path, name, found, "all fields in this file", "copy them into it")
             yield file
         except (OSError, RuntimeError, KeyError) as cause:
             raise _damaged(path, cause) from cause
@@ -272,10 +274,10 @@ def is_of_bare_indenter(path: Path) -> bool:
     """Whether the pads of the file at `path`, which may be no recording, have one force and no markers."""
     try:
         with opened(path) as file:
-            pads = file.get("pads")
-            held = list(pads.values()) if isinstance(pads, h5py.Group) else []
+            pads = child_group(file, "pads")
+            held = [child_group(pads, name) for name in pads or ()]
             return bool(held) and all(
-                isinstance(pad, h5py.Group) and "force_z_N" in pad and "rest_mm" not in pad for pad in held
+                pad is not None and "force_z_N" in pad and "rest_mm" not in pad for pad in held
             )
     except TactileFailure:
         return False

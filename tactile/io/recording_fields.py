@@ -1,6 +1,6 @@
 """Reading single fields of a recording, each with the check that its kind needs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +9,22 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from tactile.io.hdf5_faults import unknown_filter
+from tactile.io.limited_process import lacks_memory, limited_memory
 from tactile.io.named_file import printable
+from tactile.io.pictures import MOST_PIXELS
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
-MOST_VALUES = 40_000_000
-"""Of one field: 320 MB in double precision; 400 markers for a minute at 30 frames a second are 2 million."""
-MOST_IMAGE_VALUES = 2_000_000_000
-"""Of all pictures of a pad: as large as 30 s of 640 x 480 in colour at 60 frames/s, and some. Set by hand."""
+MOST_READ_BYTES = 500_000_000
+"""Of all fields that are read from one file, in double precision: two pads of 400 markers for a minute at 30
+frames a second take 70 MB. Grading takes some times as much."""
+MOST_IMAGE_BYTES = 20_000_000_000
+"""Of all pictures of a pad, which are read one by one: 5 minutes of 640 x 480 in colour at 60 frames/s are
+17 GB. Set by hand."""
+SPARE_BYTES = 100_000_000
+"""What the library may take beside twice the values and four times a chunk, which it unpacks in a buffer that
+grows by doubling."""
 MOST_CHUNK_BYTES = 256_000_000
 """The library unpacks a whole chunk to read one value of it."""
 MOST_DROPPED = 0.1
@@ -49,6 +56,11 @@ ANY = Limit(1e12, "in any unit")
 """Of a field without a limit of its own: far beyond any, and its square is finite."""
 
 
+def chunk_bytes(data: Any) -> int:
+    """Bytes of one chunk of a dataset, unpacked; 0 where it has none."""
+    return int(np.prod(data.chunks or (0,), dtype=np.float64)) * int(data.dtype.itemsize)
+
+
 def first_line(cause: Exception) -> str:
     """What the HDF5 library says, without the lines below it."""
     return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
@@ -61,17 +73,26 @@ def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
 
 
+@dataclass
+class ReadBudget:
+    """Bytes of the fields that were read from one file so far."""
+
+    used: int = 0
+
+
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
     """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root).
 
-    `reversed_dimensions`: every dataset has its dimensions in the opposite order and is read so.
+    `reversed_dimensions`: every dataset has its dimensions in the opposite order and is read so. `budget`:
+    that of the file, which its groups share.
     """
 
     path: Path
     group: Any
     prefix: str = ""
     reversed_dimensions: bool = False
+    budget: ReadBudget = field(default_factory=ReadBudget)
 
     def __contains__(self, name: str) -> bool:
         self._require_own(name)
@@ -151,16 +172,16 @@ class GroupReader:
         """
         data = self._dataset(name)
         self._require_shape(name, data, shape)
-        self._require_budget(name, data, MOST_VALUES)
         if data.dtype.kind not in "fiu":
             raise self._refuse(
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
+        self._require_budget(name, data, 8)
         values = np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64)
         bad = ~np.isfinite(values)
         if bad.any():
             raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
-        beyond = np.abs(values) > limit.largest
+        beyond = (values > limit.largest) | (values < -limit.largest)
         if beyond.any():
             where = tuple(int(i) for i in np.argwhere(beyond)[0])
             found = f"{values[where]:g} at index {where}"
@@ -208,7 +229,14 @@ class GroupReader:
         data = self._dataset(name)
         if data.shape is None or len(data.shape) == 0:
             raise self._refuse(name, "no frames", "frames", "record the field or write it again")
-        self._require_budget(name, data, 10 * MOST_IMAGE_VALUES)
+        self._require_own_values(name, data)
+        shape = tuple(data.shape)
+        if data.nbytes > MOST_IMAGE_BYTES or data.nbytes > 3 * MOST_PIXELS * len(data):
+            found = f"shape {shape}, {data.nbytes / 1e9:.1f} GB"
+            expected = (
+                f"at most {MOST_IMAGE_BYTES / 1e9:g} GB, and {MOST_PIXELS / 1e6:g} million pixels a frame"
+            )
+            raise self._refuse(name, found, expected, "divide the recording")
         return data
 
     def frames(self, name: str, frames: int) -> UInt8[np.ndarray, "t h w 3"]:
@@ -224,7 +252,7 @@ class GroupReader:
         self._require_shape(name, data, shape)
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
-        self._require_budget(name, data, MOST_IMAGE_VALUES)
+        self._require_budget(name, data, 1)
         return np.asarray(self._values(name, data, axes=len(shape)), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
@@ -241,7 +269,8 @@ class GroupReader:
             if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
                 found = f"{length} bytes of type {held.dtype}"
                 raise self._refuse(f"attribute {name}", found, "one number or text", REWRITE)
-            value = self.group.attrs[name]
+            with limited_memory(SPARE_BYTES):
+                value = self.group.attrs[name]
             return value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
         except (TypeError, ValueError) as cause:
             raise self._refuse(
@@ -255,19 +284,23 @@ class GroupReader:
         if not isinstance(self.group.get(name, getlink=True, default=h5py.HardLink()), h5py.HardLink):
             raise self._refuse(name, "a link", "the field itself", "write its values into this file")
 
-    def _require_budget(self, name: str, data: Any, most: int) -> None:
-        """Refuse what would not fit into memory, and what lies in other files, before it is read."""
+    def _require_budget(self, name: str, data: Any, value_bytes: int) -> None:
+        """Refuse, before it is read, what would not fit into memory with all that was read before."""
+        self._require_own_values(name, data)
+        self.budget.used += data.size * max(value_bytes, data.dtype.itemsize)
+        if self.budget.used > MOST_READ_BYTES:
+            found = f"shape {tuple(data.shape)}, {self.budget.used / 1e6:.0f} MB in all fields up to this one"
+            raise self._refuse(name, found, f"at most {MOST_READ_BYTES / 1e6:g} MB", "divide the recording")
+
+    def _require_own_values(self, name: str, data: Any) -> None:
+        """Refuse values that lie in other files, and chunks that are too large to unpack."""
         if data.external or data.is_virtual:
             found = "values kept in another file"
             raise self._refuse(name, found, "values in this file", "write them into the recording")
-        if data.size > most:
-            found = f"shape {tuple(data.shape)}, {data.size} values"
-            raise self._refuse(name, found, f"at most {most}", "divide the recording")
         if lacking := unknown_filter(data):
             found = f"values packed by the filter {lacking}, which is not installed here"
             raise self._refuse(name, found, "gzip, LZF or no packing", "write the field again with gzip")
-        chunk = int(np.prod(data.chunks or (0,), dtype=np.float64)) * data.dtype.itemsize
-        if chunk > MOST_CHUNK_BYTES:
+        if (chunk := chunk_bytes(data)) > MOST_CHUNK_BYTES:
             found = f"chunks of {chunk / 1e6:.0f} MB"
             raise self._refuse(name, found, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
 
@@ -287,12 +320,20 @@ class GroupReader:
 
     def _values(self, name: str, data: Any, *, axes: int) -> Any:
         """All values, in the order of dimensions that is expected; a single row or column as a vector."""
+        most = 2 * data.nbytes + 4 * chunk_bytes(data) + SPARE_BYTES
         try:
-            values = data[()]
+            with limited_memory(most):
+                values = data[()]
             values = values.T if self.reversed_dimensions else values
             return values.reshape(-1) if axes == 1 else values
         except (TypeError, ValueError) as cause:
             raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
+        except (OSError, MemoryError) as cause:
+            if not lacks_memory(cause) and "filter returned failure" not in str(cause):
+                raise
+            found = f"values that are damaged, or take more than {most / 1e6:.0f} MB to unpack"
+            expected = f"{data.nbytes / 1e6:.1f} MB, as the shape {tuple(data.shape)} says"
+            raise self._refuse(name, found, expected, "copy the file again from the recorder") from cause
 
     def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""

@@ -11,7 +11,7 @@ from tactile.io.named_file import FileNotReadable, not_plain, printable, read_te
 from tactile.io.recording_fields import Limit
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
-MOST_BYTES = 4_000_000
+MOST_BYTES = 1_000_000
 """Of a description: 10,000 markers' places take 0.4 MB."""
 MOST_NAME_BYTES = 255
 """Of a file's name on Linux (NAME_MAX): looking for a longer one is an error of its own."""

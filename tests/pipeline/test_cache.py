@@ -1,5 +1,6 @@
 """A stage is computed once per key, and a damaged store is computed again."""
 
+import io
 import json
 import os
 
@@ -8,9 +9,10 @@ import pytest
 from jaxtyping import Float
 
 from pipeline.batch import cache
-from pipeline.batch.cache import HEADER, cached, file_hash, stage_key
+from pipeline.batch.cache import HEADER, cached, damage_reported_to, file_hash, stage_key
 from pipeline.batch.records import read_record
 from pipeline.batch.stage_record import StageRecord
+from pipeline.files.checked_file import put_checked
 
 
 @pytest.mark.parametrize("changed", ["fem/law.py", "fem/laws/more/hertz.py", "fem/null_reference.csv"])
@@ -82,7 +84,9 @@ def test_the_second_call_with_the_same_key_computes_nothing(tmp_path):
 )
 def test_a_file_of_the_key_that_holds_another_record_is_computed_again(tmp_path, text):
     header = json.dumps({"key": "k", "record": text})
-    np.savez(tmp_path / "mesh.npz", **{HEADER: np.array(header), "a": np.arange(2.0)})
+    buffer = io.BytesIO()
+    np.savez(buffer, **{HEADER: np.array(header), "a": np.arange(2.0)})
+    put_checked(tmp_path / "mesh.npz", buffer.getvalue())
     calls = []
     assert len(keep(tmp_path, "mesh", "k", make(calls)).a) == 3
     assert len(calls) == 1
@@ -122,6 +126,20 @@ def test_a_damaged_file_is_computed_again(tmp_path):
         found = keep(tmp_path, "mesh", "k", make(calls))
         np.testing.assert_array_equal(found.a, np.arange(3.0))
         path.unlink()
+
+
+def test_a_damaged_file_is_named_in_the_log_and_a_missing_one_is_not(tmp_path):
+    said = []
+    with damage_reported_to(said.append):
+        keep(tmp_path, "mesh", "k", make([]))
+        keep(tmp_path, "mesh", "k", make([]))
+        assert said == []
+        path = tmp_path / "mesh.npz"
+        data = bytearray(path.read_bytes())
+        data[-100] ^= 1
+        path.write_bytes(data)
+        keep(tmp_path, "mesh", "k", make([]))
+    assert said == ["the kept file mesh.npz does not match its SHA-256; it is computed again"]
 
 
 def test_a_pipe_or_a_device_in_the_cache_is_never_waited_for(tmp_path):

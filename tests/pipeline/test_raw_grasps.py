@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.batch.cache import damage_reported_to
 from pipeline.batch.layout import FruitFolder, raw_grasp_files
+from pipeline.files.checked_file import is_whole, read_checked
 from pipeline.fruit import raw_grasps
 from pipeline.fruit.raw_grasps import kept_recording
 from tactile.io.converted import Converted
@@ -132,4 +134,22 @@ def test_a_folder_counts_as_a_grasp_until_a_recording_of_its_name_stands_for_it(
 
 def test_notes_are_kept_as_text_that_json_can_hold(folder, readings, tmp_path):
     kept = kept_recording(folder, tmp_path / "cache", print)
-    assert json.loads(kept.path.with_suffix(".json").read_text()) == list(kept.notes)
+    assert json.loads(read_checked(kept.path.with_suffix(".json"))) == list(kept.notes)
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".json"])
+def test_a_kept_recording_with_a_flipped_bit_is_made_again_and_named(folder, readings, tmp_path, suffix):
+    kept = kept_recording(folder, tmp_path / "cache", print)
+    path = kept.path.with_suffix(suffix)
+    sound = path.read_bytes()
+    bits = np.random.default_rng(7).integers(0, 8 * len(sound), 4)
+    for bit in bits:
+        spoilt = bytearray(sound)
+        spoilt[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(spoilt)
+        said: list[str] = []
+        with damage_reported_to(said.append):
+            assert kept_recording(folder, tmp_path / "cache", print) == kept
+        assert said == [f"the kept file {path.name} does not match its SHA-256; it is computed again"]
+        assert is_whole(path)
+    assert len(readings) == 1 + len(bits)

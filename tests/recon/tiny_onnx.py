@@ -29,6 +29,38 @@ def write_constant_model(
     path.write_bytes(_int(1, 8) + _bytes(7, graph) + _bytes(8, opset))
 
 
+def write_external_model(path: Path, location: str) -> None:
+    """A fruit model whose log odds are numbers in the file `location`, four bytes each."""
+    shape = (1, 1, 2, 2)
+    entry = _bytes(1, b"location") + _bytes(2, location.encode())
+    numbers = (
+        b"".join(_int(1, d) for d in shape) + _int(2, 1) + _bytes(8, b"far") + _bytes(13, entry) + _int(14, 1)
+    )
+    nodes = [
+        _node("ReduceMean", ["images"], ["mean"], keepdims=0),
+        _node("Add", ["far", "mean"], ["fruit_log_odds"]),
+    ]
+    _write(path, nodes, [numbers], shape)
+
+
+def write_large_model(path: Path, side: int) -> None:
+    """A model of 1 kB that makes a matrix of side x side numbers."""
+    sides = _int(1, 2) + _int(2, 7) + _bytes(8, b"sides") + _bytes(9, np.array([side, side]).tobytes())
+    nodes = [
+        _node("ReduceMean", ["images"], ["mean"], keepdims=0),
+        _node("ConstantOfShape", ["sides"], ["large"]),
+        _node("Add", ["large", "mean"], ["moved"]),
+        _node("ReduceMean", ["moved"], ["fruit_log_odds"], keepdims=0),
+    ]
+    _write(path, nodes, [sides], ())
+
+
+def _write(path: Path, nodes: list[bytes], numbers: list[bytes], shape: tuple[int, ...]) -> None:
+    graph = b"".join(_bytes(1, n) for n in nodes) + _bytes(2, b"g") + b"".join(_bytes(5, n) for n in numbers)
+    graph += _bytes(11, _value("images", ("n", 3, 192, 192))) + _bytes(12, _value("fruit_log_odds", shape))
+    path.write_bytes(_int(1, 8) + _bytes(7, graph) + _bytes(8, _bytes(1, b"") + _int(2, 13)))
+
+
 def _varint(value: int) -> bytes:
     out = bytearray()
     while value > 0x7F:

@@ -1,0 +1,267 @@
+"""Small files that ask for much memory or time, and files that lead a reader to other files."""
+
+import io
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+from campaign_changes import Change, put, with_bytes
+from campaign_recordings import hdf5_changed
+
+PARTS = 25_000
+"""Of a dotted key: 100 kB of it."""
+TOO_DEEP = r"line \d+ holds a key of more than 20 parts"
+TOML_KEYS: dict[str, bytes] = {
+    "quoted": b".".join([b'"!"'] * PARTS) + b" = 1\n",
+    "literal": b" . ".join([b"'!'"] * PARTS) + b" = 1\n",
+    "mixed": b".".join([b'a."b.\\".c"', b"'#'"] * (PARTS // 3)) + b" = 1\n",
+    "of a table": b"[" + b".".join([b'"!"'] * PARTS) + b"]\n",
+    "of an array of tables": b"[[" + b"\t.".join([b"'='"] * PARTS) + b"]]\n",
+    "in an inline table": b"z = { " + b".".join([b'"!"'] * PARTS) + b" = 1 }\n",
+    "in an array in a table": b'z = [1.5, "#", { ' + b".".join([b"a"] * PARTS) + b" = 1 }]\n",
+}
+TOML_SOUND: dict[str, bytes] = {
+    "dots in a comment": b"# " + b"a." * 50_000 + b"\n",
+    "long line of numbers in a comment": b"# " + b"1.5, " * 20_000 + b"\n",
+}
+"""What has many dots and is no key."""
+TOML_FILES = (
+    ("batch.toml", "batch/batch.toml", "check"),
+    ("category TOML", "batch/mine.toml", "check"),
+    ("grasp.toml", "batch/fruits/B/grasps/raw/grasp.toml", "check"),
+    ("sensor file", "batch/fruits/B/grasps/raw/sensor.toml", "check"),
+    ("case.toml", "case/case.toml", "case"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Costly:
+    """The fields of `campaign_inputs.Broken` that these cases state."""
+
+    format: str
+    kind: str
+    path: str
+    change: Change
+    expects: str
+    command: str = "check"
+
+
+def _toml() -> Iterator[Costly]:
+    for number, (format, path, command) in enumerate(TOML_FILES):
+        for place, (kind, text) in enumerate(TOML_KEYS.items()):
+            if number in (0, 2) or place == number:
+                change = with_bytes(lambda data, text=text: text + data)
+                yield Costly(
+                    format=format, kind=f"key of {PARTS} parts, {kind}", path=path, change=change,
+                    command=command, expects=TOO_DEEP,
+                )  # fmt: skip
+        for kind, text in TOML_SOUND.items():
+            change = with_bytes(lambda data, text=text: text + data)
+            yield Costly(
+                format=format, kind=kind, path=path, change=change, command=command, expects="same"
+            )  # fmt: skip
+
+
+# --- recordings
+
+
+def _linked(place: str, target: str, *, pipe: bool = False) -> Change:
+    """A link out of the recording; `pipe`: to a named pipe beside it, which would be waited for."""
+
+    def change(file: h5py.File) -> None:
+        if pipe:
+            os.mkfifo(Path(file.filename).with_name(target))
+        if place in file:
+            del file[place]
+        file[place] = h5py.ExternalLink(target, "/pads")
+
+    return hdf5_changed(change)
+
+
+def _large(places: tuple[str, ...], frames: int) -> Change:
+    """Fields that say they hold `frames` frames; nothing of them is stored."""
+
+    def change(file: h5py.File) -> None:
+        for place in places:
+            shape = (frames, *file[place].shape[1:])
+            del file[place]
+            held = file.create_dataset(place, shape, "f8", chunks=True, compression="gzip")
+            if place == "time_s":
+                held[:] = 0.01 * np.arange(frames)
+            elif place.endswith("pose"):
+                held[:] = np.eye(4)
+
+    return hdf5_changed(change)
+
+
+def _unpacks_to(place: str, count: int) -> Change:
+    """A chunk that unpacks to `count` bytes, whatever its shape says."""
+
+    def change(file: h5py.File) -> None:
+        shape = file[place].shape
+        del file[place]
+        data = file.create_dataset(place, shape, "f8", chunks=shape, compression="gzip")
+        packer = zlib.compressobj(9)
+        block = bytes(1_000_000)
+        packed = b"".join(packer.compress(block) for _ in range(count // len(block)))
+        data.id.write_direct_chunk((0,) * len(shape), packed + packer.flush())
+
+    return hdf5_changed(change)
+
+
+def _recordings() -> Iterator[Costly]:
+    path = "batch/fruits/A/grasps/grasp-1.h5"
+    fields = tuple(
+        f"pads/{pad}/{name}" for pad in ("left", "right") for name in ("displacement_mm", "force_N")
+    )
+    every = ("time_s", "aperture_mm", *fields, "pads/left/pose", "pads/right/pose")
+    out = r"found a link to another file"
+    unpacked = "found values that are damaged, or take more than 100 MB to unpack"
+    changes: dict[str, tuple[Change, str]] = {
+        "pads in another file": (_linked("pads", "other.h5"), out),
+        "pads in a named pipe": (_linked("pads", "pipe", pipe=True), out),
+        "a pad in a named pipe": (_linked("pads/left", "pipe", pipe=True), out),
+        "a field in a named pipe": (_linked("pads/left/force_N", "pipe", pipe=True), out),
+        "a link out of it that no field is": (_linked("more/deep/link", "/etc/passwd"), out),
+        "one field of 2 GB": (_large(("pads/left/force_N",), 3_300_000), "force_N: found shape"),
+        "all fields of 300 MB": (_large(every, 500_000), r"MB in all fields.*expected at most"),
+        "a chunk that unpacks to 3 GB": (_unpacks_to("pads/left/force_N", 3_000_000_000), unpacked),
+        "a chunk that unpacks to 3 GB, time": (_unpacks_to("time_s", 3_000_000_000), unpacked),
+        "a chunk that unpacks to 3 GB, pose": (_unpacks_to("pads/right/pose", 3_000_000_000), unpacked),
+    }
+    for kind, (change, expects) in changes.items():
+        yield Costly(format="recording", kind=kind, path=path, change=change, expects=expects)
+
+
+# --- videos
+
+
+def avi(width: int, height: int, frames: list[bytes]) -> bytes:
+    """An AVI of JPEG frames; its header states `width` and `height`, whatever the frames are."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return name + struct.pack("<I", len(data)) + data + bytes(len(data) % 2)
+
+    def listed(name: bytes, data: bytes) -> bytes:
+        return chunk(b"LIST", name + data)
+
+    count = len(frames)
+    main = struct.pack("<14I", 33333, 0, 0, 0x10, count, 0, 1, 0, width, height, 0, 0, 0, 0)
+    stream = struct.pack(
+        "<4s4sIHHIIIIIIIIhhhh", b"vids", b"MJPG", 0, 0, 0, 0, 1, 30, 0, count, 0, 0, 0, 0, 0,
+        min(width, 32767), min(height, 32767),
+    )  # fmt: skip
+    bitmap = struct.pack("<IiiHH4sIiiII", 40, width, height, 1, 24, b"MJPG", 0, 0, 0, 0, 0)
+    header = listed(b"strl", chunk(b"strh", stream) + chunk(b"strf", bitmap))
+    header = listed(b"hdrl", chunk(b"avih", main) + header)
+    body, index, place = b"", b"", 4
+    for data in frames:
+        index += b"00dc" + struct.pack("<III", 0x10, place, len(data))
+        body += chunk(b"00dc", data)
+        place = 4 + len(body)
+    return chunk(b"RIFF", b"AVI " + header + listed(b"movi", body) + chunk(b"idx1", index))
+
+
+def jpeg(side: int) -> bytes:
+    """A square picture of one grey."""
+    return cv2.imencode(".jpg", np.full((side, side, 3), 90, np.uint8))[1].tobytes()
+
+
+def _video(make: Callable[[], bytes]) -> Change:
+    """A new file beside grasp.toml, which names it as the left pad's frames."""
+
+    def change(path: Path, _: np.random.Generator) -> None:
+        grasp = path.with_name("grasp.toml")
+        text = grasp.read_text().replace("[pads.left]", f'[pads.left]\nframes = "{path.name}"', 1)
+        put(grasp, text.encode())
+        path.write_bytes(make())
+
+    return change
+
+
+def _videos() -> Iterator[Costly]:
+    folder = "batch/fruits/B/grasps/raw"
+    secret = b"other.avi"
+    kind = r"left\.\w+: found no video of a kind that is read"
+    large = r"left\.avi: found frames of 16000 x 16000 pixels"
+    lists: dict[str, tuple[str, bytes]] = {
+        "ffconcat list": ("left.avi", b"ffconcat version 1.0\nfile " + secret + b"\n"),
+        "ffconcat list of a picture": ("left.mp4", b"ffconcat version 1.0\nfile right/reference.png\n"),
+        "HLS list": ("left.mp4", b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\n" + secret + b"\n"),
+        "session description": ("left.avi", b"v=0\no=- 0 0 IN IP4 127.0.0.1\nm=video 9 RTP/AVP 26\n"),
+        "a picture": ("left.avi", b"P6 2 2 255 " + bytes(12)),
+    }
+    for name, (file, data) in lists.items():
+        change = _video(lambda data=data: data)
+        yield Costly(format="video", kind=name, path=f"{folder}/{file}", change=change, expects=kind)
+    sizes: dict[str, Callable[[], bytes]] = {
+        "16000 x 16000": lambda: avi(16000, 16000, [jpeg(16000)] * 5),
+        "16000 x 16000 in a header of 64 x 48": lambda: avi(64, 48, [jpeg(16000)] * 5),
+    }
+    for name, make in sizes.items():
+        path = f"{folder}/left.avi"
+        yield Costly(format="video", kind=name, path=path, change=_video(make), expects=large)
+
+
+# --- spreadsheets
+
+
+def _xlsx(cells: dict[str, float], *, dimension: str = "A1:B2", sheet: str = "Trace") -> bytes:
+    """A workbook with one sheet of numbers."""
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    rel = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+    rows: dict[int, str] = {}
+    for name, value in cells.items():
+        row = int(name.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZ"))
+        rows[row] = rows.get(row, "") + f'<c r="{name}"><v>{value}</v></c>'
+    data = "".join(f'<row r="{row}">{held}</row>' for row, held in sorted(rows.items()))
+    parts = {
+        "[Content_Types].xml": f'<Types xmlns="{package}/content-types"><Default Extension="xml" '
+        'ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
+        "_rels/.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
+        f'Type="{rel}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        "xl/workbook.xml": f'<workbook {main} xmlns:r="{rel}"><sheets><sheet name="{sheet}" sheetId="1" '
+        'r:id="r1"/></sheets></workbook>',
+        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
+        f'Type="{rel}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
+        "xl/worksheets/sheet1.xml": f'<worksheet {main}><dimension ref="{dimension}"/><sheetData>{data}'
+        "</sheetData></worksheet>",
+    }
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in parts.items():
+            archive.writestr(name, '<?xml version="1.0" encoding="UTF-8"?>' + text)
+    return held.getvalue()
+
+
+def _spreadsheets() -> Iterator[Costly]:
+    apart = r"trace\.xlsx: sheet Trace: found .* expected at most"
+    books = {
+        "two cells far apart": _xlsx({"A1": 1.0, "XFD1048576": 2.0}),
+        "two cells far apart, and a large dimension": _xlsx(
+            {"A1": 1.0, "XFD1048576": 2.0}, dimension="A1:XFD1048576"
+        ),
+        "cells down and across": _xlsx({"A1": 1.0, "A90000": 1.0, "ZZ2": 2.0}),
+        "one cell at the far end": _xlsx({"XFD1048576": 2.0}),
+    }
+    for kind, data in books.items():
+        yield Costly(
+            format="spreadsheet", kind=kind, path="sources/trace.xlsx", command="convert", expects=apart,
+            change=lambda path, _, data=data: path.write_bytes(data),
+        )  # fmt: skip
+
+
+def costly() -> Iterator[Costly]:
+    """Every case, always the same."""
+    yield from _toml()
+    yield from _recordings()
+    yield from _videos()
+    yield from _spreadsheets()
