@@ -155,7 +155,7 @@ def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
     try:
         picture = pi_heif.open_heif(data, convert_hdr_to_8bit=True, bgr_mode=True)
         promised = picture.size
-        _require_size(path, *promised, MOST_WHOLE_PIXELS)
+        _require_size(path, promised[0], promised[1], MOST_WHOLE_PIXELS)
         pixels = np.array(picture)
         exif = bytes(picture.info.get("exif") or b"")
     except (ValueError, RuntimeError, SyntaxError, EOFError, MemoryError, OSError) as error:
