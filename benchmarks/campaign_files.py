@@ -186,12 +186,12 @@ def _text_ply(vertices: np.ndarray, faces: list[list[int]]) -> bytes:
 def _quads(faces: np.ndarray) -> list[list[int]]:
     """The same surface with pairs of triangles (a, b, c) and (a, c, d) as quadrilaterals (a, b, c, d)."""
     left = {tuple(face): None for face in faces.tolist()}
-    beside = {(face[k], face[(k + 1) % 3]): face for face in left for k in range(3)}
+    neighbour = {(face[k], face[(k + 1) % 3]): face for face in left for k in range(3)}
     polygons: list[list[int]] = []
     for face in list(left):
         for k in range(3) if face in left else ():
             a, b, c = face[k], face[(k + 1) % 3], face[(k + 2) % 3]
-            other = beside[a, c]
+            other = neighbour[a, c]
             if other in left and other != face:
                 (d,) = set(other) - {a, c}
                 polygons.append([a, b, c, d])

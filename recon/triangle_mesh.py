@@ -42,7 +42,7 @@ def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
     return int(sparse.csgraph.connected_components(graph, directed=False)[0])
 
 
-def turned_alike(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
+def consistently_oriented(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
     """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
     directions; unchanged where an edge has not two faces, or the surface has one side (a Moebius strip).
 

@@ -5,8 +5,9 @@ from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
-from recon.surface.mesh_file import SUFFIXES as MESHES
+from recon.surface.mesh_file import SUFFIXES
 
+MESHES = SUFFIXES
 RECORDINGS = (".h5", ".hdf5", ".mat")
 """Suffixes of recordings; MATLAB's files of version 7.3 are HDF5."""
 SYSTEM_NAMES = frozenset(

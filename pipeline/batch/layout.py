@@ -122,8 +122,9 @@ class FruitFolder:
         """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
         if _stands(self.fruit_ply) or _stands(self.photos) or self.raw_grasp_folders():
             return False
-        recordings = self.grasp_files()
-        return bool(recordings) and all(map(is_of_bare_indenter, recordings))
+        bare = {path: is_of_bare_indenter(path) for path in self.grasp_files()}
+        # Of .hdf5 and .mat, which other programs write too, one that is no recording decides nothing.
+        return any(bare.values()) and all(one or path.suffix.lower() != ".h5" for path, one in bare.items())
 
     def input_files(self) -> tuple[Path, ...]:
         """Every file the fruit's result depends on."""

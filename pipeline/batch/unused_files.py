@@ -72,7 +72,7 @@ Unused = Iterator[tuple[Path, str]]
 
 def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
     """Files of a fruit's folder that look like inputs and are not used."""
-    found = [*_beside_the_parts(folder), *_among_grasps(folder)]
+    found = [*_in_the_fruit_folder(folder), *_among_grasps(folder)]
     return _in_sentences(found, lambda: set(folder.input_files()))
 
 
@@ -80,7 +80,7 @@ def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[UnusedF
     """The same of the batch's own folder and of fruits/, outside the folders of single fruit. `used`: files
     that the settings name.
     """
-    found = [*_beside_the_settings(folder), *_among_fruits(folder)]
+    found = [*_in_the_batch_folder(folder), *_among_fruits(folder)]
     return _in_sentences(found, lambda: {*used, *_of_raw_grasps(folder)})
 
 
@@ -125,7 +125,7 @@ def _folders_in(folder: Path) -> Iterator[Path]:
     return (path for path in paths if path.is_dir())
 
 
-def _beside_the_parts(folder: FruitFolder) -> Unused:
+def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
     """Files in the fruit's own folder, and folders of other names than its parts'."""
     meshes = {folder.fruit_ply: "fruit", folder.pit_ply: "pit"}
     second = {path: one for one, stem in meshes.items() for path in meshes_named(folder.root, stem)}
@@ -188,7 +188,7 @@ _FOR_GRASPS = {
 }
 
 
-def _beside_the_settings(folder: BatchFolder) -> Unused:
+def _in_the_batch_folder(folder: BatchFolder) -> Unused:
     """Files in the batch's own folder."""
     own = {path.name.lower(): path for path in (folder.settings, folder.table, folder.mat)}
     for path in _files_in(folder.root):

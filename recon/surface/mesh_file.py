@@ -11,11 +11,12 @@ from recon.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
-from recon.triangle_mesh import open_edges, turned_alike, volume_mm3
+from recon.triangle_mesh import consistently_oriented, open_edges, volume_mm3
 
 trimesh.util.log.setLevel("CRITICAL")  # its warnings, with tracebacks, would go to the terminal
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 MM_IN_A_METRE = 1000.0
+"""glTF 2.0 has metres (3.4)."""
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
 """Of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
@@ -114,7 +115,7 @@ def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
         return vertices, faces
     if open_edges(merged) < open_edges(faces):
         vertices, faces = places, merged
-    turned = turned_alike(faces)
+    turned = consistently_oriented(faces)
     if turned is not faces and not open_edges(turned):
         faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces

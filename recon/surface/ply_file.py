@@ -20,6 +20,7 @@ TYPES = {
 """Names of types in headers, and their codes in struct and NumPy."""
 ENDIAN = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 MOST_HEADER_BYTES = 65536
+"""Of a header; one with 20 properties and comments has 1 kB. Set by hand."""
 CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -28,7 +29,7 @@ class NotPly(Exception):
 
 
 @dataclass(frozen=True)
-class Column:
+class PlyProperty:
     """One property; `counted`: the type of a list's length, empty of a single number."""
 
     name: str
@@ -42,7 +43,7 @@ class Element:
 
     name: str
     count: int
-    columns: tuple[Column, ...]
+    columns: tuple[PlyProperty, ...]
 
     @property
     def least_bytes(self) -> int:
@@ -83,7 +84,7 @@ def read_header(data: bytes) -> PlyHeader:
                 raise NotPly("is broken (an element without a count)")
             elements.append(Element(words[1][:20].decode("ascii", "replace"), int(words[2]), ()))
         elif words[:1] == [b"property"]:
-            column = _column([word.decode("ascii", "replace") for word in words])
+            column = _property([word.decode("ascii", "replace") for word in words])
             if column is None or not elements:
                 raise NotPly("is broken (a property of an unknown type)")
             last = elements[-1]
@@ -95,12 +96,12 @@ def read_header(data: bytes) -> PlyHeader:
     return PlyHeader(tuple(elements), endian, length)
 
 
-def _column(words: list[str]) -> Column | None:
+def _property(words: list[str]) -> PlyProperty | None:
     """The property of a header's line; None where it is none."""
     if len(words) == 3 and words[1] in TYPES:
-        return Column(words[2], TYPES[words[1]])
+        return PlyProperty(words[2], TYPES[words[1]])
     if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
-        return Column(words[4], TYPES[words[3]], TYPES[words[2]])
+        return PlyProperty(words[4], TYPES[words[3]], TYPES[words[2]])
     return None
 
 
@@ -133,7 +134,7 @@ def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     else:
         sizes = np.array([len(one) for one in polygons])
         groups = [
-            np.array([polygons[k] for k in np.flatnonzero(sizes == size)], np.int64)
+            np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
             for size in np.unique(sizes)
         ]
     if any(group.shape[1] < 3 for group in groups):

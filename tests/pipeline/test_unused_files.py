@@ -120,3 +120,11 @@ def test_folders_of_systems_are_no_fruit_and_no_grasp(tmp_path, name):
     assert is_of_the_system(name)
     (tmp_path / "grasps" / name).mkdir(parents=True)
     assert FruitFolder(tmp_path).raw_grasp_folders() == ()
+
+
+def test_a_stray_mat_does_not_take_a_fruit_of_plates_its_way_and_a_gel_recording_does(tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.batch.layout.is_of_bare_indenter", lambda path: path.stem == "plates")
+    (tmp_path / "grasps").mkdir()
+    for name, without in (("plates.h5", True), ("other.mat", True), ("gel.h5", False)):
+        (tmp_path / "grasps" / name).touch()
+        assert FruitFolder(tmp_path).without_shape() is without

@@ -3,7 +3,7 @@
 import numpy as np
 
 from recon.silhouettes.hull import ball
-from recon.triangle_mesh import open_edges, turned_alike, unique_edges
+from recon.triangle_mesh import consistently_oriented, open_edges, unique_edges
 
 
 def test_a_closed_mesh_has_each_edge_once_and_each_side_knows_its_own() -> None:
@@ -21,17 +21,17 @@ def test_edges_between_large_numbers_of_32_bits_are_not_mistaken() -> None:
     assert edges.tolist() == [[5, 60_000], [5, 100_000], [60_000, 100_000]]
 
 
-def test_faces_turned_at_random_are_turned_alike_again_and_one_sided_surfaces_are_left() -> None:
+def test_faces_turned_at_random_are_consistently_oriented_again_and_one_sided_surfaces_are_left() -> None:
     _, faces = ball(3)
     for seed in range(3):
         rng = np.random.default_rng(seed)
         mixed = np.where(rng.random((len(faces), 1)) < 0.4, faces[:, ::-1], faces)
         assert open_edges(mixed) > 0
-        assert open_edges(turned_alike(mixed)) == 0
+        assert open_edges(consistently_oriented(mixed)) == 0
     strip = np.array([[k, (k + 1) % 5, (k + 2) % 5] for k in range(5)])  # of five triangles, the smallest
-    assert turned_alike(strip) is strip
+    assert consistently_oriented(strip) is strip
     projective_plane = np.array(
         [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [0, 5, 1],
          [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2], [5, 1, 3]]
     )  # fmt: skip
-    assert turned_alike(projective_plane) is projective_plane
+    assert consistently_oriented(projective_plane) is projective_plane
