@@ -7,6 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -56,13 +57,13 @@ class Costly:
 def _toml() -> Iterator[Costly]:
     for number, (format, path, command) in enumerate(TOML_FILES):
         for place, (kind, text) in enumerate(TOML_KEYS.items()):
-            if number in (0, 2) or place == number:
+            if number == 0 or place in (number, number + 2):
                 change = with_bytes(lambda data, text=text: text + data)
                 yield Costly(
                     format=format, kind=f"key of {PARTS} parts, {kind}", path=path, change=change,
                     command=command, expects=TOO_DEEP,
                 )  # fmt: skip
-        for kind, text in TOML_SOUND.items():
+        for kind, text in TOML_SOUND.items() if number == 2 else ():
             change = with_bytes(lambda data, text=text: text + data)
             yield Costly(
                 format=format, kind=kind, path=path, change=change, command=command, expects="same"
@@ -101,6 +102,13 @@ def _large(places: tuple[str, ...], frames: int) -> Change:
     return hdf5_changed(change)
 
 
+@cache
+def _packed(count: int) -> bytes:
+    """So many zeros by deflate."""
+    packer, block = zlib.compressobj(6), bytes(1_000_000)
+    return b"".join(packer.compress(block) for _ in range(count // len(block))) + packer.flush()
+
+
 def _unpacks_to(place: str, count: int) -> Change:
     """A chunk that unpacks to `count` bytes, whatever its shape says."""
 
@@ -108,10 +116,7 @@ def _unpacks_to(place: str, count: int) -> Change:
         shape = file[place].shape
         del file[place]
         data = file.create_dataset(place, shape, "f8", chunks=shape, compression="gzip")
-        packer = zlib.compressobj(9)
-        block = bytes(1_000_000)
-        packed = b"".join(packer.compress(block) for _ in range(count // len(block)))
-        data.id.write_direct_chunk((0,) * len(shape), packed + packer.flush())
+        data.id.write_direct_chunk((0,) * len(shape), _packed(count))
 
     return hdf5_changed(change)
 
@@ -132,9 +137,8 @@ def _recordings() -> Iterator[Costly]:
         "a link out of it that no field is": (_linked("more/deep/link", "/etc/passwd"), out),
         "one field of 2 GB": (_large(("pads/left/force_N",), 3_300_000), "force_N: found shape"),
         "all fields of 300 MB": (_large(every, 500_000), r"MB in all fields.*expected at most"),
-        "a chunk that unpacks to 3 GB": (_unpacks_to("pads/left/force_N", 3_000_000_000), unpacked),
-        "a chunk that unpacks to 3 GB, time": (_unpacks_to("time_s", 3_000_000_000), unpacked),
-        "a chunk that unpacks to 3 GB, pose": (_unpacks_to("pads/right/pose", 3_000_000_000), unpacked),
+        "a chunk that unpacks to 1 GB": (_unpacks_to("pads/left/force_N", 1_000_000_000), unpacked),
+        "a chunk that unpacks to 1 GB, pose": (_unpacks_to("pads/right/pose", 1_000_000_000), unpacked),
     }
     for kind, (change, expects) in changes.items():
         yield Costly(format="recording", kind=kind, path=path, change=change, expects=expects)
@@ -190,7 +194,7 @@ def _videos() -> Iterator[Costly]:
     folder = "batch/fruits/B/grasps/raw"
     secret = b"other.avi"
     kind = r"left\.\w+: found no video of a kind that is read"
-    large = r"left\.avi: found frames of 16000 x 16000 pixels"
+    large = r"left\.avi: found frames of 8000 x 8000 pixels"
     lists: dict[str, tuple[str, bytes]] = {
         "ffconcat list": ("left.avi", b"ffconcat version 1.0\nfile " + secret + b"\n"),
         "ffconcat list of a picture": ("left.mp4", b"ffconcat version 1.0\nfile right/reference.png\n"),
@@ -202,8 +206,8 @@ def _videos() -> Iterator[Costly]:
         change = _video(lambda data=data: data)
         yield Costly(format="video", kind=name, path=f"{folder}/{file}", change=change, expects=kind)
     sizes: dict[str, Callable[[], bytes]] = {
-        "16000 x 16000": lambda: avi(16000, 16000, [jpeg(16000)] * 5),
-        "16000 x 16000 in a header of 64 x 48": lambda: avi(64, 48, [jpeg(16000)] * 5),
+        "8000 x 8000": lambda: avi(8000, 8000, [jpeg(8000)] * 5),
+        "8000 x 8000 in a header of 64 x 48": lambda: avi(64, 48, [jpeg(8000)] * 5),
     }
     for name, make in sizes.items():
         path = f"{folder}/left.avi"

@@ -5,6 +5,7 @@ of 1 kB can make them ask for 500 GB, at which some of them end the whole proces
 """
 
 import ctypes
+import faulthandler
 import math
 import os
 import signal
@@ -121,6 +122,7 @@ def _act(
     """The life of the process; never returns."""
     status = _BROKEN
     try:
+        faulthandler.disable()
         quiet = os.open(os.devnull, os.O_RDWR)
         for handle in (0, 1, 2):
             os.dup2(quiet, handle)
