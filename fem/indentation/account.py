@@ -128,7 +128,7 @@ def account_for(
         component="normal",
         ranking=naming.ranking,
         verdict=verdict,
-        before=widened(modulus_of(fits[0]), rig_sd) if naming.after is not None else WITHHELD,
+        before=WITHHELD if naming.before is None else widened(naming.before, rig_sd),
         after=naming.after or WITHHELD,
         withheld=naming.withheld,
         heldout=HeldOut(

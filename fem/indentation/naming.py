@@ -1,13 +1,16 @@
 """Which names of a trace may be given: those whose laws predict frames left out of their fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
 from fem.indentation.fit import TraceFit
 from fem.indentation.heldout import LawPrediction, predict_law
-from fem.indentation.rank import APART, close_to_best, explains, modulus_of
+from fem.indentation.no_contact import FEWEST
+from fem.indentation.rank import APART, LEFT_OVER, close_to_best, explains, modulus_of
 from fem.indentation.rig_share import widened
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
@@ -19,22 +22,32 @@ MISSED = 0.3
 TENFOLD = 10.0
 #: standard deviations that a drift must be apart from every smooth force over the travel (set by hand)
 DISTINCT = 5.0
+#: standard deviations of noise by which the force in the air may leave a straight line (set by hand)
+STRAIGHT = 2.0
 #: straight pieces over the travel that such a force is made of
 PIECES = 12
 #: share by which a pair must miss less of what it predicts than each of its effects alone (set by hand)
 PAIR_GAIN = 0.1
 DRIFT = "sensor_drift"
-ONE_RAMP = "the recording is one ramp, which a drift of the load cell explains about as well"
+ONE_RAMP = (
+    "The recording is one ramp, in which a drift of the load cell and a force of the flesh cannot be told "
+    "apart: E is the mean over both, and its error bar holds their difference. For a smaller error bar leave "
+    "the indenter in the air first, or hold it at the end."
+)
+#: share of the peak force, over the recording, of a drift that must be seen (as much as a law may leave)
+DRIFT_SEEN = LEFT_OVER
 
 
 @dataclass(frozen=True, kw_only=True)
 class Naming:
-    """`verdict` as in Explanation; `ranking` with drift's probability put right; `after`: E, None where it is
-    withheld for the reason `withheld`; `notes`: why no name, or why several.
+    """`verdict` as in Explanation; `ranking` with drift's probability put right; `before`, `after`: E of
+    linear elasticity and with the name, None where they are withheld for the reason `withheld`; `notes`: why
+    no name, or why several.
     """
 
     verdict: str | tuple[str, ...]
     ranking: tuple[Candidate, ...]
+    before: Modulus | None
     after: Modulus | None
     withheld: str | None = None
     notes: tuple[str, ...] = ()
@@ -45,6 +58,7 @@ def with_bound(naming: Naming, *, least_MPa: float, why: str) -> Naming:
     return replace(
         naming,
         ranking=tuple(replace(one, modulus=None) for one in naming.ranking),
+        before=None,
         after=None,
         withheld=f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {why}",
     )
@@ -89,19 +103,22 @@ def named(
 ) -> Naming:
     """The names that evidence proposes, less those that predict nothing; E over what is left, or why not.
 
-    A pair that predicts no better than one of its effects is that effect. A drift that any force over the
-    travel could be (a single ramp) is never the only name; E is withheld there, since nothing says how much
-    of the force is the drift's. A name stays where what it predicts misses MISSED at most, and less than the
-    linear law's prediction does, of the trace's end or of its blocks; and where E is moved by less than
-    TENFOLD.
+    A pair that predicts no better than one of its effects is that effect. In a single ramp any force over the
+    travel may be a drift: drift is never the only name there, and E is the mean over what is likely, with a
+    standard deviation that holds the difference. A name stays where what it predicts misses MISSED at most,
+    and less than the linear law's prediction does, of the trace's end or of its blocks; and where E is moved
+    by less than TENFOLD.
     """
+    linear = modulus_of(best[NONE])
+    hides = hides_drift([best[NONE], best[candidates[0].effect]], trace)
     if verdict == NONE:
-        return Naming(verdict=NONE, ranking=candidates, after=modulus_of(best[NONE]))
+        if not hides:
+            return Naming(verdict=NONE, ranking=candidates, before=linear, after=linear)
+        return _over_ramp(NONE, candidates, best, ())
     ranking, notes = candidates, []
-    withheld = "no explanation of this trace stands: its notes say why"
     if verdict != UNKNOWN:
         names = (verdict,) if isinstance(verdict, str) else verdict
-        one_ramp = any(
+        one_ramp = hides and any(
             _drifts(one.effect)
             and one.probability > candidates[0].probability * np.exp(-APART)
             and explains(best[one.effect], best[NONE])
@@ -113,42 +130,64 @@ def named(
             ranking = _drift_capped(ranking, best)
             names = tuple(_without_idle(name, best, forecasts) for name in close_to_best(ranking))
             names = tuple(dict.fromkeys(name for name in names if explains(best[name], best[NONE])))
-            notes.append(
-                "The recording is one ramp, in which a drift of the load cell and a force of the flesh "
-                "cannot be told apart: leave the indenter in the air first, or hold it at the end."
-            )
         doubts = {name: _doubt(name, best, forecasts) for name in names}
         kept = tuple(name for name in names if not doubts[name])
-        if one_ramp and kept and all(map(_drifts, kept)):
-            kept, withheld = (), ONE_RAMP
         notes += list(dict.fromkeys(doubt for doubt in doubts.values() if doubt))
+        if one_ramp:
+            known = UNKNOWN if all(map(_drifts, kept)) else kept[0] if len(kept) == 1 else kept
+            return _over_ramp(known, ranking, best, tuple(notes))
         if kept:
-            return _with_modulus(kept, ranking, best, tuple(notes), one_ramp=one_ramp)
+            return _with_modulus(kept, ranking, best, tuple(notes))
     return Naming(
         verdict=UNKNOWN,
         ranking=tuple(replace(one, modulus=None) for one in ranking),
+        before=None,
         after=None,
-        withheld=withheld,
+        withheld="no explanation of this trace stands: its notes say why",
         notes=tuple(notes),
     )
 
 
-def drift_apart(known: TraceFit, trace: IndenterTrace) -> float:
-    """How far the drift of a fit is from all that a smooth force over the travel can be.
+def hides_drift(fits: Sequence[TraceFit], trace: IndenterTrace) -> bool:
+    """Whether a drift of DRIFT_SEEN of the peak force may be a force over the travel, by each of the fits."""
+    elapsed_s = float(trace.elapsed_s.max())
+    newton_per_s = DRIFT_SEEN * float(np.ptp(trace.force_N)) / elapsed_s
+    return all(_apart(one, trace, newton_per_s) < DISTINCT for one in fits)
 
-    In standard deviations: of the drift's own force, what a force of PIECES over the depth does not take up,
-    in the noise of the fit. Before the first touch, in a hold and on the way back time passes without such
-    a force; in a single ramp it does not.
+
+def drift_apart(known: TraceFit, trace: IndenterTrace) -> float:
+    """How far a fit's drift is from all that a smooth force over the travel can be, standard deviations."""
+    return _apart(known, trace, float(known.law.values(known.scaled[None])["newton_per_s"][0]))
+
+
+def _apart(known: TraceFit, trace: IndenterTrace, newton_per_s: float) -> float:
+    """In standard deviations: of a drift's own force, what a force of PIECES over the depth does not take up,
+    in the noise of the fit. Before the first touch, in a hold and on the way back time passes without such a
+    force; in a single ramp it does not.
     """
-    value = known.law.values(known.scaled[None])
-    drift = value["newton_per_s"][0] * trace.elapsed_s
-    depth = np.maximum(known.law.depth_mm(trace, known.scaled), 0.0)
+    drift = newton_per_s * trace.elapsed_s
+    depth = _depth_where_touched(known, trace)
     corners = np.unique(np.quantile(depth, np.linspace(0, 1, PIECES + 1)))
     basis = np.column_stack([np.interp(depth, corners, one) for one in np.eye(len(corners))])
     weighted = known.noise.solve(np.column_stack([drift, basis]))
     taken = np.linalg.lstsq(basis.T @ weighted[:, 1:], basis.T @ weighted[:, 0], rcond=1e-10)[0]
     gap = drift - basis @ taken
     return float(np.sqrt(max(gap @ known.noise.solve(gap), 0.0)))
+
+
+def _depth_where_touched(known: TraceFit, trace: IndenterTrace) -> Float[np.ndarray, " t"]:
+    """The depth by a fit, 0 in the air; the travel where the air is short, or its force no straight line over
+    time: a specimen that is met little by little looks like a drift in the air.
+    """
+    depth = np.maximum(known.law.depth_mm(trace, known.scaled), 0.0)
+    for part in trace.slices:
+        air = int(np.argmax(depth[part] > 0))
+        time, force = trace.time_s[part][:air], trace.force_N[part][:air]
+        if air < FEWEST or np.std(force - np.polynomial.Polynomial.fit(time, force, 1)(time)) > (
+            STRAIGHT * known.noise.white_N
+        ):
+            depth[part] = trace.travel_mm[part] - trace.travel_mm[part].min()
+    return depth
 
 
 def _words(name: str) -> str:
@@ -212,26 +251,65 @@ def _doubt(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
 
 
 def _with_modulus(
-    names: tuple[str, ...],
-    ranking: tuple[Candidate, ...],
-    best: dict[str, TraceFit],
-    notes: tuple[str, ...],
-    *,
-    one_ramp: bool,
+    names: tuple[str, ...], ranking: tuple[Candidate, ...], best: dict[str, TraceFit], notes: tuple[str, ...]
 ) -> Naming:
     """E of the one name; of several the mean weighed by probability, their spread in its deviation."""
     verdict = names[0] if len(names) == 1 else names
     moduli = [modulus_of(best[name]) for name in names]
     chance = {c.effect: c.probability for c in ranking}
-    values = [modulus.value for modulus in moduli]
-    if one_ramp or max(values) > TENFOLD * min(values):
-        apart = f"{' and '.join(map(_words, names))}, which cannot be told apart, put E tenfold apart"
-        return Naming(
-            verdict=verdict,
-            ranking=tuple(replace(one, modulus=None) for one in ranking),
-            after=None,
-            withheld=ONE_RAMP if one_ramp else apart,
-            notes=notes,
-        )
+    if _tenfold_apart(moduli):
+        return _too_far_apart(verdict, names, ranking, notes)
     modulus = mixture([max(chance.get(name, 0.0), 1e-12) for name in names], moduli)
-    return Naming(verdict=verdict, ranking=ranking, after=modulus, notes=notes)
+    return Naming(verdict=verdict, ranking=ranking, before=modulus_of(best[NONE]), after=modulus, notes=notes)
+
+
+def _over_ramp(
+    verdict: str | tuple[str, ...],
+    ranking: tuple[Candidate, ...],
+    best: dict[str, TraceFit],
+    notes: tuple[str, ...],
+) -> Naming:
+    """E of a single ramp: the mean over all that is about as likely. E of linear elasticity keeps its value;
+    both have a deviation that holds the differences among these and to linear elasticity.
+
+    Where something is found, the likeliest drift counts as much as its best rival: which of the two is
+    likelier, a single ramp cannot show. The rival of a drift alone is linear elasticity.
+    """
+    chance = {c.effect: max(c.probability, 1e-12) for c in ranking}
+    chance[NONE] = max(1.0 - sum(chance.values()), 1e-12)
+    able = [name for name in chance if name == NONE or explains(best[name], best[NONE])]
+    if verdict != NONE:
+        rivals = [name for name in able if not _drifts(name) and name != NONE] or [NONE]
+        level = max(chance[name] for name in able)
+        for group in (rivals, list(filter(_drifts, able))):
+            if group:
+                chance[max(group, key=lambda name: chance[name])] = level
+    likely = [name for name in able if chance[name] > max(chance[one] for one in able) * np.exp(-APART)]
+    moduli = [modulus_of(best[name]) for name in likely]
+    if _tenfold_apart(moduli):
+        return _too_far_apart(verdict, likely, ranking, (*notes, ONE_RAMP))
+    mean, linear = mixture([chance[name] for name in likely], moduli), modulus_of(best[NONE])
+    sd = float(np.hypot(mean.sd, mean.value - linear.value))
+    before, after = replace(linear, sd=sd), replace(mean, sd=sd)
+    return Naming(verdict=verdict, ranking=ranking, before=before, after=after, notes=(*notes, ONE_RAMP))
+
+
+def _tenfold_apart(moduli: Sequence[Modulus]) -> bool:
+    values = [modulus.value for modulus in moduli]
+    return max(values) > TENFOLD * min(values)
+
+
+def _too_far_apart(
+    verdict: str | tuple[str, ...],
+    names: Sequence[str],
+    ranking: tuple[Candidate, ...],
+    notes: tuple[str, ...],
+) -> Naming:
+    return Naming(
+        verdict=verdict,
+        ranking=tuple(replace(one, modulus=None) for one in ranking),
+        before=None,
+        after=None,
+        withheld=f"{' and '.join(map(_words, names))}, which cannot be told apart, put E tenfold apart",
+        notes=notes,
+    )

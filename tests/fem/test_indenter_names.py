@@ -11,7 +11,7 @@ from fem.indentation.account import account_for
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import fit
-from fem.indentation.naming import DISTINCT, drift_apart
+from fem.indentation.naming import DISTINCT, ONE_RAMP, drift_apart, hides_drift
 from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.rupture import find_rupture
 from fem.indentation.trace import IndenterTrace
@@ -86,6 +86,52 @@ def test_a_drift_in_a_single_ramp_is_not_the_only_name():
     assert all(c.probability < 0.95 for c in said.ranking if "sensor_drift" in c.effect)
     assert said.withheld is not None or abs(said.after.value - E_MPa) < 2 * said.after.sd
     assert any("one ramp" in note for note in said.notes)
+
+
+@pytest.mark.parametrize(
+    ("corners_s", "corners_mm", "hidden"),
+    [
+        ([0, 8], [0, 2], True),
+        ([0, 0.4, 8], [-0.1, 0, 2], True),
+        ([0, 30], [0, 2], True),
+        ([0, 2, 10], [-0.5, 0, 2], False),
+        ([0, 8, 10], [0, 2, 2], False),
+        ([0, 8, 16], [0, 2, 0], False),
+        ([0, 8, 10, 18], [0, 2, 2, 0], False),
+        ([0, 1, 9, 11, 19], [-0.1, 0, 2, 2, 0], False),
+    ],
+)
+def test_one_ramp_is_a_matter_of_the_course_and_not_of_a_small_fitted_drift(corners_s, corners_mm, hidden):
+    time = np.arange(0, corners_s[-1], 0.04)
+    depth = np.interp(time, corners_s, corners_mm)
+    force = hertz_N(depth) + 0.02 * np.random.default_rng(1).standard_normal(len(time))
+    trace = IndenterTrace(
+        time_s=time, force_N=force, travel_mm=depth - depth[0], geometry=Ball(radius_mm=RADIUS)
+    )
+    law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
+    truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0}
+    start = np.array([[truth[u.name] for u in law.unknowns]])
+    found = fit(law, trace, no_contact_noise(trace, first_touch(trace)), start, follow=1)
+    assert hides_drift([found], trace) == hidden
+
+
+@pytest.mark.parametrize(("hold_s", "fall_s"), [(2.0, 8.0), (0.0, 0.0)])
+def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_has_the_larger_error_bar(hold_s, fall_s):
+    """A press of relaxing flesh (a tenth, 2 s) by a noisy cell, with and without hold and way back."""
+    step, tau_s, share = 0.05, 2.0, 0.1
+    time = np.arange(0, 8 + hold_s + fall_s, step)
+    travel = np.interp(time, [0, 8, 8 + hold_s, 8 + hold_s + fall_s], [0, 2, 2, 0 if fall_s else 2])
+    elastic = hertz_N(travel - 0.5 * bool(hold_s), E_MPa=1.0)
+    fading = np.zeros(len(time))
+    for k, rise in enumerate(np.diff(elastic), 1):
+        fading[k] = fading[k - 1] * np.exp(-step / tau_s) + rise
+    force = (1 - share) * elastic + share * fading
+    force = force + 0.1 * np.random.default_rng(1).standard_normal(len(time))
+    said = account(time, force, travel).explanation
+    assert said.withheld is None
+    assert abs(said.after.value - 1.0) < 2 * said.after.sd
+    assert said.after.sd < 0.15
+    assert (ONE_RAMP in said.notes) == (not hold_s)
 
 
 @pytest.mark.parametrize("left", [pytest.param(0.3, marks=pytest.mark.proof), 0.7])
