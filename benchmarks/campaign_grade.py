@@ -98,7 +98,7 @@ BOTH = ("grasp-1.h5", "grasp-2.h5")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class BrokenBatch:
     """A change of the sound batch, and what must come of it.
 
     `expects`: a regular expression for B's outcome and reason, or for the refusal of the batch; for a graded
@@ -115,54 +115,58 @@ class Case:
     all_fruit: bool = False
 
 
-BROKEN: dict[str, Case] = {
-    "fruits.csv: B's height in cm": Case(
+BROKEN: dict[str, BrokenBatch] = {
+    "fruits.csv: B's height in cm": BrokenBatch(
         change=_text("fruits.csv", "B,57.6", "B,5.76"), expects=r"height_mm 5\.76: .* in cm \(57\.6 mm\)"
     ),
-    "fruits.csv: B's mass in kg": Case(
+    "fruits.csv: B's mass in kg": BrokenBatch(
         change=_text("fruits.csv", "B,57.6,122", "B,57.6,0.122"),
         expects=r"mass_g 0\.122: .* in kg \(122 g\)",
     ),
-    "fruits.csv: all heights in cm": Case(
+    "fruits.csv: all heights in cm": BrokenBatch(
         change=_text("fruits.csv", "A,57.6,122\nB,57.6", "A,5.76,122\nB,5.76"),
         expects=r"height_mm of all 2 fruit is 5\.76.* in cm \(57\.6 mm\)",
     ),
-    "batch.toml: limits in kPa": Case(
+    "batch.toml: limits in kPa": BrokenBatch(
         change=_text("batch.toml", "E_max_MPa = 0.3", "E_max_MPa = 300"),
         expects=r"batch\.toml: .*E_max_MPa must grow",
     ),
-    "batch.toml: gel_scale_sd = 1e300": Case(
+    "batch.toml: gel_scale_sd = 1e300": BrokenBatch(
         change=_text("batch.toml", "[sensor]", "[sensor]\ngel_scale_sd = 1e300"),
         expects=r"batch\.toml: .*gel_scale_sd.*at most 0\.5",
     ),
-    "batch.toml: a link to /dev/zero": Case(change=_device, expects=r"batch\.toml: is a device"),
-    "fruit.ply of B in metres": Case(change=_metres, expects=r"is it in m \(61\.28 mm\)"),
-    "recordings of B: rest_mm 1e300": Case(
+    "batch.toml: a link to /dev/zero": BrokenBatch(change=_device, expects=r"batch\.toml: is a device"),
+    "fruit.ply of B in metres": BrokenBatch(change=_metres, expects=r"is it in m \(61\.28 mm\)"),
+    "recordings of B: rest_mm 1e300": BrokenBatch(
         change=_recordings("pads/left/rest_mm", 1e300, BOTH), expects=r"grasp-1\.h5: pads/left/rest_mm: found"
     ),
-    "one recording of B: force_N nan": Case(
+    "one recording of B: force_N nan": BrokenBatch(
         change=_recordings("pads/left/force_N", np.nan, BOTH[:1]),
         expects=r"grasp-1\.h5.*force_N",
         E_over_sound=1.0,
         within=0.02,
     ),
-    "one recording of B: a named pipe": Case(
+    "one recording of B: a named pipe": BrokenBatch(
         change=_pipe, expects=r"grasp-1\.h5.*pipe", E_over_sound=1.0, within=0.02
     ),
-    "recordings of B: force x 1.079": Case(change=_scaled(force_N=1.079), expects="graded", most_sd=2.0),
-    "recordings of B: force x 0.927": Case(change=_scaled(force_N=0.927), expects="graded", most_sd=2.0),
-    "recordings of B: gel stiffness and force x 2": Case(
+    "recordings of B: force x 1.079": BrokenBatch(
+        change=_scaled(force_N=1.079), expects="graded", most_sd=2.0
+    ),
+    "recordings of B: force x 0.927": BrokenBatch(
+        change=_scaled(force_N=0.927), expects="graded", most_sd=2.0
+    ),
+    "recordings of B: gel stiffness and force x 2": BrokenBatch(
         change=_scaled(force_N=2, gel_kn_MPa_per_mm=2, gel_kt_MPa_per_mm=2),
         expects=r"gel_kn_MPa_per_mm is 0\.44, and the sensor model .* 0\.22",
         most_sd=2.0,
     ),
-    "batch.toml: poisson_ratio = 0.30": Case(
+    "batch.toml: poisson_ratio = 0.30": BrokenBatch(
         change=_text("batch.toml", "poisson_ratio = 0.45", "poisson_ratio = 0.30"),
         expects=r"poisson_ratio: found 0\.3 in batch\.toml, expected 0\.45 ± 0\.015",
         most_sd=2.0,
         all_fruit=True,
     ),
-    "batch.toml: category plum": Case(
+    "batch.toml: category plum": BrokenBatch(
         change=_text("batch.toml", '"nectarine"', '"plum"'),
         expects=r"category: the mesh is 60 mm large in the mean, which fits a nectarine",
         most_sd=2.0,
@@ -184,7 +188,7 @@ def grade(root: Path) -> tuple[int, dict[str, dict[str, str]], str]:
     return ran.returncode, rows, printed
 
 
-def judged(case: Case, row: dict[str, str] | None, printed: str, sound_MPa: float) -> tuple[str, str]:
+def judged(case: BrokenBatch, row: dict[str, str] | None, printed: str, sound_MPa: float) -> tuple[str, str]:
     """What became of B, and what is wrong with that; empty where it is as expected."""
     if row is None:
         became = f"batch refused: {printed[-600:]}"
