@@ -54,7 +54,7 @@ def _renamed(suffix: str) -> Change:
     return change
 
 
-def _beside(name: str, make: Callable[[], bytes]) -> Change:
+def _added(name: str, make: Callable[[], bytes]) -> Change:
     def change(path: Path, _: np.random.Generator) -> None:
         path.with_name(name).write_bytes(make())
 
@@ -76,28 +76,28 @@ _SAME_PHOTO: dict[str, Change] = {
     "FF00 before the headers": with_bytes(lambda d: d[:2] + b"\xff\x00" + d[2:]),
     "FF01 and FFD0 before the headers": with_bytes(lambda d: d[:2] + b"\xff\x01\xff\xd0" + d[2:]),
     "fill bytes before a marker": with_bytes(lambda d: d[:2] + b"\xff\xff" + d[2:]),
-    "notes beside it": _beside("000.jpg.txt", lambda: b"first photo"),
-    "a phone's edits beside it": _beside("000.aae", lambda: b"<plist/>"),
-    "a moving photo's film beside it": _beside("000.mov", lambda: b"\0\0\0\x14ftypqt  " + bytes(99)),
-    "a raw picture of it": _beside("000.dng", lambda: b"II*\0" + bytes(99)),
+    "notes beside it": _added("000.jpg.txt", lambda: b"first photo"),
+    "a phone's edits beside it": _added("000.aae", lambda: b"<plist/>"),
+    "a moving photo's film beside it": _added("000.mov", lambda: b"\0\0\0\x14ftypqt  " + bytes(99)),
+    "a raw picture of it": _added("000.dng", lambda: b"II*\0" + bytes(99)),
 }
 _NAMED: dict[str, tuple[Change, str]] = {
     "a JPEG of another name": (
-        _beside("000.jpg.pic", _jpeg),
+        _added("000.jpg.pic", _jpeg),
         r"000\.jpg\.pic is not used: a JPEG is read only with a photo's suffix; rename it to \.jpg",
     ),
-    "a second copy of a JPEG": (_beside("000.jpg-2", _jpeg), "000.jpg-2 is not used: a JPEG is read only"),
+    "a second copy of a JPEG": (_added("000.jpg-2", _jpeg), "000.jpg-2 is not used: a JPEG is read only"),
     "a HEIC of another name": (
-        _beside("000.jpg.live", heic_files.plain),
+        _added("000.jpg.live", heic_files.plain),
         r"000\.jpg\.live is not used: a HEIC is read only .* rename it to \.heic",
     ),
-    "a WebP picture": (_beside("000.jpg.webp", lambda: _coded(".webp")), "WebP pictures are not read"),
-    "a TIFF": (_beside("000.jpg.tif", lambda: _coded(".tiff")), "TIFF or raw pictures are not read"),
+    "a WebP picture": (_added("000.jpg.webp", lambda: _coded(".webp")), "WebP pictures are not read"),
+    "a TIFF": (_added("000.jpg.tif", lambda: _coded(".tiff")), "TIFF or raw pictures are not read"),
     "a raw picture of its own": (
-        _beside("000.jpg.raf", lambda: b"FUJIFILMCCD-RAW " + bytes(99)),
+        _added("000.jpg.raf", lambda: b"FUJIFILMCCD-RAW " + bytes(99)),
         r"000\.jpg\.raf is not used: raw pictures are not read; convert it to JPEG",
     ),
-    "a file of no known kind": (_beside("000.jpg.xyz", lambda: bytes(50)), "it is no JPEG, PNG or HEIC"),
+    "a file of no known kind": (_added("000.jpg.xyz", lambda: bytes(50)), "it is no JPEG, PNG or HEIC"),
     "photos in a folder within": (_in_a_folder, r"000\.jpg of today is not used: a folder within photos"),
     "a WebP picture under its name": (
         with_bytes(lambda _: _coded(".webp")),
