@@ -118,7 +118,7 @@ class Campaign:
         self.require(hashes(self.batch) == self.inputs, "the inputs changed")
 
     def require_watched(self, out: Path) -> None:
-        """The endings of the undisturbed run, but for fruit without a recording: `drupe watch` waits for it."""
+        """Endings as undisturbed, but for fruit without a recording, for which `drupe watch` waits."""
         ended = {row["fruit_id"]: row["outcome"] for row in results(out)[1]}
         every = {row["fruit_id"]: row["outcome"] for row in self.expected[1]}
         expected = {name: outcome for name, outcome in every.items() if outcome != "no-grasp"}
