@@ -122,7 +122,10 @@ def _known_column(found: str) -> str:
     if (plain := _plainly(found)) in COLUMNS:
         return f"write {plain}"
     near = difflib.get_close_matches(plain, COLUMNS, n=1, cutoff=0.75)
-    return f"write {near[0]}, if that is meant" if near else f"known columns: {', '.join(COLUMNS)}"
+    if not near:
+        return f"known columns: {', '.join(COLUMNS)}"
+    unit = re.search(r"_(mm|g|N|MPa)$", near[0])
+    return f"write {near[0]}, if that is meant" + (f", with its values in {unit[1]}" if unit else "")
 
 
 def _plainly(column: str) -> str:

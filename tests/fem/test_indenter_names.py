@@ -94,7 +94,7 @@ def test_a_drift_in_a_single_ramp_is_not_the_only_name():
         ([0, 8], [0, 2], True),
         ([0, 0.4, 8], [-0.1, 0, 2], True),
         ([0, 30], [0, 2], True),
-        ([0, 2, 10], [-0.5, 0, 2], False),
+        ([0, 5, 13], [-0.5, 0, 2], False),
         ([0, 8, 10], [0, 2, 2], False),
         ([0, 8, 16], [0, 2, 0], False),
         ([0, 8, 10, 18], [0, 2, 2, 0], False),
@@ -115,9 +115,9 @@ def test_one_ramp_is_a_matter_of_the_course_and_not_of_a_small_fitted_drift(corn
     assert hides_drift([found], trace) == hidden
 
 
-@pytest.mark.parametrize(("hold_s", "fall_s"), [(2.0, 8.0), (0.0, 0.0)])
-def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_has_the_larger_error_bar(hold_s, fall_s):
-    """A press of relaxing flesh (a tenth, 2 s) by a noisy cell, with and without hold and way back."""
+@pytest.mark.parametrize(("hold_s", "fall_s", "noise_N"), [(2.0, 8.0, 0.1), (0.0, 0.0, 0.01)])
+def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_says_so(hold_s, fall_s, noise_N):
+    """Flesh that relaxes by a tenth within 2 s: a press with hold and way back, and one ramp."""
     step, tau_s, share = 0.05, 2.0, 0.1
     time = np.arange(0, 8 + hold_s + fall_s, step)
     travel = np.interp(time, [0, 8, 8 + hold_s, 8 + hold_s + fall_s], [0, 2, 2, 0 if fall_s else 2])
@@ -126,7 +126,7 @@ def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_has_the_larger_erro
     for k, rise in enumerate(np.diff(elastic), 1):
         fading[k] = fading[k - 1] * np.exp(-step / tau_s) + rise
     force = (1 - share) * elastic + share * fading
-    force = force + 0.1 * np.random.default_rng(1).standard_normal(len(time))
+    force = force + noise_N * np.random.default_rng(1).standard_normal(len(time))
     said = account(time, force, travel).explanation
     assert said.withheld is None
     assert abs(said.after.value - 1.0) < 2 * said.after.sd

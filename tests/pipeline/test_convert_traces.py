@@ -297,3 +297,30 @@ def test_a_line_on_the_separator_says_what_parts_the_cells(tmp_path: Path, mark:
     path.write_text(f"sep={mark}\n" + "".join(mark.join(row) + "\n" for row in rows))
     (sheet,) = sheets_of(path)
     assert sheet.rows == tuple(enumerate(rows, 2))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_N", "options", "words"),
+    [
+        ("Load (kg)", 9.80665, (), "is in kg, a mass: taken as its weight (1 kg = 9.80665 N)"),
+        ("Load (lb)", 4.4482216152605, (), "is in lb, a mass: taken as its weight (1 lb = 4.44822 N)"),
+        ("Load (kN)", 1e3, ("--units", "force=kN"), 'force is "Load (kN)" in kN'),
+        ("Load (kgf)", 9.80665, ("--units", "force=kg"), 'force is "Load (kgf)" in kgf'),
+        ("Load (Ch 2)", 4.4482216152605, ("--units", "force=lbf"), 'states "Ch 2", which is no unit that is'),
+    ],
+)
+def test_a_unit_in_a_name_is_taken_and_what_must_be_known_of_it_is_said(
+    tmp_path: Path, name: str, unit_N: float, options: tuple[str, ...], words: str
+) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table(f"Time (s),{name},Pos (mm)", TIMES, PRESSED / unit_N, GONE, form="%.12g"))
+    columns = f"time=Time (s),force={name},travel=Pos (mm)"
+    assert words in converted(tmp_path, source, "--columns", columns, *options)
+
+
+def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table("Time (s),Load (klumps),Pos (mm)", TIMES, PRESSED, GONE))
+    said = refused(tmp_path, source)
+    assert "--units force=UNIT" in said
+    assert "force=N" not in said

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.result import Where
+from fem.mismatch.result import Modulus, Where
 
 
 def finite(value):
@@ -242,3 +242,34 @@ def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
     ran = drupe("explain", case)
     assert ran.status == 0
     assert 'the key "recorded_by" is not known and was left aside' in ran.out
+
+
+@pytest.mark.parametrize(
+    ("before_MPa", "after_MPa", "words"),
+    [
+        (
+            0.0005,
+            0.0006,
+            "Found E without an effect 0.0005 MPa and E with it 0.0006 MPa, expected 0.005 to 12 MPa",
+        ),
+        (300.0, 0.3, "Found E without an effect 300 MPa, expected 0.005 to 12 MPa of nectarine"),
+        (0.3, 40.0, "Found E with it 40 MPa, expected 0.005 to 12 MPa of nectarine"),
+        (0.3, 0.4, None),
+    ],
+)
+def test_an_E_that_the_category_cannot_have_is_doubted(
+    drupe, finder, case, tmp_path, before_MPa, after_MPa, words
+):
+    finder["answer"] = fake_explanation(
+        before=Modulus(value=before_MPa, sd=0.01), after=Modulus(value=after_MPa, sd=0.01)
+    )
+    done = drupe("explain", case, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
+    assert done.status == (0 if words is None else 4)
+    written = json.loads((tmp_path / "a.json").read_text())
+    if words is None:
+        assert "doubts" not in written
+        assert "doubt:" not in done.out
+        return
+    assert f"doubt: {words}" in done.out
+    assert written["doubts"][0].startswith(words)
+    assert words in (tmp_path / "a.html").read_text()
