@@ -26,11 +26,13 @@ def unseen_gain(pads: Sequence[GelPad]) -> float:
 
     The measured ln gains of n pads, each of variance s^2 = LAW_SD^2 + noise, have a mean of variance
     mean(s^2) / n; the prior is N(0, GAIN_SD^2). Without a pad that says anything the prior is all there is.
+    A gain that the check reports counts as none here: the finding has an error of its own.
     """
     found = [one for pad in pads if (one := _of_pad(pad)) is not None]
     if not found:
         return GAIN_SD
     measured, sd = np.transpose(found)
+    measured = np.where(np.abs(measured) > GAIN_SAID, 0.0, measured)
     mean_sd = float(np.sqrt(np.mean(sd**2 + LAW_SD**2) / len(found)))
     return unseen_error(float(measured.mean()), mean_sd, prior_sd=GAIN_SD)
 
