@@ -1,0 +1,105 @@
+"""Rows as the logger wrote them: which were never written, which times are wild, and where runs begin."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tactile.preparation.correction import Correction, Fault, Words, listed
+from tactile.preparation.reserved import reserved_ends
+from tactile.preparation.wild import run_starts, wild_times
+
+Columns = Mapping[str, Float[np.ndarray, " t"]]
+
+FEWEST_IN_RUN = 8
+"""Rows of the shortest run; fewer are times out of order."""
+
+
+def written(
+    words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
+) -> tuple[Bool[np.ndarray, " t"], list[Correction]]:
+    """Which rows were written, and a note on each block at the start or the end that was not."""
+    start, end = reserved_ends(time_s, list(columns.values()))
+    keep = np.ones(len(time_s), dtype=bool)
+    notes = []
+    for place, part in (("start", slice(0, start)), ("end", slice(len(time_s) - end, None))):
+        if not len(rows[part]):
+            continue
+        keep[part] = False
+        held = {name: float(values[part][0]) for name, values in columns.items()}
+        whole = not any(np.isnan(value) for value in held.values())
+        kept = ", ".join(f"{name} {words.value(name, value)}" for name, value in held.items())
+        why = f"were never written (all hold {kept})" if whole else "are not whole"
+        why = why.replace("were", "was").replace("all hold", "it holds") if len(rows[part]) == 1 else why
+        why = why.replace("are not", "is not") if len(rows[part]) == 1 else why
+        says = f"{words.count(len(rows[part]))} at the {place}, from {words.row} {rows[part][0]} on, {why}; left out."
+        notes.append(
+            Correction(
+                fault=Fault.RESERVED,
+                quantity=", ".join(held),
+                rows=tuple(rows[part].tolist()),
+                values=tuple(held.values()),
+                says=says,
+            )
+        )
+    return keep, notes
+
+
+def runs(
+    time_s: Float[np.ndarray, " t"],
+    breaks: Sequence[int] = (),
+    *,
+    of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
+) -> list[slice]:
+    """The runs one below the other: each begins where the time runs back, or below a repeated header
+    (`breaks`: first rows). Topics written one below the other (`of_topics`: rows of each) are one run.
+    """
+    starts = np.union1d(run_starts(time_s), np.array(breaks, dtype=int))
+    ends = np.r_[starts[1:], len(time_s)]
+    found = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
+    if len(of_topics) > 1 and len(found) > 1:
+        held = [[bool(topic[part].any()) for topic in of_topics] for part in found]
+        if all(sum(one) == 1 for one in held):
+            return [slice(0, len(time_s))]
+    return found
+
+
+def wild_or_repeated_times(
+    words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
+) -> tuple[Bool[np.ndarray, " t"], list[Correction]]:
+    """Which rows are to be left out: those of a wild time, and those written twice."""
+    notes = []
+    off = wild_times(time_s)
+    if off.any():
+        notes.append(wild_note(words, "time", rows[off], time_s[off]))
+    twice = np.zeros(len(time_s), dtype=bool)
+    same = [np.diff(time_s) == 0]
+    same += [(np.diff(one) == 0) | (np.isnan(one[1:]) & np.isnan(one[:-1])) for one in columns.values()]
+    twice[1:] = np.all(same, axis=0)
+    if twice.any():
+        at = tuple(rows[twice].tolist())
+        says = f"{words.count(len(at))} written twice ({listed(words, 'time', at, time_s[twice])}); left out."
+        notes.append(
+            Correction(
+                fault=Fault.REPEATED,
+                quantity="time",
+                rows=at,
+                values=tuple(time_s[twice].tolist()),
+                says=says,
+            )
+        )
+    return off | twice, notes
+
+
+def wild_note(
+    words: Words, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+) -> Correction:
+    """Wild readings of one quantity, left out."""
+    many = "wild reading" if len(rows) == 1 else "wild readings"
+    return Correction(
+        fault=Fault.WILD,
+        quantity=quantity,
+        rows=tuple(rows.tolist()),
+        values=tuple(values.tolist()),
+        says=f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}.",
+    )
