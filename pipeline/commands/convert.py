@@ -112,6 +112,13 @@ def convert(
         ),
     ] = None,
     sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|all",
+            help="Which of several runs in one table, from 1; all writes OUT-1.h5, OUT-2.h5, ...",
+        ),
+    ] = None,
     rig: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="The rig (drupe calibrate --rigid), whose give is taken off."),
@@ -128,8 +135,8 @@ def convert(
     """
     with elsewhere():
         from pipeline.recordings.conversion import ConvertRequest
-        from pipeline.recordings.conversion import convert as convert_source
-        from pipeline.recordings.trace_options import trace_words
+        from pipeline.recordings.conversion import convert_runs
+        from pipeline.recordings.trace_options import ALL_RUNS, trace_words
         from pipeline.run.progress import StageLines
         from tactile.io.specimen import PressedSpecimen
         from tactile.tactile_failure import TactileFailure
@@ -150,18 +157,20 @@ def convert(
             axis=None if axis is None else axis.value,
             pit_share=pit_share,
         ),
-        trace=trace_words(columns, units, sheet),
+        trace=trace_words(columns, units, sheet, run),
+        all_runs=run == ALL_RUNS,
         rig=rig,
         covariance=covariance,
     )
     try:
-        notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
+        written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
     except TactileFailure as reason:
         typer.echo(f"drupe: {about(source, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; nothing was written", err=True)
         raise typer.Exit(INTERRUPTED) from None
-    for note in notes:
-        typer.echo(f"note: {note}")
-    typer.echo(f"wrote {out}")
+    for path, notes in written:
+        for note in notes:
+            typer.echo(f"note: {note}")
+        typer.echo(f"wrote {path}")

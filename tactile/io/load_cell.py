@@ -219,7 +219,7 @@ def _rows_and_breaks(sheet: CellTable, found: FoundColumns) -> tuple[list[Row], 
     breaks: list[int] = []
     repeats = [
         tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())
-        for _, cells in sheet.rows[found.first - 2 : found.first]
+        for _, cells in sheet.rows[max(found.first - 2, 0) : found.first]
     ]
     for number, cells in sheet.rows[found.first :]:
         own = tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())

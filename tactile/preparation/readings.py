@@ -2,6 +2,7 @@
 that two quantities of two rates have in common.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,16 +14,16 @@ FEWEST_CHANGES = 8
 """Changes of a value from which the rhythm of its readings is known."""
 REGULAR = 0.9
 """Share of the changes that are whole periods apart."""
-NEARLY, MOSTLY = 0.1, 0.75
-"""Steps within this share of the median step count as equal; this share of equal steps may be the steps of a
-display instead."""
+NEARLY = 0.1
+"""Share of the median step by which steps may be off its whole multiples where they are a display's."""
 OTHERS_CHANGE = 0.5
 """Share of the repeated rows in which another quantity changes: rows that repeat all are a pause."""
 DECIDES = 9.0
 """Difference of the squared residuals, in variances, that tells two places of a kink apart."""
-LATE = 0.25
-"""Periods behind the last change at which the force still bends: up to it the value is late (sampled and
-held), beyond it the value is rounded, whose true motion goes on for half a step."""
+SLOW = 2.5
+"""Rows a reading, below which the force's bend cannot tell."""
+SHORTEST = 6
+"""Rows on each side of a kink."""
 SMALL = 0.1
 """Standard deviations of the force that an interpolated travel may move it by."""
 FEWEST_ROWS = 40
@@ -56,11 +57,12 @@ def rhythm_of(values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"]) -
     if (off <= min(1.0, 0.3 * period)).mean() < REGULAR:
         return None, False
     repeated = np.setdiff1d(at[1:], changes)
-    if (other[repeated] == other[repeated - 1]).mean() > 1 - OTHERS_CHANGE:
+    if not len(repeated) or (other[repeated] == other[repeated - 1]).mean() > 1 - OTHERS_CHANGE:
         return None, False
     steps = np.abs(np.diff(values[at])[np.diff(values[at]) != 0])
-    equal = float((np.abs(steps - np.median(steps)) <= NEARLY * np.median(steps)).mean())
-    return Rhythm(rows=_grid(at[0], changes, period, at[-1]), period=period), equal >= MOSTLY
+    whole = steps / np.median(steps)
+    of_display = bool((np.abs(whole - np.maximum(np.rint(whole), 1)) <= NEARLY).all())
+    return Rhythm(rows=_grid(at[0], changes, period, at[-1]), period=period), of_display
 
 
 def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) -> Int[np.ndarray, " k"]:
@@ -75,56 +77,68 @@ def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) 
 
 
 def is_held(
-    time_s: Float[np.ndarray, " t"],
-    values: Float[np.ndarray, " t"],
-    force_N: Float[np.ndarray, " t"],
-    rhythm: Rhythm,
+    values: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], rhythm: Rhythm
 ) -> bool:
-    """Whether equal steps are readings that come late, by where the force bends when the motion stops.
+    """Whether equal steps are readings that come late, by where the force bends when the motion turns.
 
-    A sampled value reaches its last place after the motion stopped, a rounded one half a step before. Where
-    the force does not tell, steps of 1, 2, 2.5 or 5 times a power of ten are taken for a display's.
+    With equal steps alone, a value that is sampled and held reaches its last place in the row in which the
+    motion stops, and leaves it one period after the motion begins again. A rounded value stands still for
+    the same time x after the one and before the other (a motion that turns at once: at the middle of its last
+    place). Where the force does not tell, steps of 1, 2, 2.5 or 5 times a power of ten are taken for a
+    display's.
     """
     at = np.flatnonzero(np.isfinite(values) & np.isfinite(force_N))
     changes = at[1:][np.diff(values[at]) != 0]
-    up = np.sign(values[changes] - values[changes - 1])
-    gaps = np.diff(changes)
-    ends = [
-        int(changes[k])
-        for k in range(2, len(changes))
-        if (gaps[k - 2 : k] < 1.5 * rhythm.period).all()
-        and up[k - 2] == up[k - 1] == up[k]
-        and (k == len(changes) - 1 or gaps[k] > 2 * rhythm.period or up[k + 1] != up[k])
-    ]
-    score = sum(_kink_score(time_s, force_N, end, rhythm.period) for end in ends)
+    steps = np.diff(values[at])[np.diff(values[at]) != 0]
+    gaps, period = np.diff(changes), rhythm.period
+    if period < SLOW:
+        return False
+    score = 0.0
+    for k in range(1, len(changes) - 1):
+        stops = gaps[k - 1] < 1.5 * period < gaps[k] or steps[k + 1] * steps[k] < 0
+        if stops and steps[k] * steps[k - 1] > 0 and gaps[k - 1] < 1.5 * period:
+            score += _held_by_kinks(force_N, int(changes[k]), int(changes[k + 1]), period)
     if abs(score) > DECIDES:
         return score > 0
-    step = float(np.median(np.abs(np.diff(values[at])[np.diff(values[at]) != 0])))
-    plain = f"{step:.4g}".replace(".", "").strip("0")
-    return plain.split("e")[0].rstrip("0") not in ("1", "2", "25", "5")
+    digits = f"{float(np.median(np.abs(steps))):.3e}".split("e")[0].replace(".", "").rstrip("0")
+    return digits not in ("1", "2", "25", "5")
 
 
-def _kink_score(
-    time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], end: int, period: float
-) -> float:
-    """How much better the force bends before `end` + LATE periods than after it, in variances of its noise."""
-    reach = max(round(3 * period), 10)
-    first, last = max(end - reach, 0), min(end + reach + 1, len(time_s))
-    part = slice(first, last)
-    if end - first < reach // 2 or last - end < reach // 2 or not np.isfinite(force_N[part]).all():
-        return 0.0
-    time, force = np.arange(first, last) - float(end), force_N[part]
-    places = np.arange(-period, 1.5 * period + 0.25, max(period / 20, 0.25))
-    squares = []
-    for place in places:
-        behind = np.maximum(time - place, 0.0)
-        basis = np.stack([np.ones_like(time), time, time**2, behind, behind**2], axis=1) / [
-            1, reach, reach**2, reach, reach**2
-        ]  # fmt: skip
-        squares.append(float(((force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]) ** 2).sum()))
-    square = np.array(squares)
-    early = places <= LATE * period
-    return float((square[~early].min() - square[early].min()) / noise_sd(force_N[np.isfinite(force_N)]) ** 2)
+def _held_by_kinks(force_N: Float[np.ndarray, " t"], last: int, begins: int, period: float) -> float:
+    """How much better the force bends where a held value has it than where a rounded one has it, in variances
+    of its noise; `last`, `begins`: rows of the last change before the turn and of the first one behind it.
+    """
+    near, reach = np.arange(-1.0, 1.01, 0.25), max(round(3 * period), SHORTEST)
+    after = np.arange(0.0, min(period, (begins - last) / 2) + 0.01, max(period / 20, 0.25))
+    noise = noise_sd(force_N[np.isfinite(force_N)]) ** 2
+    left = begins - period
+    if begins - last < 2 * reach:
+        part = slice(last - reach, begins + reach + 1)
+        held = [_misfit(force_N, part, (last + d, max(left, last) + d)) for d in near]
+        rounded = [_misfit(force_N, part, (last + d, begins - d)) for d in after]
+    else:
+        stops, starts = slice(last - reach, last + reach), slice(round(left) - reach, round(left) + reach)
+        held = [_misfit(force_N, stops, (last + d,)) + _misfit(force_N, starts, (left + d,)) for d in near]
+        rounded = [
+            _misfit(force_N, stops, (last + d,)) + _misfit(force_N, starts, (begins - d,)) for d in after
+        ]
+    score = (min(rounded) - min(held)) / noise
+    return score if np.isfinite(score) else 0.0
+
+
+def _misfit(force_N: Float[np.ndarray, " t"], part: slice, kinks: Sequence[float]) -> float:
+    """Squared residuals of parabolas that meet at the kinks (rows); NaN where the record is shorter."""
+    force = force_N[max(part.start, 0) : part.stop]
+    if part.start < 0 or len(force) < part.stop - part.start or not np.isfinite(force).all():
+        return np.nan
+    scale = part.stop - part.start
+    time = np.arange(part.start, part.stop) / scale
+    columns = [np.ones(scale), time - time[0], (time - time[0]) ** 2]
+    for kink in kinks:
+        behind = np.maximum(time - kink / scale, 0.0)
+        columns += [behind, behind**2]
+    basis = np.stack(columns, axis=1)
+    return float(((force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]) ** 2).sum())
 
 
 def on_common_rows(

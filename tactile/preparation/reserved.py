@@ -20,7 +20,9 @@ LONGEST_WILD = 3
 def reserved_ends(
     time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarray, " t"]]
 ) -> tuple[int, int]:
-    """How many rows at the start, and how many at the end, were never written."""
+    """How many rows at the start, and how many at the end, were never written; of the columns the first is a
+    place, which stands still at times, and the others are noisy.
+    """
     start = _at_start(time_s, columns)
     turned = [one[start:][::-1] for one in columns]
     return start, _at_start(-time_s[start:][::-1], turned)
@@ -64,7 +66,7 @@ def _never_written(
     """Whether the first `length` rows, all of one value, were not measured."""
     nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
     stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
-    back = time_s[length] <= time_s[length - 1]
+    back = time_s[length] < time_s[length - 1]
     whole_behind = np.isfinite([one[length] for one in columns]).all()
     if nothing[0] or stands or back or all(nothing[1:]) or (length == 1 and any(nothing) and whole_behind):
         return True
@@ -78,8 +80,9 @@ def _never_written(
     ]
     if any(jumps) and (length > 1 or all(jumps)):
         return True
-    repeats = [float(_same(one[1:], one[:-1]).mean()) if len(one) > 1 else 1.0 for one in rest]
-    return length >= LONG and min(repeats) < SELDOM and all(one[0] == columns[0][0] for one in columns)
+    repeats = [float(_same(one[1:], one[:-1]).mean()) if len(one) > 1 else 1.0 for one in rest[1:]]
+    noisy = bool(repeats) and max(repeats) < SELDOM
+    return length >= LONG and noisy and all(one[0] == columns[0][0] for one in columns)
 
 
 def _large_step(values: Float[np.ndarray, " t"]) -> float:

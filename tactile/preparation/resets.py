@@ -77,19 +77,26 @@ def impulses(time_s: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"]) -
     """Rows after which the value jumps in one step that those before and after it do not lead to.
 
     A change of speed has unlike steps on its two sides, none of them beyond both; a break in the recording is
-    as long as its step.
+    as long as its step, and a clock that jitters has even steps by row.
     """
     step = np.diff(time_s)
-    usual = np.median(step)
-    rate = np.diff(values) / np.maximum(step, 0.2 * usual)
+    usual = float(np.median(step))
+    per_row = _beyond(np.diff(values), np.ones(len(step)), noise_sd(values))
+    per_time = _beyond(np.diff(values), np.maximum(step / usual, 0.2), noise_sd(values))
+    found = np.flatnonzero(per_row & per_time)
+    return found[(found >= 2) & (found <= len(step) - 3)]
+
+
+def _beyond(
+    step: Float[np.ndarray, " d"], length: Float[np.ndarray, " d"], sd: float
+) -> Bool[np.ndarray, " d"]:
+    """Which steps, each over its length, are beyond those on both sides."""
+    rate = step / length
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(rate, BESIDE, mode="edge"), 2 * BESIDE + 1)
     beside = np.delete(windows, BESIDE, axis=1)
     low, high = beside.min(axis=1), beside.max(axis=1)
-    beyond = np.maximum(np.maximum(rate - high, low - rate), 0.0) * step
-    spread = (high - low) * step
-    limit = np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_SPREAD * spread)
-    found = np.flatnonzero(beyond > limit)
-    return found[(found >= 2) & (found <= len(rate) - 3)]
+    beyond = np.maximum(np.maximum(rate - high, low - rate), 0.0) * length
+    return np.asarray(beyond > np.maximum(ABOVE_NOISE * sd, ABOVE_SPREAD * (high - low) * length))
 
 
 def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> Air:

@@ -191,7 +191,7 @@ def _on_readings(
         rhythm, equal = rhythm_of(values, other)
         if rhythm is None or joined:
             continue
-        if equal and (name == "force" or not is_held(logged.time_s, values, other, rhythm)):
+        if equal and (name == "force" or not is_held(values, other, rhythm)):
             continue
         again = np.ones(len(values), dtype=bool)
         again[rhythm.rows] = False

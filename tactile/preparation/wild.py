@@ -14,6 +14,8 @@ RETURNS = 0.25
 """Share of its deviation by which the rows on both sides of a wild value may differ from each other."""
 SHARP = 0.35
 """Share of the largest deviation that each edge of a wild block has: a tooth with a slow side is none."""
+OUTSIDE = 0.5
+"""Of the record's range: a value so far beyond it is wild, however slow its edges are."""
 BESIDE, USUAL = 31, 70
 """Rows over which the usual step is taken, and its percentile: one that several wild values do not reach, but
 the changes of a value that is repeated up to three times do."""
@@ -48,6 +50,8 @@ def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     usual = percentile_filter(steps, USUAL, size=min(BESIDE, len(steps)), mode="nearest")
     least = np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_STEPS * np.r_[usual[0], usual])
     off = np.zeros(len(values), dtype=bool)
+    low, high = np.percentile(values, [2, 98])
+    low, high = low - OUTSIDE * (high - low), high + OUTSIDE * (high - low)
     for width in range(1, LONGEST + 1):
         first = np.arange(1, len(values) - width)
         before, after = values[first - 1], values[first + width]
@@ -55,10 +59,11 @@ def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
         share = (1 + np.arange(width)) / (width + 1)
         gone = np.abs(values[inside] - (before[:, None] * (1 - share) + after[:, None] * share))
         most = gone.max(axis=1)
+        outside = ((values[inside] < low) | (values[inside] > high)).any(axis=1)
         edges = np.minimum(np.abs(values[first] - before), np.abs(after - values[first + width - 1]))
         isolated = (
             (gone > least[inside]).all(axis=1)
-            & (edges > SHARP * most)
+            & (outside | (edges > SHARP * most))
             & (np.abs(after - before) < RETURNS * gone.min(axis=1))
             & ~off[inside].any(axis=1)
         )
