@@ -18,8 +18,10 @@ NEARLY = 0.1
 """Share of the median step by which steps may be off its whole multiples where they are a display's."""
 OTHERS_CHANGE = 0.5
 """Share of the repeated rows in which another quantity changes: rows that repeat all are a pause."""
-DECIDES = 9.0
+DECIDES = 2.0
 """Difference of the squared residuals, in variances, that tells two places of a kink apart."""
+REACH, OF_ONE_MORE = 1.5, 12.0
+"""Periods fitted on both sides of a kink; variances that a second kink must gain."""
 SLOW = 2.5
 """Rows a reading, below which the force's bend cannot tell."""
 SHORTEST = 6
@@ -108,14 +110,19 @@ def _held_by_kinks(force_N: Float[np.ndarray, " t"], last: int, begins: int, per
     """How much better the force bends where a held value has it than where a rounded one has it, in variances
     of its noise; `last`, `begins`: rows of the last change before the turn and of the first one behind it.
     """
-    near, reach = np.arange(-1.0, 1.01, 0.25), max(round(3 * period), SHORTEST)
+    near, reach = np.arange(-1.0, 1.01, 0.25), max(round(REACH * period), SHORTEST)
     after = np.arange(0.0, min(period, (begins - last) / 2) + 0.01, max(period / 20, 0.25))
     noise = noise_sd(force_N[np.isfinite(force_N)]) ** 2
     left = begins - period
     if begins - last < 2 * reach:
         part = slice(last - reach, begins + reach + 1)
         held = [_misfit(force_N, part, (last + d, max(left, last) + d)) for d in near]
-        rounded = [_misfit(force_N, part, (last + d, begins - d)) for d in after]
+        noise = max(noise, float(np.min(held)) / (part.stop - part.start))
+        apart = [OF_ONE_MORE * noise * (begins - last > 2 * d + 1) for d in after]
+        rounded = [
+            _misfit(force_N, part, (last + d, begins - d)) + more
+            for d, more in zip(after, apart, strict=True)
+        ]
     else:
         stops, starts = slice(last - reach, last + reach), slice(round(left) - reach, round(left) + reach)
         held = [_misfit(force_N, stops, (last + d,)) + _misfit(force_N, starts, (left + d,)) for d in near]
