@@ -82,8 +82,13 @@ def press(rng: np.random.Generator, *, travel=None, time=None, change=None, **op
         noise[k] = colour * noise[k - 1] + white[k]
     sd = peak * 10 ** rng.uniform(-3.3, -2.3)
     force = force + sd * noise[20:] * np.sqrt(1 - colour**2)
-    return Press(time_s=time, travel_mm=travel + rng.choice([0.0, 2e-4]) * rng.standard_normal(len(time)),
-                 force_N=force, exponent=exponent, tell={"peak": peak, "onset": onset, "sd": sd})
+    return Press(
+        time_s=time,
+        travel_mm=travel + rng.choice([0.0, 2e-4]) * rng.standard_normal(len(time)),
+        force_N=force,
+        exponent=exponent,
+        tell={"peak": peak, "onset": onset, "sd": sd},
+    )
 
 
 # --- faults: each gives the press as the logger wrote it, and the words of the note
@@ -106,8 +111,13 @@ def reserved(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     if stamp == "fill":
         time[:a], time[len(time) - b :] = 0.0, 0.0
     blocks = [np.full(a, fill), np.full(b, fill)]
-    out = replace(p, time_s=time, travel_mm=np.r_[blocks[0], p.travel_mm + offset_mm, blocks[1]],
-                  force_N=np.r_[blocks[0], p.force_N + offset_N, blocks[1]], empty=str(rng.choice(["", "NaN"])))
+    out = replace(
+        p,
+        time_s=time,
+        travel_mm=np.r_[blocks[0], p.travel_mm + offset_mm, blocks[1]],
+        force_N=np.r_[blocks[0], p.force_N + offset_N, blocks[1]],
+        empty=str(rng.choice(["", "NaN"])),
+    )
     return out, r"rows? at the (start|end).*left out"
 
 
@@ -130,7 +140,7 @@ def wild(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
 def stale(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     """Travel (or force) read slowly and repeated."""
     each = rng.uniform(3, len(p.time_s) / 60)
-    first = (np.floor(np.arange(len(p.time_s)) / each + rng.choice([0.0, rng.random()])) )
+    first = np.floor(np.arange(len(p.time_s)) / each + rng.choice([0.0, rng.random()]))
     at = np.searchsorted(first, np.unique(first))
     held = at[np.searchsorted(np.unique(first), first)]
     if rng.random() < 0.7:
@@ -146,7 +156,11 @@ def even_press(rng: np.random.Generator) -> Press:
     at = each * np.cumsum([0, readings, wait, back])
     rows = np.arange(at[-1] + 1)
     travel = np.interp(rows, at, np.array([0, 1, 1, 0]) * readings * step)
-    return replace(press(rng, time=rows * 0.2 / each, travel=travel), travel_mm=travel, tell={"each": each, "sd": 0, "peak": 1})
+    return replace(
+        press(rng, time=rows * 0.2 / each, travel=travel),
+        travel_mm=travel,
+        tell={"each": each, "sd": 0, "peak": 1},
+    )
 
 
 def stale_even(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
@@ -166,9 +180,12 @@ def topics(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     order = np.argsort(time, kind="stable") if rng.random() < 0.8 else np.arange(len(time))
     gap = rng.random() < 0.5
     return replace(
-        p, time_s=time[order], force_N=np.r_[p.force_N, np.full(count, np.nan)][order],
+        p,
+        time_s=time[order],
+        force_N=np.r_[p.force_N, np.full(count, np.nan)][order],
         travel_mm=np.r_[np.full(len(p.time_s), np.nan), 70 - travel if gap else travel][order],
-        names=("time_s", "gap_mm" if gap else "travel_mm", "force_N"), gap=gap,
+        names=("time_s", "gap_mm" if gap else "travel_mm", "force_N"),
+        gap=gap,
     ), "two topics"
 
 
@@ -200,7 +217,9 @@ def missing(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     force, travel = p.force_N.copy(), p.travel_mm.copy()
     for k in rng.choice(np.arange(2, len(force) - 2), size=max(1, int(0.005 * len(force))), replace=False):
         (force if rng.random() < 0.5 else travel)[k] = np.nan
-    return replace(p, force_N=force, travel_mm=travel, empty=str(rng.choice(["", "NaN", "nan"]))), "empty cell"
+    return replace(
+        p, force_N=force, travel_mm=travel, empty=str(rng.choice(["", "NaN", "nan"]))
+    ), "empty cell"
 
 
 def several(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
@@ -229,8 +248,11 @@ def runs(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     header = rng.random() < 0.4
     force = [p.force_N + 0.5 * p.tell["sd"] * rng.standard_normal(n) for _ in range(count)]
     return replace(
-        p, time_s=np.tile(p.time_s + start, count), travel_mm=np.tile(p.travel_mm, count),
-        force_N=np.concatenate(force), breaks=tuple(n * k for k in range(1, count)) if header else (),
+        p,
+        time_s=np.tile(p.time_s + start, count),
+        travel_mm=np.tile(p.travel_mm, count),
+        force_N=np.concatenate(force),
+        breaks=tuple(n * k for k in range(1, count)) if header else (),
     ), f"REFUSED.*{('two', 'three', 'four', 'five')[count - 2]} runs"
 
 
@@ -346,10 +368,14 @@ def stiffness(time_s, travel, force, exponent: float) -> float:
     lo, hi = travel.min(), travel.max()
     best = np.inf, 0.0
     for share in (0.05, 0.3, 0.6):
+
         def gap(x):
             return x[0] * np.maximum(travel - x[1], 0) ** exponent + x[2] - force
+
         start = [np.ptp(force) / (hi - lo) ** exponent, lo + share * (hi - lo), force[0]]
-        found = least_squares(gap, start, x_scale=[max(start[0], 1e-9), hi - lo, np.ptp(force)], loss="linear")
+        found = least_squares(
+            gap, start, x_scale=[max(start[0], 1e-9), hi - lo, np.ptp(force)], loss="linear"
+        )
         best = min(best, (float(found.cost), float(found.x[0])))
     return best[1]
 
@@ -358,7 +384,14 @@ def read(p: Press, folder: Path):
     """The recording's columns and the notes; a refusal as a note."""
     p.write(folder / "t.csv")
     try:
-        found = read_trace(folder / "t.csv", fruit_id="f", category="plum", indenter="ball", radius_mm=5.0, words=TraceWords())
+        found = read_trace(
+            folder / "t.csv",
+            fruit_id="f",
+            category="plum",
+            indenter="ball",
+            radius_mm=5.0,
+            words=TraceWords(),
+        )
     except TactileFailure as failure:
         return None, [f"REFUSED {failure.detail}"]
     one = found.recording
@@ -390,7 +423,11 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
         return f"no note {words!r}: {notes[1:]}"
     if columns is None:
         return "" if words.startswith("REFUSED") else text
-    others = [one for one in corrections(notes) if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)]
+    others = [
+        one
+        for one in corrections(notes)
+        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)
+    ]
     true = stiffness(sound.time_s, sound.travel_mm, sound.force_N, sound.exponent)
     ratio = stiffness(*columns, sound.exponent) / true
     if abs(ratio - 1) > LIMIT:

@@ -209,7 +209,11 @@ def _of_any_kind(
         raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
     said = wanted.trace
     if kind in TABLES and (
-        said.columns or said.units or said.sheet or said.run or is_trace(source, sensor_given=wanted.sensor is not None)
+        said.columns
+        or said.units
+        or said.sheet
+        or said.run
+        or is_trace(source, sensor_given=wanted.sensor is not None)
     ):
         return _without_rig(_trace(source, wanted), source, wanted.rig), []
     if said.columns or said.units or said.sheet or said.run:

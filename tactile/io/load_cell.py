@@ -10,7 +10,7 @@ from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_of, 
 from tactile.io.converted import Converted
 from tactile.io.decimal_number import meant
 from tactile.io.field_tables import MOVED
-from tactile.io.grasp_log import LARGEST
+from tactile.io.grasp_log import EMPTY, LARGEST
 from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
@@ -31,8 +31,6 @@ UNLOADED_FRAMES = 5
 """First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
 FEWEST_FRAMES = 2
 """A table with fewer rows is no recording."""
-EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
-"""Cells that hold no reading, in small letters."""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
@@ -147,6 +145,8 @@ def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
 
 
 def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrace]:
+    if np.isfinite(logged.time_s).sum() < FEWEST_FRAMES:
+        raise unusable(source, "no rows", "a header and one row for each frame")
     try:
         runs, corrections = written_runs(logged)
     except NotPrepared as cause:

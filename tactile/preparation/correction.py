@@ -74,3 +74,17 @@ def listed(
     ]
     more = len(rows) - SHOWN
     return ", ".join(each) + (f" and {more} more" if more > 0 else "")
+
+
+def spoilt_said(words: Words, corrections: Sequence[Correction]) -> str:
+    """Wild and missing values with their rows, as part of a sentence.
+
+    >>> wild = Correction(fault=Fault.WILD, quantity="force", rows=(42,), values=(-196.13,), says="")
+    >>> spoilt_said(Words(), [wild])
+    'wild force: row 42 (-196.13 N)'
+    """
+    return "; ".join(
+        f"{one.fault} {one.quantity or 'cells'}: {listed(words, one.quantity, one.rows, np.array(one.values))}"
+        for one in corrections
+        if one.fault in (Fault.WILD, Fault.MISSING)
+    )

@@ -18,6 +18,8 @@ NEARLY = 0.1
 """Share of the median step by which steps may be off its whole multiples where they are a display's."""
 OTHERS_CHANGE = 0.5
 """Share of the repeated rows in which another quantity changes: rows that repeat all are a pause."""
+AT_ONCE = 0.6
+"""Share of another quantity's change that comes in the row in which the value changes, where both step."""
 DECIDES = 2.0
 """Difference of the squared residuals, in variances, that tells two places of a kink apart."""
 REACH, OF_ONE_MORE = 1.5, 12.0
@@ -61,10 +63,26 @@ def rhythm_of(values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"]) -
     repeated = np.setdiff1d(at[1:], changes)
     if not len(repeated) or (other[repeated] == other[repeated - 1]).mean() > 1 - OTHERS_CHANGE:
         return None, False
+    if _moves_in_steps(values, other, changes):
+        return None, False
     steps = np.abs(np.diff(values[at])[np.diff(values[at]) != 0])
     whole = steps / np.median(steps)
     of_display = bool((np.abs(whole - np.maximum(np.rint(whole), 1)) <= NEARLY).all())
     return Rhythm(rows=_grid(at[0], changes, period, at[-1]), period=period), of_display
+
+
+def _moves_in_steps(
+    values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"], changes: Int[np.ndarray, " c"]
+) -> bool:
+    """Whether the other quantity changes when the value does, as it does where a machine moves in steps, and
+    not in between.
+    """
+    sign = np.sign(values[changes[:-1]] - values[changes[:-1] - 1])
+    at_change = sign * (other[changes[:-1]] - other[changes[:-1] - 1])
+    in_all = sign * (other[changes[1:] - 1] - other[changes[:-1] - 1])
+    known = np.isfinite(at_change) & np.isfinite(in_all)
+    whole = float(in_all[known].sum())
+    return whole > 0 and float(at_change[known].sum()) > AT_ONCE * whole
 
 
 def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) -> Int[np.ndarray, " k"]:
@@ -78,9 +96,7 @@ def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) 
     return np.unique(rows)
 
 
-def is_held(
-    values: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], rhythm: Rhythm
-) -> bool:
+def is_held(values: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], rhythm: Rhythm) -> bool:
     """Whether equal steps are readings that come late, by where the force bends when the motion turns.
 
     With equal steps alone, a value that is sampled and held reaches its last place in the row in which the

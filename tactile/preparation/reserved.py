@@ -11,6 +11,8 @@ LARGE = 95
 """Percentile of the steps that are not zero: the usual large step."""
 LONG = 8
 """Rows of exact zeros beside noise that never repeats itself, which no load cell reads."""
+FEWEST = 8
+"""Rows behind a block from which the usual step is known."""
 SELDOM = 0.2
 """Share of rows that repeat the force of the row before, below which LONG exact repeats are no reading."""
 LONGEST_WILD = 3
@@ -73,6 +75,8 @@ def _never_written(
     if any(nothing):
         return False
     rest = [one[length:] for one in columns]
+    if len(rest[0]) < FEWEST:
+        return False
     jumps = [
         abs(after[0] - one[0]) > JUMP * _large_step(after)
         for one, after in zip(columns, rest, strict=True)

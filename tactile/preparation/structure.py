@@ -29,10 +29,10 @@ def written(
         held = {name: float(values[part][0]) for name, values in columns.items()}
         whole = not any(np.isnan(value) for value in held.values())
         kept = ", ".join(f"{name} {words.value(name, value)}" for name, value in held.items())
-        why = f"were never written (all hold {kept})" if whole else "are not whole"
-        why = why.replace("were", "was").replace("all hold", "it holds") if len(rows[part]) == 1 else why
-        why = why.replace("are not", "is not") if len(rows[part]) == 1 else why
-        says = f"{words.count(len(rows[part]))} at the {place}, from {words.row} {rows[part][0]} on, {why}; left out."
+        how = "all hold" if len(rows[part]) > 1 else "it holds"
+        why = f"never written ({how} {kept})" if whole else "not whole"
+        count = words.count(len(rows[part]))
+        says = f"{count} at the {place}, from {words.row} {rows[part][0]} on, {why}; left out."
         notes.append(
             Correction(
                 fault=Fault.RESERVED,

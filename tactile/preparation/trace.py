@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.correction import Correction, Fault, Words, listed
+from tactile.preparation.correction import Correction, Fault, Words, spoilt_said
 from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
 from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
@@ -280,9 +280,8 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
 
 
 def _too_many(notes: Sequence[Correction], spoilt: int, total: int) -> NotPrepared:
-    which = " ".join(one.says for one in notes if one.fault in (Fault.WILD, Fault.MISSING))
     return NotPrepared(
-        f"{spoilt} of {total} rows ({spoilt / total:.1%}) wild or missing ({which.rstrip('.')})",
+        f"{spoilt} of {total} rows ({spoilt / total:.1%}) wild or missing ({spoilt_said(Words(), notes)})",
         f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
     )
 
