@@ -23,6 +23,7 @@ from campaign_changes import (
     with_bytes,
 )
 from campaign_recordings import NPY, recordings
+from campaign_traces import FORMAT, TRACE, changes
 
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
@@ -195,4 +196,8 @@ def cases() -> list[Broken]:
         *_binary("ONNX", "batch/model.onnx", {}),
         *_binary("field arrays (.npz)", "sources/fields.npz", {}, command="convert"),
         *_binary("Tac3D array", "sources/tac3d/AD2/3D_Forces.npy", NPY, command="convert"),
+        *(
+            Broken(format=FORMAT, path=TRACE, command="trace", kind=kind, change=change, expects=expects)
+            for kind, change, expects in changes()
+        ),
     ]

@@ -240,6 +240,17 @@ def several(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     return p, "".join(f"(?=.*{word})" for word in words)
 
 
+def several_topics(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
+    """Two topics of two rates, the force zeroed under load, maybe with reserved rows."""
+    p, tared_said = tared(p, rng)
+    p, topics_said = topics(p, rng)
+    words = [tared_said, topics_said]
+    if rng.random() < 0.5 and (np.diff(p.time_s) >= 0).all():
+        p, reserved_said = reserved(p, rng)
+        words.append(reserved_said)
+    return p, "".join(f"(?=.*{word})" for word in words)
+
+
 def runs(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     """Two to five runs one below the other."""
     count = int(rng.integers(2, 6))
@@ -258,7 +269,7 @@ def runs(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
 
 FAULTS: dict[str, Callable[[Press, np.random.Generator], tuple[Press, str]]] = {
     "reserved": reserved, "wild": wild, "stale": stale, "stale even": stale_even, "topics": topics, "zeroed": zeroed, "tared": tared,
-    "missing": missing, "several": several, "runs": runs,
+    "missing": missing, "several": several, "several topics": several_topics, "runs": runs,
 }  # fmt: skip
 
 
@@ -335,6 +346,16 @@ def backlash(rng: np.random.Generator) -> Press:
     return replace(p, travel_mm=travel)
 
 
+def stepwise(rng: np.random.Generator) -> Press:
+    """A machine that moves in steps and waits after each; the flesh relaxes a little."""
+    each, steps = int(rng.integers(6, 30)), int(rng.integers(15, 40))
+    size = rng.uniform(0.03, 0.1)
+    rows = np.arange(each * 2 * steps)
+    stairs = np.minimum(rows // each, 2 * steps - 1 - rows // each)
+    late = np.exp(-(rows % each) / 4)
+    return press(rng, time=0.02 * rows, travel=size * stairs, change=lambda d, t, f: f * (0.95 + 0.05 * late))
+
+
 def quick(rng: np.random.Generator) -> Press:
     """A fast approach, then slow; few rows; jitter of the clock."""
     time, travel, corners = course(rng)
@@ -355,7 +376,7 @@ def in_contact(rng: np.random.Generator) -> Press:
 
 SOUND: dict[str, Callable[[np.random.Generator], Press]] = {
     "plain": press, "relaxing": relaxing, "ruptured": ruptured, "released": released, "cyclic": cyclic,
-    "serrated": serrated, "quantised": quantised, "backlash": backlash, "quick": quick,
+    "serrated": serrated, "quantised": quantised, "backlash": backlash, "stepwise": stepwise, "quick": quick,
     "in contact": in_contact,
 }  # fmt: skip
 

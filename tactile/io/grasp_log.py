@@ -112,7 +112,11 @@ def read_log(path: Path) -> GraspLog:
     pressed = (lambda: np.linalg.norm([columns[name] for name in cell[:3]], axis=0)) if cell else None
     try:
         done = prepare_frames(
-            Words(units=(("time", "s"),)), columns["time_s"], measured, first_row=2, force=pressed
+            Words(units=(("time", "s"), ("aperture_mm", "mm"))),
+            columns["time_s"],
+            measured,
+            first_row=2,
+            force=pressed,
         )
     except NotPrepared as cause:
         raise unusable(path.name, cause.found, cause.expected) from None

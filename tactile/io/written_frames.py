@@ -12,7 +12,7 @@ from tactile.preparation.correction import Correction, Words
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.trace import NotPrepared
 
-WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm"), ("force", "N")))
+WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm")))
 
 
 @dataclass(frozen=True, kw_only=True)

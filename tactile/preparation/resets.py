@@ -21,6 +21,8 @@ SAME_SLOPE = 0.2
 """Share by which the slopes dF/ds before and after a reset may differ."""
 MOST = 5
 """Steps beyond which a force is serrated."""
+MOST_RESETS, UNUSUAL = 2, 3.0
+"""Steps of the travel beyond which a machine moves in steps, and multiples of these that a reset exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,9 @@ def resets(
     if len(time_s) < 4 * BESIDE:
         return []
     of_travel, of_force = impulses(time_s, travel), impulses(time_s, force_N)
-    alone = np.setdiff1d(of_travel, of_force)
+    size = np.abs(travel[of_travel + 1] - travel[of_travel])
+    usual = np.median(size) if len(size) > MOST_RESETS else 0.0
+    alone = np.setdiff1d(of_travel[size > UNUSUAL * usual], of_force)
     found = _of_travel(time_s, travel, force_N, alone)
     scaled = travel.copy()
     for one in found:
@@ -157,9 +161,21 @@ def _of_travel(
         beside = force_N[max(k - 2, 0) : k + 4] - level
         in_air = bool((np.abs(beside) < CLEAR * sd).all())
         presses = forward * step > 0
-        if not in_air or presses != (k < air.touch):
+        if (presses != (k < air.touch)) if in_air else _felt(travel, force_N, k, step, sd):
             found.append(Reset(quantity="travel", row=k + 1, step=step))
     return found
+
+
+def _felt(
+    travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], k: int, step: float, sd: float
+) -> bool:
+    """Whether a motion by this step would have changed the force clearly, by its slope around row k."""
+    slopes = [0.0]
+    for side in (slice(max(k + 1 - LOCAL, 0), k + 1), slice(k + 1, k + 1 + LOCAL)):
+        moved = float(np.ptp(travel[side]))
+        if moved > 0:
+            slopes.append(abs(float(np.polyfit(travel[side], force_N[side], 1)[0])))
+    return max(slopes) * abs(step) > CLEAR * sd
 
 
 def _of_force(

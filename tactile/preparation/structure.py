@@ -21,14 +21,16 @@ def written(
     """Which rows were written, and a note on each block at the start or the end that was not."""
     start, end = reserved_ends(time_s, list(columns.values()))
     keep = np.ones(len(time_s), dtype=bool)
-    notes = []
+    notes, units = [], dict(words.units)
     for place, part in (("start", slice(0, start)), ("end", slice(len(time_s) - end, None))):
         if not len(rows[part]):
             continue
         keep[part] = False
         held = {name: float(values[part][0]) for name, values in columns.items()}
         whole = not any(np.isnan(value) for value in held.values())
-        kept = ", ".join(f"{name} {words.value(name, value)}" for name, value in held.items())
+        kept = ", ".join(
+            f"{name} {words.value(name, value)}" for name, value in held.items() if name in units
+        )
         how = "all hold" if len(rows[part]) > 1 else "it holds"
         why = f"never written ({how} {kept})" if whole else "not whole"
         count = words.count(len(rows[part]))
@@ -52,24 +54,29 @@ def runs(
     of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
 ) -> list[slice]:
     """The runs one below the other: each begins where the time runs back, or below a repeated header
-    (`breaks`: first rows). Topics written one below the other (`of_topics`: rows of each) are one run.
+    (`breaks`: first rows). Topics (`of_topics`: rows of each) are one run where the time of each goes on.
     """
     starts = np.union1d(run_starts(time_s), np.array(breaks, dtype=int))
     ends = np.r_[starts[1:], len(time_s)]
     found = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
-    if len(of_topics) > 1 and len(found) > 1:
-        held = [[bool(topic[part].any()) for topic in of_topics] for part in found]
-        if all(sum(one) == 1 for one in held):
-            return [slice(0, len(time_s))]
+    if of_topics and all(len(run_starts(time_s[topic])) == 1 for topic in of_topics):
+        return [slice(0, len(time_s))]
     return found
 
 
 def wild_or_repeated_times(
-    words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
+    words: Words,
+    time_s: Float[np.ndarray, " t"],
+    columns: Columns,
+    rows: Int[np.ndarray, " t"],
+    *,
+    of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
 ) -> tuple[Bool[np.ndarray, " t"], list[Correction]]:
-    """Which rows are to be left out: those of a wild time, and those written twice."""
+    """Which rows are to be left out: those of a wild time (each topic by itself), and those written twice."""
     notes = []
-    off = wild_times(time_s)
+    off = np.zeros(len(time_s), dtype=bool)
+    for topic in of_topics or [np.ones(len(time_s), dtype=bool)]:
+        off[topic] |= wild_times(time_s[topic])
     if off.any():
         notes.append(wild_note(words, "time", rows[off], time_s[off]))
     twice = np.zeros(len(time_s), dtype=bool)

@@ -78,8 +78,7 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[Correctio
     at = np.flatnonzero(keep)
     breaks = np.unique(np.searchsorted(at, np.array(logged.breaks, dtype=int))).tolist()
     left = logged.part(keep)
-    topics = [np.isfinite(one) for one in left.columns.values()] if _is_joined(left) else []
-    found = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=topics)
+    found = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
     parts = [left.part(one) for one in found]
     for before, after in zip(parts[:-1], parts[1:], strict=True):
         _refuse_disorder(before, after)
@@ -118,7 +117,9 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     no time in common, times stand still, or a step of the force may be a reset or the specimen's.
     """
     words, total = Words(), len(logged.rows)
-    leave, notes = wild_or_repeated_times(words, logged.time_s, logged.columns, logged.rows)
+    leave, notes = wild_or_repeated_times(
+        words, logged.time_s, logged.columns, logged.rows, of_topics=_topics(logged)
+    )
     if _is_joined(logged):
         logged, leave = _by_time(logged, leave)
     logged = logged.part(~leave)
@@ -150,6 +151,11 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
     logged, found = _without_resets(words, logged)
     return PreparedTrace(logged=logged, corrections=(*notes, *found))
+
+
+def _topics(logged: LoggedTrace) -> list[Bool[np.ndarray, " t"]]:
+    """Rows of each topic, where two are joined."""
+    return [np.isfinite(one) for one in logged.columns.values()] if _is_joined(logged) else []
 
 
 def _is_joined(logged: LoggedTrace) -> bool:

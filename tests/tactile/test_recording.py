@@ -154,7 +154,7 @@ REFUSALS = {
     "no fruit": (attribute("fruit_id", None), "attribute fruit_id"),
     "a number for a sensor": (attribute("sensor", 3), "attribute sensor"),
     "no time": (drop("time_s"), "time_s"),
-    "time that starts again": (put("time_s", lambda v: np.r_[v[:30], v[:30]]), "time_s"),
+    "time that starts again": (put("time_s", lambda v: np.tile(v[: len(v) // 2], 2)), "time_s"),
     "time that stands still": (put("time_s", lambda v: np.repeat(v[::2], 2)), "time_s"),
     "time as text": (put("time_s", lambda v: [str(x) for x in v]), "time_s"),
     "no aperture": (drop("aperture_mm"), "aperture_mm"),
