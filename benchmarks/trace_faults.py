@@ -1,4 +1,4 @@
-"""Drawn traces of a press, sound or with what loggers do to them, and whether the preparation puts them right.
+"""Drawn traces of a press, sound or with what loggers do to them, and whether preparation puts them right.
 
     python benchmarks/trace_faults.py [--first N] [--seeds N] [--kind NAME] [--list]
 
@@ -9,6 +9,7 @@ correction. Of a sound press every row must come out as it was written. Even see
 """
 
 import argparse
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -65,7 +66,7 @@ def course(rng: np.random.Generator, *, hold: bool = True, unload: bool = True, 
 
 
 def press(rng: np.random.Generator, *, travel=None, time=None, change=None, **options) -> Press:
-    """A press of an elastic specimen, with noise; `change(depth, time, force)` may alter the specimen."""
+    """A press of an elastic specimen, with noise; `change(force)` may alter the specimen."""
     if travel is None:
         time, travel, _ = course(rng, **options)
     exponent = float(rng.choice([1.5, 1.5, 1.0, 1.3]))
@@ -74,7 +75,7 @@ def press(rng: np.random.Generator, *, travel=None, time=None, change=None, **op
     peak = 10 ** rng.uniform(0.3, 1.7)
     force = peak * (depth / depth.max()) ** exponent
     if change is not None:
-        force = change(depth, time, force)
+        force = change(force)
     white = rng.standard_normal(len(time) + 20)
     colour = rng.choice([0.0, 0.6])
     noise = white.copy()
@@ -163,7 +164,7 @@ def even_press(rng: np.random.Generator) -> Press:
     )
 
 
-def stale_even(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
+def stale_even(p: Press, _: np.random.Generator) -> tuple[Press, str]:
     """A slow reading, of equal steps as a display's."""
     each = p.tell["each"]
     return replace(p, travel_mm=p.travel_mm[np.arange(len(p.travel_mm)) // each * each]), "travel was read"
@@ -280,17 +281,17 @@ def relaxing(rng: np.random.Generator) -> Press:
     """Hold with relaxation."""
     time, travel, corners = course(rng)
     late = np.clip((time - corners[2]) / max(corners[-1] - corners[2], 1e-9), 0, None)
-    return press(rng, time=time, travel=travel, change=lambda d, t, f: f * (0.6 + 0.4 * np.exp(-6 * late)))
+    return press(rng, time=time, travel=travel, change=lambda f: f * (0.6 + 0.4 * np.exp(-6 * late)))
 
 
 def ruptured(rng: np.random.Generator) -> Press:
     """Flesh breaks within one to four rows; then it is softer; the air reads zero. Some never unload."""
-    time, travel, corners = course(rng, unload=rng.random() < 0.7)
+    time, travel, _ = course(rng, unload=rng.random() < 0.7)
 
-    def broken(depth, t, force):
+    def broken(force):
         k = int(np.argmax(force > rng.uniform(0.3, 0.9) * force.max()))
         wide = int(rng.integers(1, 5))
-        factor = np.interp(np.arange(len(t)), [k, k + wide], [1.0, rng.uniform(0.1, 0.7)])
+        factor = np.interp(np.arange(len(force)), [k, k + wide], [1.0, rng.uniform(0.1, 0.7)])
         return force * factor
 
     return press(rng, time=time, travel=travel, change=broken)
@@ -298,7 +299,7 @@ def ruptured(rng: np.random.Generator) -> Press:
 
 def released(rng: np.random.Generator) -> Press:
     """Sudden release: the travel falls back within one to five rows, and the force with it; then air."""
-    time, travel, corners = course(rng, unload=False)
+    time, travel, _ = course(rng, unload=False)
     step, wide = np.median(np.diff(time)), int(rng.integers(1, 6))
     time = np.r_[time, time[-1] + step * np.arange(1, 60)]
     travel = np.r_[travel, np.interp(np.arange(1, 60), [0, wide], [travel[-1], 0.0])]
@@ -317,9 +318,9 @@ def serrated(rng: np.random.Generator) -> Press:
     """Stick and slip: teeth that rise slowly and fall within a row."""
     time, travel, _ = course(rng)
 
-    def teeth(depth, t, force):
+    def teeth(force):
         period = rng.integers(4, 40)
-        tooth = (np.arange(len(t)) % period) / period
+        tooth = (np.arange(len(force)) % period) / period
         return force * (1 - rng.uniform(0.05, 0.3) * tooth)
 
     return press(rng, time=time, travel=travel, change=teeth)
@@ -353,12 +354,12 @@ def stepwise(rng: np.random.Generator) -> Press:
     rows = np.arange(each * 2 * steps)
     stairs = np.minimum(rows // each, 2 * steps - 1 - rows // each)
     late = np.exp(-(rows % each) / 4)
-    return press(rng, time=0.02 * rows, travel=size * stairs, change=lambda d, t, f: f * (0.95 + 0.05 * late))
+    return press(rng, time=0.02 * rows, travel=size * stairs, change=lambda f: f * (0.95 + 0.05 * late))
 
 
 def quick(rng: np.random.Generator) -> Press:
     """A fast approach, then slow; few rows; jitter of the clock."""
-    time, travel, corners = course(rng)
+    time, travel, _ = course(rng)
     touch = 0.15 * travel.max()
     k = int(np.argmax(travel > 0.8 * touch))
     keep = np.r_[np.arange(0, k, 8), np.arange(k, len(time))]
@@ -384,7 +385,7 @@ SOUND: dict[str, Callable[[np.random.Generator], Press]] = {
 # --- scores
 
 
-def stiffness(time_s, travel, force, exponent: float) -> float:
+def stiffness(travel, force, exponent: float) -> float:
     """Of force = k (travel - onset)^exponent + zero, by least squares."""
     lo, hi = travel.min(), travel.max()
     best = np.inf, 0.0
@@ -421,15 +422,11 @@ def read(p: Press, folder: Path):
 
 def corrections(notes: list[str]) -> list[str]:
     """Notes on what was corrected."""
-    import re
-
     return [one for one in notes if re.search(CORRECTED, one) and "thinned" not in one]
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
     """Empty where all is right, else what is wrong."""
-    import re
-
     rng = np.random.default_rng([seed, *kind.encode()])
     if kind in SOUND:
         p = SOUND[kind](rng)
@@ -449,8 +446,8 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
         for one in corrections(notes)
         if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)
     ]
-    true = stiffness(sound.time_s, sound.travel_mm, sound.force_N, sound.exponent)
-    ratio = stiffness(*columns, sound.exponent) / true
+    true = stiffness(sound.travel_mm, sound.force_N, sound.exponent)
+    ratio = stiffness(*columns[1:], sound.exponent) / true
     if abs(ratio - 1) > LIMIT:
         return f"stiffness {ratio:.3f}: {notes[1:]}"
     return f"other corrections: {others}" if others else ""

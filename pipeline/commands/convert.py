@@ -134,8 +134,7 @@ def convert(
     interrupted.
     """
     with elsewhere():
-        from pipeline.recordings.conversion import ConvertRequest
-        from pipeline.recordings.conversion import convert_runs
+        from pipeline.recordings.conversion import ConvertRequest, convert_runs
         from pipeline.recordings.trace_options import ALL_RUNS, trace_words
         from pipeline.run.progress import StageLines
         from tactile.io.specimen import PressedSpecimen

@@ -95,8 +95,9 @@ def read_columns(
 
 
 def read_log(path: Path) -> GraspLog:
-    """The log, its times strictly increasing, without what the logger did (tactile.preparation.frames); raises
-    TactileFailure (unreadable-frames).
+    """The log, its times strictly increasing, without what the logger did (tactile.preparation.frames).
+
+    Raises TactileFailure (unreadable-frames).
     """
     columns = read_columns(path, wanted=NEEDED, holes=True)
     for name in NEEDED:

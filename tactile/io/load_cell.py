@@ -182,8 +182,8 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
 
 
 def _logged(path: Path, sheet: CellTable, found: FoundColumns, notes: list[str]) -> LoggedTrace:
-    """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and so
-    are headers that stand again between runs.
+    """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and
+    so are headers that stand again between runs.
 
     A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
     numbers is refused, since one of them then parts thousands.

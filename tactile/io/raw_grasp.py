@@ -97,8 +97,8 @@ class PlainJaw:
 
 @dataclass(frozen=True, kw_only=True)
 class RawGrasp:
-    """A grasp before any frame is looked at; the log's values are at the first pad's frames. `notes`: what its
-    logger did and was put right.
+    """A grasp before any frame is looked at; the log's values are at the first pad's frames. `notes`: what
+    its logger did and reading put right.
     """
 
     source: str

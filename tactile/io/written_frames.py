@@ -17,7 +17,7 @@ WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm")))
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenFrames:
-    """`count`: the frames that are read, as the first length of every field; `corrections`: what was put right."""
+    """`count`: frames that are read, as the first length of each field; `corrections`: what was put right."""
 
     count: Frames
     time_s: Float[np.ndarray, " t"]

@@ -1,3 +1,3 @@
-"""What a logger did to a trace, put right before anything is fitted: wild, repeated, missing, reserved, reset,
-joined and appended values.
+"""What a logger did to a record (wild, repeated, missing, reserved, reset, joined or appended values) is put
+right before anything is fitted.
 """

@@ -83,8 +83,9 @@ def spoilt_said(words: Words, corrections: Sequence[Correction]) -> str:
     >>> spoilt_said(Words(), [wild])
     'wild force: row 42 (-196.13 N)'
     """
+    spoilt = [one for one in corrections if one.fault in (Fault.WILD, Fault.MISSING)]
     return "; ".join(
-        f"{one.fault} {one.quantity or 'cells'}: {listed(words, one.quantity, one.rows, np.array(one.values))}"
-        for one in corrections
-        if one.fault in (Fault.WILD, Fault.MISSING)
+        f"{one.fault} {one.quantity or 'cells'}: "
+        + listed(words, one.quantity, one.rows, np.array(one.values))
+        for one in spoilt
     )

@@ -39,11 +39,11 @@ def prepare_frames(
     neighbours.
 
     The first column is the place (the jaws' aperture). `force`: how hard it presses, to tell a place that is
-    read slowly from one that moves in steps; without it no place is taken for repeated. Raises NotPrepared for
-    several recordings one behind the other, times that stand still, and more than MOST_CORRECTED spoilt frames.
+    read slowly from one that moves in steps; without it no place is taken for repeated. Raises NotPrepared
+    for several recordings one behind the other, and for more than MOST_CORRECTED of spoilt frames.
     """
     rows = first_row + np.arange(len(time_s))
-    pressed = {} if force is None or not _looks_reserved(time_s, columns) else {"force": force()}
+    pressed = {} if force is None or not _looks_reserved(columns) else {"force": force()}
     keep, notes = written(words, time_s, {**columns, **pressed}, rows)
     kept = np.flatnonzero(keep)
     part = slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else slice(0, 0)
@@ -52,7 +52,7 @@ def prepare_frames(
     if len(found) > 1:
         begin = ", ".join(str(rows[one.start]) for one in found)
         raise NotPrepared(
-            f"{len(found)} recordings one behind the other (the time starts again; they begin in {words.row}s {begin})",
+            f"{len(found)} recordings one behind the other (the time starts again in {words.row}s {begin})",
             "one recording in each file; divide it where the time starts again",
         )
     spoilt = np.zeros(len(time), dtype=bool)
@@ -67,9 +67,10 @@ def prepare_frames(
         over = places if name == "time" else filled["time"]
         filled[name] = _between(over, values, off | hole)
     if spoilt.sum() > MOST_CORRECTED * len(time):
-        found = f"{int(spoilt.sum())} of {words.count(len(time))} ({spoilt.mean():.1%}) with wild or missing values"
+        share = f"{int(spoilt.sum())} of {words.count(len(time))} ({spoilt.mean():.1%})"
         raise NotPrepared(
-            f"{found} ({spoilt_said(words, notes)})", f"at most {MOST_CORRECTED:.0%}; record again"
+            f"{share} with wild or missing values ({spoilt_said(words, notes)})",
+            f"at most {MOST_CORRECTED:.0%}; record again",
         )
     first = next(iter(columns))
     if force is not None and (np.diff(filled[first]) == 0).mean() > 0.3:
@@ -78,7 +79,7 @@ def prepare_frames(
     return PreparedFrames(part=part, time_s=filled.pop("time"), columns=filled, corrections=tuple(notes))
 
 
-def _looks_reserved(time_s: Values, columns: dict[str, Values]) -> bool:
+def _looks_reserved(columns: dict[str, Values]) -> bool:
     """Whether the first two or the last two frames hold one place: only then the forces are looked at."""
     place = next(iter(columns.values()))
     return len(place) > 2 and bool(
@@ -124,10 +125,8 @@ def _without_repeats(
         return values, []
     again = np.ones(len(values), dtype=bool)
     again[rhythm.rows] = False
-    says = (
-        f"{name} was read {1 / (rhythm.period * float(np.median(np.diff(time)))):.3g} times a second and repeated "
-        f"in between; {words.count(int(again.sum()))} lie on lines between the readings."
-    )
+    rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
+    says = f"{name} was read {rate:.3g} times a second and repeated in between; {words.count(int(again.sum()))} lie on lines between the readings."
     note = Correction(
         fault=Fault.REPEATED,
         quantity=name,

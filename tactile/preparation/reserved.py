@@ -1,6 +1,7 @@
 """Rows that were allocated and never written: a block in which every quantity keeps one value."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -37,7 +38,7 @@ def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarr
     same = np.all([_same(one[1:], one[:-1]) for one in columns], axis=0)
     edges = np.flatnonzero(np.r_[True, ~same, True])
     limits = [JUMP * _large_step(one) for one in columns]
-    for first, end in zip(edges[:-1], edges[1:], strict=True):
+    for first, end in pairwise(edges):
         if end - first > LONGEST_WILD and first > 0 and end < rows:
             jumps = [
                 min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
@@ -78,9 +79,9 @@ def _never_written(
     if len(rest[0]) < FEWEST:
         return False
     jumps = [
-        abs(after[0] - one[0]) > JUMP * _large_step(after)
+        abs(after[np.isfinite(after)][0] - one[0]) > JUMP * _large_step(after)
         for one, after in zip(columns, rest, strict=True)
-        if np.isfinite(after[0])
+        if np.isfinite(after).any()
     ]
     if any(jumps) and (length > 1 or all(jumps)):
         return True

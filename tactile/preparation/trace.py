@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -80,7 +81,7 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[Correctio
     left = logged.part(keep)
     found = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
     parts = [left.part(one) for one in found]
-    for before, after in zip(parts[:-1], parts[1:], strict=True):
+    for before, after in pairwise(parts):
         _refuse_disorder(before, after)
     return parts, notes
 
@@ -113,8 +114,8 @@ def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
 def prepare(logged: LoggedTrace) -> PreparedTrace:
     """One run, prepared: wild times and readings, slow or joined readings, missing values, then resets.
 
-    Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics have
-    no time in common, times stand still, or a step of the force may be a reset or the specimen's.
+    Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
+    have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
     """
     words, total = Words(), len(logged.rows)
     leave, notes = wild_or_repeated_times(
@@ -204,14 +205,14 @@ def _on_readings(
         again &= np.isfinite(values)
         rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
         says = (
-            f"{name} was read {rate:.3g} times a second and repeated in between; the first row of each reading "
-            f"is used ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
+            f"{name} was read {rate:.3g} times a second and repeated in between; the first row of each "
+            f"reading is used ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
         notes.append(_note(Fault.REPEATED, name, logged.rows[again], values[again], says))
         values[again] = np.nan
     if joined:
-        notes.append(_joined_note(words, logged))
+        notes.append(_joined_note(logged))
     lacking = np.isnan(logged.travel) | np.isnan(logged.force_N) | np.isnan(logged.time_s)
     lacking &= ~np.isin(logged.rows, list(known))
     if lacking.any() and not joined:
@@ -234,7 +235,7 @@ def _on_readings(
     return prepared, notes
 
 
-def _joined_note(words: Words, logged: LoggedTrace) -> Correction:
+def _joined_note(logged: LoggedTrace) -> Correction:
     """That two topics were put on one clock; raises NotPrepared where they have no time in common."""
     ranges = []
     for name, values in logged.columns.items():
@@ -245,9 +246,9 @@ def _joined_note(words: Words, logged: LoggedTrace) -> Correction:
         found = f"two clocks: {one} from {a:.10g} to {b:.10g} s, {other} from {c:.10g} to {d:.10g} s"
         raise NotPrepared(found, "both on one clock; export them again with one time for all topics")
     says = (
-        f"{one} ({n} readings, {n / (b - a):.3g} a second) and {other} ({m} readings, {m / (d - c):.3g} a second) "
-        f"are two topics in one table; {one} was interpolated at the times of {other}, within its own range and "
-        "where its readings determine it."
+        f"{one} ({n} readings, {n / (b - a):.3g} a second) and {other} ({m} readings, {m / (d - c):.3g} a "
+        f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its own "
+        "range and where its readings determine it."
     )
     return _note(Fault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
 
@@ -259,7 +260,8 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
     except Ambiguous as step:
         said = (
             f"a force that jumps by {step.step_N:+.3g} N at row {logged.rows[step.row]} and differs by "
-            f"{step.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the specimen broke"
+            f"{step.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the specimen "
+            "broke"
         )
         raise NotPrepared(
             said, "one zero of the load cell throughout; press again without zeroing it"
@@ -275,8 +277,8 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             else f"the display of the {name} was zeroed"
         )
         says = (
-            f"{what} at {words.row} {row} ({words.value(name, float(step[0]))} in one {words.row}, the rest goes on); the "
-            "step was removed, on the scale of the rows before it."
+            f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while the other "
+            "quantity goes on); the step was removed, on the scale of the rows before it."
         )
         notes.append(_note(Fault.RESET, name, np.array([row]), step, says))
     prepared = LoggedTrace(
