@@ -126,7 +126,11 @@ def _without_repeats(
     again = np.ones(len(values), dtype=bool)
     again[rhythm.rows] = False
     rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
-    says = f"{name} was read {rate:.3g} times a second and repeated in between; {words.count(int(again.sum()))} lie on lines between the readings."
+    count = words.count(int(again.sum()))
+    says = (
+        f"{name} was read {rate:.3g} times a second and repeated in between; {count} lie on lines between the "
+        "readings."
+    )
     note = Correction(
         fault=Fault.REPEATED,
         quantity=name,

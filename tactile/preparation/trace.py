@@ -247,8 +247,8 @@ def _joined_note(logged: LoggedTrace) -> Correction:
         raise NotPrepared(found, "both on one clock; export them again with one time for all topics")
     says = (
         f"{one} ({n} readings, {n / (b - a):.3g} a second) and {other} ({m} readings, {m / (d - c):.3g} a "
-        f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its own "
-        "range and where its readings determine it."
+        f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its "
+        "own range and where its readings determine it."
     )
     return _note(Fault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
 
@@ -260,8 +260,8 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
     except Ambiguous as step:
         said = (
             f"a force that jumps by {step.step_N:+.3g} N at row {logged.rows[step.row]} and differs by "
-            f"{step.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the specimen "
-            "broke"
+            f"{step.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the "
+            "specimen broke"
         )
         raise NotPrepared(
             said, "one zero of the load cell throughout; press again without zeroing it"
