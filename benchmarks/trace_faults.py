@@ -31,7 +31,7 @@ def stiffness(travel, force, exponent: float) -> float:
     """Of force = k (travel - onset)^exponent + zero, by least squares."""
     lo, hi = travel.min(), travel.max()
     best = np.inf, 0.0
-    for share in (0.05, 0.3, 0.6):
+    for share in (0.15, 0.45):
 
         def gap(x):
             return x[0] * np.maximum(travel - x[1], 0) ** exponent + x[2] - force

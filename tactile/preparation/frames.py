@@ -128,8 +128,8 @@ def _without_repeats(
     rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
     count = words.count(int(again.sum()))
     says = (
-        f"{name} was read {rate:.3g} times a second and repeated in between; {count} lie on lines between the "
-        "readings."
+        f"{name} was read {rate:.3g} times a second and repeated in between; {count} lie on lines between "
+        "the readings."
     )
     note = Correction(
         fault=Fault.REPEATED,

@@ -126,7 +126,8 @@ def _held_by_kinks(force_N: Float[np.ndarray, " t"], last: int, begins: int, per
     """How much better the force bends where a held value has it than where a rounded one has it, in variances
     of its noise; `last`, `begins`: rows of the last change before the turn and of the first one behind it.
     """
-    near, reach = np.arange(-1.0, 1.01, 0.25), max(round(REACH * period), SHORTEST)
+    near = min(1.0, period / 8) * np.linspace(-1, 1, 9)
+    reach = max(round(REACH * period), SHORTEST)
     after = np.arange(0.0, min(period, (begins - last) / 2) + 0.01, max(period / 20, 0.25))
     noise = noise_sd(force_N[np.isfinite(force_N)]) ** 2
     left = begins - period

@@ -14,6 +14,8 @@ LONG = 8
 """Rows of exact zeros beside noise that never repeats itself, which no load cell reads."""
 FEWEST = 8
 """Rows behind a block from which the usual step is known."""
+FIRST = 5
+"""Rows behind a block that are looked at together: one of them may be wild."""
 SELDOM = 0.2
 """Share of rows that repeat the force of the row before, below which LONG exact repeats are no reading."""
 LONGEST_WILD = 3
@@ -79,7 +81,7 @@ def _never_written(
     if len(rest[0]) < FEWEST:
         return False
     jumps = [
-        abs(after[np.isfinite(after)][0] - one[0]) > JUMP * _large_step(after)
+        abs(np.median(after[np.isfinite(after)][:FIRST]) - one[0]) > JUMP * _large_step(after)
         for one, after in zip(columns, rest, strict=True)
         if np.isfinite(after).any()
     ]
