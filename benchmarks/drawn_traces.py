@@ -250,8 +250,8 @@ def runs(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
 
 FAULTS: dict[str, Callable[[Press, np.random.Generator], tuple[Press, str]]] = {
     "reserved": reserved, "wild": wild, "stale": stale, "stale even": stale_even, "topics": topics,
-    "zeroed": zeroed, "tared": tared, "missing": missing, "several": several, "several topics": several_topics,
-    "runs": runs,
+    "zeroed": zeroed, "tared": tared, "missing": missing, "several": several,
+    "several topics": several_topics, "runs": runs,
 }  # fmt: skip
 
 

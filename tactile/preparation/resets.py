@@ -135,6 +135,8 @@ def _flat_tail(
     calm = np.abs(force_N - float(np.median(force_N[-STAYS:]))) < CLEAR * sd
     first = len(calm) - int(np.argmax(~calm[::-1])) if not calm.all() else 0
     tail = force_N[first:]
+    if len(tail) < STAYS:
+        return tail
     moves = np.ptp(travel[first:]) > 0.03 * np.ptp(travel)
     half = len(tail) // 2
     level = len(tail) > BESIDE and abs(float(np.median(tail[half:]) - np.median(tail[:half]))) < sd
