@@ -32,6 +32,7 @@ UNLOADED_FRAMES = 5
 FEWEST_FRAMES = 2
 """A table with fewer rows is no recording."""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+"""Of runs, in words."""
 
 
 def is_trace(path: Path, *, sensor_given: bool) -> bool:

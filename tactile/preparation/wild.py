@@ -22,6 +22,7 @@ the changes of a value that is repeated up to three times do."""
 ROUNDS = 3
 """Wild values near each other hide each other at first."""
 FEWEST = 8
+"""Rows of a record in which a course can be seen."""
 FAR_OUT = 20.0
 """Multiples of the remaining record's length by which a first or last time is off."""
 
