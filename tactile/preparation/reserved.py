@@ -1,7 +1,6 @@
 """Rows that were allocated and never written: a block in which every quantity keeps one value."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -40,8 +39,9 @@ def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarr
     same = np.all([_same(one[1:], one[:-1]) for one in columns], axis=0)
     edges = np.flatnonzero(np.r_[True, ~same, True])
     limits = [JUMP * _large_step(one) for one in columns]
-    for first, end in pairwise(edges):
-        if end - first > LONGEST_WILD and first > 0 and end < rows:
+    for k in np.flatnonzero(np.diff(edges) > LONGEST_WILD).tolist():
+        first, end = edges[k], edges[k + 1]
+        if first > 0 and end < rows:
             jumps = [
                 min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
                 for one, limit in zip(columns, limits, strict=True)
@@ -78,7 +78,8 @@ def _never_written(
     if any(nothing):
         return False
     rest = [one[length:] for one in columns]
-    if len(rest[0]) < FEWEST:
+    alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
+    if alone or len(rest[0]) < FEWEST:
         return False
     jumps = [
         abs(np.median(after[np.isfinite(after)][:FIRST]) - one[0]) > JUMP * _large_step(after)
