@@ -316,7 +316,7 @@ class GroupReader:
         return unreadable(self.path, where, found, expected, advice)
 
 
-def _chosen(values: Any, shape: tuple[int | None, ...]) -> Any:
+def _chosen(values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
     """The frames that are read, where the first length is theirs."""
     return values[shape[0].part] if shape and isinstance(shape[0], Frames) else values
 

@@ -257,10 +257,10 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
     """Both parts of each reset on the scale of the first."""
     try:
         found = resets(logged.time_s, logged.travel, logged.force_N)
-    except Ambiguous as step:
+    except Ambiguous as cause:
         said = (
-            f"a force that jumps by {step.step_N:+.3g} N at row {logged.rows[step.row]} and differs by "
-            f"{step.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the "
+            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]} and differs by "
+            f"{cause.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the "
             "specimen broke"
         )
         raise NotPrepared(
