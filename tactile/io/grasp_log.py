@@ -16,9 +16,9 @@ from jaxtyping import Float, Int
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.named_file import FileNotReadable, not_plain, read_text
 from tactile.io.pictures import unusable
-from tactile.preparation.correction import Words
 from tactile.preparation.frames import prepare_frames
-from tactile.preparation.trace import NotPrepared
+from tactile.preparation.logged_trace import NotPrepared
+from tactile.preparation.logger_correction import Words
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""

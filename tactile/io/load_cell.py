@@ -16,7 +16,7 @@ from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen
 from tactile.io.trace_columns import FORCE, UNITS, FoundColumns, TraceWords, columns_wanted, find_columns
-from tactile.preparation.trace import LoggedTrace, NotPrepared, prepare, written_runs
+from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.trace_thinning import thin
 
 TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)

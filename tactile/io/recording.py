@@ -22,7 +22,7 @@ from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.io.written_frames import written_frames
-from tactile.preparation.correction import Correction
+from tactile.preparation.logger_correction import LoggerCorrection
 from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"
@@ -163,7 +163,7 @@ class Recording:
     wrench_N: Float[np.ndarray, "t 6"] | None = None
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
-    corrections: tuple[Correction, ...] = ()
+    corrections: tuple[LoggerCorrection, ...] = ()
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:

@@ -58,13 +58,13 @@ def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
 
 
-class Frames(int):
+class FramesRead(int):
     """A number of frames as the first length of a field: `part` of the `total` in the file is read."""
 
     part: slice
     total: int
 
-    def __new__(cls, part: slice, total: int) -> "Frames":
+    def __new__(cls, part: slice, total: int) -> "FramesRead":
         """As many as `part` has."""
         made = super().__new__(cls, len(range(*part.indices(total))))
         made.part, made.total = part, total
@@ -299,7 +299,7 @@ class GroupReader:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
-        shape = tuple(n.total if isinstance(n, Frames) else n for n in shape)
+        shape = tuple(n.total if isinstance(n, FramesRead) else n for n in shape)
         fits = len(data.shape) == len(shape) and all(
             (have >= 1 if want is None else have == want)
             for have, want in zip(data.shape, shape, strict=True)
@@ -318,7 +318,7 @@ class GroupReader:
 
 def _chosen(values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
     """The frames that are read, where the first length is theirs."""
-    return values[shape[0].part] if shape and isinstance(shape[0], Frames) else values
+    return values[shape[0].part] if shape and isinstance(shape[0], FramesRead) else values
 
 
 def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str, str, str]:

@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.recording_fields import Frames, GroupReader, Limit
-from tactile.preparation.correction import Correction, Words
+from tactile.io.recording_fields import FramesRead, GroupReader, Limit
 from tactile.preparation.frames import prepare_frames
-from tactile.preparation.trace import NotPrepared
+from tactile.preparation.logged_trace import NotPrepared
+from tactile.preparation.logger_correction import LoggerCorrection, Words
 
 WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm")))
 
@@ -19,10 +19,10 @@ WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm")))
 class WrittenFrames:
     """`count`: frames that are read, as the first length of each field; `corrections`: what was put right."""
 
-    count: Frames
+    count: FramesRead
     time_s: Float[np.ndarray, " t"]
     aperture_mm: Float[np.ndarray, " t"]
-    corrections: tuple[Correction, ...]
+    corrections: tuple[LoggerCorrection, ...]
 
 
 def written_frames(
@@ -54,7 +54,7 @@ def written_frames(
     root.require_within("aperture_mm", aperture, aperture_limit)
     root.require_increasing("time_s", done.time_s)
     return WrittenFrames(
-        count=Frames(done.part, len(time_s)),
+        count=FramesRead(done.part, len(time_s)),
         time_s=done.time_s,
         aperture_mm=aperture,
         corrections=done.corrections,

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.preparation.correction import Correction, Fault, Words, listed, spoilt_said
+from tactile.preparation.logged_trace import MOST_CORRECTED, NotPrepared
+from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, listed, spoilt_said
 from tactile.preparation.readings import is_held, rhythm_of
 from tactile.preparation.structure import runs, written
-from tactile.preparation.trace import MOST_CORRECTED, NotPrepared
 from tactile.preparation.wild import wild, wild_times
 
 Values = Float[np.ndarray, " t"]
@@ -24,7 +24,7 @@ class PreparedFrames:
     part: slice
     time_s: Values
     columns: dict[str, Values]
-    corrections: tuple[Correction, ...]
+    corrections: tuple[LoggerCorrection, ...]
 
 
 def prepare_frames(
@@ -61,8 +61,8 @@ def prepare_frames(
     for name, values in [("time", time), *((name, one[part]) for name, one in columns.items())]:
         off = wild_times(values) if name == "time" else wild(values)
         hole = np.isnan(values)
-        notes += _replaced(words, name, Fault.WILD, rows, values, off)
-        notes += _replaced(words, name, Fault.MISSING, rows, values, hole)
+        notes += _replaced(words, name, LoggerFault.WILD, rows, values, off)
+        notes += _replaced(words, name, LoggerFault.MISSING, rows, values, hole)
         spoilt |= off | hole
         over = places if name == "time" else filled["time"]
         filled[name] = _between(over, values, off | hole)
@@ -88,18 +88,23 @@ def _looks_reserved(columns: dict[str, Values]) -> bool:
 
 
 def _replaced(
-    words: Words, name: str, fault: Fault, rows: np.ndarray, values: Values, which: Bool[np.ndarray, " t"]
-) -> list[Correction]:
+    words: Words,
+    name: str,
+    fault: LoggerFault,
+    rows: np.ndarray,
+    values: Values,
+    which: Bool[np.ndarray, " t"],
+) -> list[LoggerCorrection]:
     if not which.any():
         return []
-    kind = "wild" if fault is Fault.WILD else "missing"
+    kind = "wild" if fault is LoggerFault.WILD else "missing"
     many = f"{int(which.sum())} {kind} value{'' if which.sum() == 1 else 's'}"
     says = (
         f"{many} of {name} replaced by a line between those beside: "
         f"{listed(words, name, rows[which], values[which])}."
     )
     return [
-        Correction(
+        LoggerCorrection(
             fault=fault,
             quantity=name,
             rows=tuple(rows[which].tolist()),
@@ -117,7 +122,7 @@ def _between(over: Values, values: Values, spoilt: Bool[np.ndarray, " t"]) -> Va
 
 def _without_repeats(
     words: Words, name: str, filled: dict[str, Values], force: Values, rows: np.ndarray
-) -> tuple[Values, list[Correction]]:
+) -> tuple[Values, list[LoggerCorrection]]:
     """The place on lines between its readings, where it is read more slowly than the frames are taken."""
     values, time = filled[name], filled["time"]
     rhythm, as_display = rhythm_of(values, force)
@@ -131,8 +136,8 @@ def _without_repeats(
         f"{name} was read {rate:.3g} times a second and repeated in between; {count} lie on lines between "
         "the readings."
     )
-    note = Correction(
-        fault=Fault.REPEATED,
+    note = LoggerCorrection(
+        fault=LoggerFault.REPEATED,
         quantity=name,
         rows=tuple(rows[again].tolist()),
         values=tuple(values[again].tolist()),

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.noise import noise_sd
+from tactile.preparation.difference_noise import noise_sd
 
-BESIDE = 5
+NEIGHBOURS = 5
 """Steps on each side of a reset with which its own is compared."""
 ABOVE_NOISE, ABOVE_SPREAD = 8.0, 3.0
-"""Standard deviations of noise, and multiples of the spread of the steps beside it, that a reset exceeds."""
+"""Standard deviations of noise, and multiples of the spread of the steps near it, that a reset exceeds."""
 CLEAR, STAYS = 6.0, 3
 """Standard deviations, and rows, by which the force leaves its level in the air."""
 AGREES, NONE_LEFT = 0.15, 0.3
@@ -63,7 +63,7 @@ def resets(
 
     Raises Ambiguous for a step of the force of which the air afterwards shows some part.
     """
-    if len(time_s) < 4 * BESIDE:
+    if len(time_s) < 4 * NEIGHBOURS:
         return []
     of_travel, of_force = impulses(time_s, travel), impulses(time_s, force_N)
     size = np.abs(travel[of_travel + 1] - travel[of_travel])
@@ -96,9 +96,11 @@ def _beyond(
 ) -> Bool[np.ndarray, " d"]:
     """Which steps, each over its length, are beyond those on both sides."""
     rate = step / length
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(rate, BESIDE, mode="edge"), 2 * BESIDE + 1)
-    beside = np.delete(windows, BESIDE, axis=1)
-    low, high = beside.min(axis=1), beside.max(axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(rate, NEIGHBOURS, mode="edge"), 2 * NEIGHBOURS + 1
+    )
+    near = np.delete(windows, NEIGHBOURS, axis=1)
+    low, high = near.min(axis=1), near.max(axis=1)
     beyond = np.maximum(np.maximum(rate - high, low - rate), 0.0) * length
     return np.asarray(beyond > np.maximum(ABOVE_NOISE * sd, ABOVE_SPREAD * (high - low) * length))
 
@@ -106,11 +108,11 @@ def _beyond(
 def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> Air:
     """The force before the first touch and after the release, where either was recorded."""
     sd = noise_sd(force_N)
-    level = float(np.median(force_N[:BESIDE]))
+    level = float(np.median(force_N[:NEIGHBOURS]))
     clear = np.abs(force_N - level) > CLEAR * sd
     stays = np.flatnonzero(clear[:-2] & clear[1:-1] & clear[2:])
     touch = int(stays[0]) if len(stays) else len(force_N)
-    before = float(np.median(force_N[: max(touch - 1, 1)])) if touch >= BESIDE else None
+    before = float(np.median(force_N[: max(touch - 1, 1)])) if touch >= NEIGHBOURS else None
     if touch in (0, len(force_N)):
         return Air(before_N=before, after_N=None, touch=touch)
     forward = direction(travel, touch)
@@ -125,7 +127,7 @@ def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
 
 def direction(travel: Float[np.ndarray, " t"], touch: int) -> float:
     """1 where the travel grows towards the touch, -1 where it falls (a gap), by the signs of its steps."""
-    return 1.0 if np.sign(np.diff(travel))[: touch + BESIDE].sum() >= 0 else -1.0
+    return 1.0 if np.sign(np.diff(travel))[: touch + NEIGHBOURS].sum() >= 0 else -1.0
 
 
 def _flat_tail(
@@ -139,7 +141,7 @@ def _flat_tail(
         return tail
     moves = np.ptp(travel[first:]) > 0.03 * np.ptp(travel)
     half = len(tail) // 2
-    level = len(tail) > BESIDE and abs(float(np.median(tail[half:]) - np.median(tail[:half]))) < sd
+    level = len(tail) > NEIGHBOURS and abs(float(np.median(tail[half:]) - np.median(tail[:half]))) < sd
     return tail if moves and level else tail[:0]
 
 
@@ -156,12 +158,12 @@ def _of_travel(
         return []
     air, sd = air_levels(travel, force_N), noise_sd(force_N)
     forward = direction(travel, air.touch)
-    level = air.before_N if air.before_N is not None else float(np.median(force_N[:BESIDE]))
+    level = air.before_N if air.before_N is not None else float(np.median(force_N[:NEIGHBOURS]))
     found = []
     for k in steps.tolist():
         step = _step_of(time_s, travel, k)
-        beside = force_N[max(k - 2, 0) : k + 4] - level
-        in_air = bool((np.abs(beside) < CLEAR * sd).all())
+        near = force_N[max(k - 2, 0) : k + 4] - level
+        in_air = bool((np.abs(near) < CLEAR * sd).all())
         presses = forward * step > 0
         if (presses != (k < air.touch)) if in_air else _felt(travel, force_N, k, step, sd):
             found.append(Reset(quantity="travel", row=k + 1, step=step))
@@ -244,7 +246,7 @@ def _step_of(time_s: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"], k
     """The step between rows k and k + 1 beyond the course: lines through the rows on both sides."""
     middle = (time_s[k] + time_s[k + 1]) / 2
     ends = []
-    for side in (slice(max(k + 1 - BESIDE, 0), k + 1), slice(k + 1, k + 1 + BESIDE)):
+    for side in (slice(max(k + 1 - NEIGHBOURS, 0), k + 1), slice(k + 1, k + 1 + NEIGHBOURS)):
         time = time_s[side] - middle
         ends.append(float(np.polyval(np.polyfit(time, values[side], 1), 0.0)))
     return ends[1] - ends[0]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.correction import Correction, Fault, Words, listed
+from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, listed
 from tactile.preparation.reserved import reserved_ends
 from tactile.preparation.wild import run_starts, wild_times
 
@@ -17,7 +17,7 @@ FEWEST_IN_RUN = 8
 
 def written(
     words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
-) -> tuple[Bool[np.ndarray, " t"], list[Correction]]:
+) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
     """Which rows were written, and a note on each block at the start or the end that was not."""
     start, end = reserved_ends(time_s, list(columns.values()))
     keep = np.ones(len(time_s), dtype=bool)
@@ -36,8 +36,8 @@ def written(
         count = words.count(len(rows[part]))
         says = f"{count} at the {place}, from {words.row} {rows[part][0]} on, {why}; left out."
         notes.append(
-            Correction(
-                fault=Fault.RESERVED,
+            LoggerCorrection(
+                fault=LoggerFault.RESERVED,
                 quantity=", ".join(held),
                 rows=tuple(rows[part].tolist()),
                 values=tuple(held.values()),
@@ -71,7 +71,7 @@ def wild_or_repeated_times(
     rows: Int[np.ndarray, " t"],
     *,
     of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
-) -> tuple[Bool[np.ndarray, " t"], list[Correction]]:
+) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
     """Which rows are to be left out: those of a wild time (each topic by itself), and those written twice."""
     notes = []
     off = np.zeros(len(time_s), dtype=bool)
@@ -87,8 +87,8 @@ def wild_or_repeated_times(
         at = tuple(rows[twice].tolist())
         says = f"{words.count(len(at))} written twice ({listed(words, 'time', at, time_s[twice])}); left out."
         notes.append(
-            Correction(
-                fault=Fault.REPEATED,
+            LoggerCorrection(
+                fault=LoggerFault.REPEATED,
                 quantity="time",
                 rows=at,
                 values=tuple(time_s[twice].tolist()),
@@ -100,11 +100,11 @@ def wild_or_repeated_times(
 
 def wild_note(
     words: Words, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
-) -> Correction:
+) -> LoggerCorrection:
     """Wild readings of one quantity, left out."""
     many = "wild reading" if len(rows) == 1 else "wild readings"
-    return Correction(
-        fault=Fault.WILD,
+    return LoggerCorrection(
+        fault=LoggerFault.WILD,
         quantity=quantity,
         rows=tuple(rows.tolist()),
         values=tuple(values.tolist()),

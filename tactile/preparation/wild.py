@@ -4,19 +4,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import percentile_filter
 
-from tactile.preparation.noise import noise_sd
+from tactile.preparation.difference_noise import noise_sd
 
 LONGEST = 3
 """Consecutive wild rows: longer excursions may be the specimen's."""
 ABOVE_NOISE, ABOVE_STEPS = 8.0, 6.0
-"""Standard deviations of noise, and multiples of the usual step beside it, that a wild value is off."""
+"""Standard deviations of noise, and multiples of the usual step near it, that a wild value is off."""
 RETURNS = 0.25
 """Share of its deviation by which the rows on both sides of a wild value may differ from each other."""
 SHARP = 0.35
 """Share of the largest deviation that each edge of a wild block has: a tooth with a slow side is none."""
 OUTSIDE = 0.5
 """Of the record's range: a value so far beyond it is wild, however slow its edges are."""
-BESIDE, USUAL = 31, 70
+NEIGHBOURS, STEP_PERCENTILE = 31, 70
 """Rows over which the usual step is taken, and its percentile: one that several wild values do not reach, but
 the changes of a value that is repeated up to three times do."""
 ROUNDS = 3
@@ -48,7 +48,7 @@ def wild(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
 
 def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     steps = np.abs(np.diff(values))
-    usual = percentile_filter(steps, USUAL, size=min(BESIDE, len(steps)), mode="nearest")
+    usual = percentile_filter(steps, STEP_PERCENTILE, size=min(NEIGHBOURS, len(steps)), mode="nearest")
     least = np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_STEPS * np.r_[usual[0], usual])
     off = np.zeros(len(values), dtype=bool)
     low, high = np.percentile(values, [2, 98])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.correction import Correction, Fault, Words, spoilt_said
+from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, spoilt_said
 from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
 from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
@@ -66,10 +66,10 @@ class PreparedTrace:
     """Rows that hold all three quantities, of increasing times, and what was done."""
 
     logged: LoggedTrace
-    corrections: tuple[Correction, ...]
+    corrections: tuple[LoggerCorrection, ...]
 
 
-def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[Correction]]:
+def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
     """The runs that stand one below the other, without rows that were never written.
 
     Raises NotPrepared for times that are out of order all over, and for a clock that was set back.
@@ -124,13 +124,18 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     if _is_joined(logged):
         logged, leave = _by_time(logged, leave)
     logged = logged.part(~leave)
-    spoilt: set[int] = {row for one in notes if one.fault is Fault.WILD for row in one.rows}
+    spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
-        first = logged.travel[inside][:1]
         says = f"{words.count(int(inside.sum()))} inside the record hold one value; left out."
         notes.append(
-            _note(Fault.MISSING, logged.quantity, logged.rows[inside], np.repeat(first, inside.sum()), says)
+            _note(
+                LoggerFault.MISSING,
+                logged.quantity,
+                logged.rows[inside],
+                np.repeat(first, inside.sum()),
+                says,
+            )
         )
         spoilt |= set(logged.rows[inside].tolist())
         logged = logged.part(~inside)
@@ -142,7 +147,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     )
     logged, found = _on_readings(words, logged, known=spoilt)
     notes += found
-    spoilt |= {row for one in found if one.fault is Fault.MISSING for row in one.rows}
+    spoilt |= {row for one in found if one.fault is LoggerFault.MISSING for row in one.rows}
     if len(spoilt) > MOST_CORRECTED * total:
         raise _too_many(notes, len(spoilt), total)
     stands = np.flatnonzero(np.diff(logged.time_s) <= 0)
@@ -176,7 +181,7 @@ def _by_time(
 
 def _without_wild(
     words: Words, logged: LoggedTrace
-) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"], list[Correction]]:
+) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"], list[LoggerCorrection]]:
     """Travel and force with NaN for what is wild, and the notes."""
     columns, notes = [], []
     for name, values in logged.columns.items():
@@ -189,7 +194,7 @@ def _without_wild(
 
 def _on_readings(
     words: Words, logged: LoggedTrace, *, known: set[int]
-) -> tuple[LoggedTrace, list[Correction]]:
+) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Rows that hold a reading of travel and of force; `known`: rows left out already."""
     notes = []
     joined = _is_joined(logged)
@@ -209,7 +214,7 @@ def _on_readings(
             f"reading is used ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
-        notes.append(_note(Fault.REPEATED, name, logged.rows[again], values[again], says))
+        notes.append(_note(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
         values[again] = np.nan
     if joined:
         notes.append(_joined_note(logged))
@@ -221,7 +226,7 @@ def _on_readings(
             f" and {len(at) - 3} more" if len(at) > 3 else ""
         )
         says = f"{words.count(len(at))} with an empty cell left out: {which}."
-        notes.append(_note(Fault.MISSING, "", at, np.full(len(at), np.nan), says))
+        notes.append(_note(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
     timed = np.isfinite(logged.time_s)
     rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])
     at = np.flatnonzero(timed)[rows]
@@ -235,7 +240,7 @@ def _on_readings(
     return prepared, notes
 
 
-def _joined_note(logged: LoggedTrace) -> Correction:
+def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
     """That two topics were put on one clock; raises NotPrepared where they have no time in common."""
     ranges = []
     for name, values in logged.columns.items():
@@ -250,10 +255,10 @@ def _joined_note(logged: LoggedTrace) -> Correction:
         f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its "
         "own range and where its readings determine it."
     )
-    return _note(Fault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
+    return _note(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
 
 
-def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[Correction]]:
+def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Both parts of each reset on the scale of the first."""
     try:
         found = resets(logged.time_s, logged.travel, logged.force_N)
@@ -280,14 +285,14 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while the other "
             "quantity goes on); the step was removed, on the scale of the rows before it."
         )
-        notes.append(_note(Fault.RESET, name, np.array([row]), step, says))
+        notes.append(_note(LoggerFault.RESET, name, np.array([row]), step, says))
     prepared = LoggedTrace(
         time_s=logged.time_s, travel=travel, force_N=force, rows=logged.rows, quantity=logged.quantity
     )
     return prepared, notes
 
 
-def _too_many(notes: Sequence[Correction], spoilt: int, total: int) -> NotPrepared:
+def _too_many(notes: Sequence[LoggerCorrection], spoilt: int, total: int) -> NotPrepared:
     return NotPrepared(
         f"{spoilt} of {total} rows ({spoilt / total:.1%}) wild or missing ({spoilt_said(Words(), notes)})",
         f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
@@ -295,8 +300,8 @@ def _too_many(notes: Sequence[Correction], spoilt: int, total: int) -> NotPrepar
 
 
 def _note(
-    fault: Fault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"], says: str
-) -> Correction:
-    return Correction(
+    fault: LoggerFault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"], says: str
+) -> LoggerCorrection:
+    return LoggerCorrection(
         fault=fault, quantity=quantity, rows=tuple(rows.tolist()), values=tuple(values.tolist()), says=says
     )

@@ -11,7 +11,7 @@ SHOWN = 3
 """Rows that a sentence lists by number."""
 
 
-class Fault(StrEnum):
+class LoggerFault(StrEnum):
     """What the logger did."""
 
     RESERVED = "reserved"
@@ -23,10 +23,10 @@ class Fault(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Correction:
+class LoggerCorrection:
     """`rows`: numbers in the file; `values`: what stood there (a reset: the step); `says`: one sentence."""
 
-    fault: Fault
+    fault: LoggerFault
     quantity: str
     rows: tuple[int, ...]
     values: tuple[float, ...]
@@ -76,14 +76,15 @@ def listed(
     return ", ".join(each) + (f" and {more} more" if more > 0 else "")
 
 
-def spoilt_said(words: Words, corrections: Sequence[Correction]) -> str:
+def spoilt_said(words: Words, corrections: Sequence[LoggerCorrection]) -> str:
     """Wild and missing values with their rows, as part of a sentence.
 
-    >>> wild = Correction(fault=Fault.WILD, quantity="force", rows=(42,), values=(-196.13,), says="")
-    >>> spoilt_said(Words(), [wild])
+    >>> wild = LoggerFault.WILD
+    >>> one = LoggerCorrection(fault=wild, quantity="force", rows=(42,), values=(-196.13,), says="")
+    >>> spoilt_said(Words(), [one])
     'wild force: row 42 (-196.13 N)'
     """
-    spoilt = [one for one in corrections if one.fault in (Fault.WILD, Fault.MISSING)]
+    spoilt = [one for one in corrections if one.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
     return "; ".join(
         f"{one.fault} {one.quantity or 'cells'}: "
         + listed(words, one.quantity, one.rows, np.array(one.values))
