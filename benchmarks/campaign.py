@@ -35,6 +35,7 @@ from pathlib import Path
 import numpy as np
 from campaign_inputs import Broken, cases
 from campaign_sound import write_sound
+from campaign_traces import TRACE
 
 from pipeline.batch.opening import survey
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -73,6 +74,10 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
             return [], _digest(held)
+        if command == "trace":
+            wanted = ConvertRequest(indenter="ball", radius_mm=10.0)
+            notes = convert(root / path, root / "out.h5", wanted, report=lambda _: None).notes
+            return [note for note in notes if note.startswith(Path(path).name)], ""
         source = root / ("sources/tac3d" if "tac3d" in path else path)
         wanted = ConvertRequest(sensor=root / "sources" / "sensor.toml")
         if command == "press":
@@ -239,6 +244,8 @@ def sound_digests(sound: Path) -> dict[str, str]:
         said, digest[command] = outcome(command, sound)
         if said:
             raise RuntimeError(said)
+    if said := outcome("trace", sound, TRACE)[0]:
+        raise RuntimeError(said)
     sources = dict.fromkeys(("sources/fields.csv", "sources/fields.npz", "sources/tac3d"), "convert")
     for path, command in {**sources, "sources/press.csv": "press"}.items():
         said, digest["press" if command == "press" else path] = outcome(command, sound, path)

@@ -25,6 +25,7 @@ from campaign_changes import (
 from campaign_files import others_files
 from campaign_recordings import NPY, recordings
 from campaign_resources import costly
+from campaign_traces import FORMAT, TRACE, changes
 from campaign_units import inverted_signs, stated_units
 
 from recon.silhouettes.hull import ball
@@ -222,4 +223,8 @@ def cases() -> list[Broken]:
             for kind, path, c, expects in inverted_signs()
         ),
         *(Broken(**vars(one)) for one in costly()),
+        *(
+            Broken(format=FORMAT, path=TRACE, command="trace", kind=kind, change=change, expects=expects)
+            for kind, change, expects in changes()
+        ),
     ]

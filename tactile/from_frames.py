@@ -61,7 +61,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
             TactileProblem.UNREADABLE_FRAMES,
             f"{raw.source}: found {found}, expected one grasp seen by both; set time_offset_s.",
         )
-    notes = [note for one in read for note in one.notes]
+    notes = [*raw.notes, *(note for one in read for note in one.notes)]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(
             f"{raw.source}: no sensor names its serial, so swapped pads with like markers would go unnoticed."

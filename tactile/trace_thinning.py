@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tactile.preparation.difference_noise import noise_sd
+
 MOST_FRAMES, KEPT = 1200, 700
 """Frames beyond which a trace is thinned, and to how many at first: explaining one takes time and memory with
 the square of them (700: 4 s and 240 MB; 2440: 24 s and 470 MB)."""
@@ -15,8 +17,6 @@ BOUND = 3.0
 block (set by hand: a kept frame has a noise of one)."""
 BLOCKS_PER_KEPT = 6
 """Blocks, over which the recording is averaged to look for what would be lost, per frame that is kept."""
-THIRD, MAD = 20.0, 1.4826
-"""Variance of the third difference of unit white noise, and a normal's sd over its median deviation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ def thin(
     frames = len(time_s)
     if frames <= MOST_FRAMES:
         return None
-    noise_N, noise_mm = _noise(force_N), _noise(travel_mm)
+    noise_N, noise_mm = noise_sd(force_N), noise_sd(travel_mm)
     starts = np.linspace(0, frames, BLOCKS_PER_KEPT * KEPT + 1).astype(int)[:-1]
     starts = np.unique(starts)
     size = np.diff(np.r_[starts, frames])
@@ -100,13 +100,3 @@ def _worst_between(
     order = order[over[order]]
     first = order[np.unique(gap[order], return_index=True)[1]]
     return np.asarray(middle[first[np.argsort(-apart[first])]])
-
-
-def _noise(value: Float[np.ndarray, " t"]) -> float:
-    """Standard deviation of white noise, from third differences: a smooth course leaves next to nothing. At
-    least that of rounding to the smallest step that the values take.
-    """
-    third = MAD * float(np.median(np.abs(np.diff(value, 3)))) / THIRD**0.5
-    steps = np.diff(np.unique(value))
-    rounded = float(steps.min()) / 12**0.5 if len(steps) else 0.0
-    return float(max(third, rounded, 1e-6 * np.ptp(value), 1e-12))

@@ -113,6 +113,13 @@ def convert(
         ),
     ] = None,
     sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|all",
+            help="Which of several runs in one table, from 1; all writes OUT-1.h5, OUT-2.h5, ...",
+        ),
+    ] = None,
     rig: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="The rig (drupe calibrate --rigid), whose give is taken off."),
@@ -129,9 +136,8 @@ def convert(
     E from it will be in doubt, 130 interrupted.
     """
     with elsewhere():
-        from pipeline.recordings.conversion import ConvertRequest
-        from pipeline.recordings.conversion import convert as convert_source
-        from pipeline.recordings.trace_options import trace_words
+        from pipeline.recordings.conversion import ConvertRequest, convert_runs
+        from pipeline.recordings.trace_options import ALL_RUNS, trace_words
         from pipeline.run.progress import StageLines
         from tactile.io.specimen import PressedSpecimen
         from tactile.tactile_failure import TactileFailure
@@ -152,24 +158,26 @@ def convert(
             axis=None if axis is None else axis.value,
             pit_share=pit_share,
         ),
-        trace=trace_words(columns, units, sheet),
+        trace=trace_words(columns, units, sheet, run),
+        all_runs=run == ALL_RUNS,
         rig=rig,
         covariance=covariance,
     )
     try:
-        done = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
+        written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
     except TactileFailure as reason:
         typer.echo(f"drupe: {about(source, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; nothing was written", err=True)
         raise typer.Exit(INTERRUPTED) from None
-    for note in done.notes:
-        typer.echo(f"note: {note}")
-    for doubt in done.doubts:
-        typer.echo(f"E will be in doubt: {doubt}", err=True)
-    for finding in done.refused:
-        typer.echo(f"drupe grade will refuse this recording: {finding}", err=True)
-    typer.echo(f"wrote {out}")
-    if done.doubts or done.refused:
-        raise typer.Exit(UNUSABLE if done.refused else DOUBTED)
+    for path, done in written:
+        for note in done.notes:
+            typer.echo(f"note: {note}")
+        for doubt in done.doubts:
+            typer.echo(f"E will be in doubt: {doubt}", err=True)
+        for finding in done.refused:
+            typer.echo(f"drupe grade will refuse this recording: {finding}", err=True)
+        typer.echo(f"wrote {path}")
+    if any(done.doubts or done.refused for _, done in written):
+        raise typer.Exit(UNUSABLE if any(done.refused for _, done in written) else DOUBTED)

@@ -199,7 +199,8 @@ def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tup
     travel = closing * recording.aperture_mm
     thinned = thin(recording.time_s, travel, one.pad.force_z_N)
     kept = np.arange(len(travel)) if thinned is None else thinned.kept
-    said = [] if thinned is None else [thinned.said(name)]
+    said = [f"{name}: {done.says}" for done in recording.corrections]
+    said += [] if thinned is None else [thinned.said(name)]
     if most is not None and len(kept) > most:
         said.append(
             f"{name}: {most} of {len(kept)} frames are used beside the other traces, spread over time, force "

@@ -90,6 +90,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.APERTURE_UNIT: frozenset(),
     FindingKind.FRAMES_DROPPED: frozenset(),
     FindingKind.ENDS_PRESSED: frozenset(),
+    FindingKind.LOGGER: frozenset(),
     # a recording with one of these is refused: no modulus comes from it
     **dict.fromkeys(
         (

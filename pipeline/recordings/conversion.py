@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +24,7 @@ from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
-from tactile.io.load_cell import TABLES, is_trace, read_trace
+from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
@@ -80,6 +80,7 @@ class ConvertRequest:
     radius_mm: float | None = None
     specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     trace: TraceWords = field(default_factory=TraceWords)
+    all_runs: bool = False
     rig: Path | None = None
     covariance: bool = False
 
@@ -94,6 +95,25 @@ class Conversion:
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+
+
+def convert_runs(
+    source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]
+) -> list[tuple[Path, Conversion]]:
+    """`convert`, and where all runs are wanted each into a file of its own, OUT-1.h5 and so on.
+
+    Returns what was written, with what is said of each. Raises as `convert`; every run is checked before the
+    first is written.
+    """
+    if not wanted.all_runs:
+        return [(out, convert(source, out, wanted, report=report))]
+    _require_table(source)
+    runs = runs_in(source, words=wanted.trace)
+    each = [replace(wanted, trace=replace(wanted.trace, run=k + 1), all_runs=False) for k in range(runs)]
+    for one in each:
+        _trace(source, one)
+    paths = [out.with_name(f"{out.stem}-{k + 1}{out.suffix}") for k in range(runs)]
+    return [(path, convert(source, path, one, report=report)) for path, one in zip(paths, each, strict=True)]
 
 
 def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]) -> Conversion:
@@ -218,12 +238,15 @@ def _of_any_kind(
         raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
     said = wanted.trace
     if kind in TABLES and (
-        said.columns or said.units or said.sheet or is_trace(source, sensor_given=wanted.sensor is not None)
+        said.columns
+        or said.units
+        or said.sheet
+        or said.run
+        or is_trace(source, sensor_given=wanted.sensor is not None)
     ):
         return _without_rig(_trace(source, wanted), source, wanted.rig), []
-    if said.columns or said.units or said.sheet:
-        what = "is no table of a load cell; --columns, --units and --sheet are of one alone."
-        raise BatchRefused([Problem(str(source), what)])
+    if said.columns or said.units or said.sheet or said.run:
+        _require_table(source)
     if kind in (".npz", ".csv"):
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
         found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
@@ -232,6 +255,13 @@ def _of_any_kind(
         raise BatchRefused([Problem(str(source), FRAMES_ALONE)])
     there = "is nothing that can be converted" if source.exists() else "does not exist"
     raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
+
+
+def _require_table(source: Path) -> None:
+    """Raises BatchRefused for what is no table, of which the options speak."""
+    if not source.is_file() or source.suffix.lower() not in TABLES:
+        what = "is no table of a load cell; --columns, --units, --sheet and --run are for one alone."
+        raise BatchRefused([Problem(str(source), what)])
 
 
 def _in_and_below(source: Path) -> list[Path]:

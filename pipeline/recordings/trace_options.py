@@ -1,4 +1,4 @@
-"""What `--columns`, `--units` and `--sheet` say of a load cell's table."""
+"""What `--columns`, `--units`, `--sheet` and `--run` say of a load cell's table."""
 
 import re
 
@@ -10,7 +10,13 @@ _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
 """A comma that parts two quantities; another one is of a column's name."""
 
 
-def trace_words(columns: str | None, units: str | None, sheet: str | None) -> TraceWords:
+ALL_RUNS = "all"
+"""What `--run` says for a file of each run."""
+
+
+def trace_words(
+    columns: str | None, units: str | None, sheet: str | None, run: str | None = None
+) -> TraceWords:
     """The options taken apart; raises BatchRefused with what can be given.
 
     >>> trace_words("time=Time (s),force=Force, standard,gap=Gap", "gap=um", None).columns["force"]
@@ -24,7 +30,16 @@ def trace_words(columns: str | None, units: str | None, sheet: str | None) -> Tr
         if isinstance(found := read_unit(unit, quantity), NoUnit):
             ways = ", ".join(EXAMPLES[quantity])
             raise _refused("--units", f"says {quantity}={unit}, which {found.why}; give {ways} or another.")
-    return TraceWords(columns=names, units=stated, sheet=sheet)
+    return TraceWords(columns=names, units=stated, sheet=sheet, run=_run(run))
+
+
+def _run(text: str | None) -> int | None:
+    """The number of a run, from 1; None for none and for all."""
+    if text is None or text == ALL_RUNS:
+        return None
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise _refused("--run", f'holds "{text[:60]}"; give the number of a run, from 1, or all.')
+    return int(text)
 
 
 def _pairs(option: str, text: str | None, example: str) -> dict[str, str]:

@@ -263,7 +263,7 @@ def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Pr
 
     def read() -> None:
         raw = read_raw_grasp(path)
-        said.extend(references_said(raw))
+        said.extend([*raw.notes, *references_said(raw)])
         field = "fruit_id in grasp.toml"
         found.extend(
             owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)

@@ -68,6 +68,7 @@ class FindingKind(StrEnum):
     STARTS_IN_CONTACT = "starts-in-contact"
     ENDS_PRESSED = "ends-pressed"
     NO_TARE = "no-tare"
+    LOGGER = "logger"
     # jaws and poses
     POSES_UNIT = "poses-unit"
     POSES_STILL = "poses-still"

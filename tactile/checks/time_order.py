@@ -101,7 +101,14 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if not found:
         found += _late(recording, pressings)
     found += _clock(recording)
-    return [*found, *_dropped(recording), *_start(pressings), *_drift(pressings), *_end(pressings)]
+    return [
+        *found,
+        *_logger(recording),
+        *_dropped(recording),
+        *_start(pressings),
+        *_drift(pressings),
+        *_end(pressings),
+    ]
 
 
 def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
@@ -116,6 +123,20 @@ def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
     times = here / ((before + after) / 2)
     whole = np.abs(times - np.rint(times)) <= SAME_STEP * times
     return int((similar & whole & (np.rint(times) >= 2) & (np.rint(times) <= MOST_LOST + 1)).sum())
+
+
+def _logger(recording: Recording) -> list[Finding]:
+    """What the logger did and reading put right."""
+    return [
+        Finding(
+            kind=FindingKind.LOGGER,
+            rank=FindingRank.MACHINE,
+            says=one.says.rstrip("."),
+            detail=f"{one.fault} {one.quantity}",
+            remark=True,
+        )
+        for one in recording.corrections
+    ]
 
 
 def _dropped(recording: Recording) -> list[Finding]:

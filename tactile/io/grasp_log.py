@@ -16,6 +16,9 @@ from jaxtyping import Float, Int
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.named_file import FileNotReadable, not_plain, read_text
 from tactile.io.pictures import unusable
+from tactile.preparation.frames import prepare_frames
+from tactile.preparation.logged_trace import NotPrepared
+from tactile.preparation.logger_correction import Words
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
@@ -24,25 +27,32 @@ FARTHEST_MM = 2000.0
 LARGEST = 1e12
 """A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
+EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
+"""Cells that hold no reading, in small letters."""
 _OTHERS = ((";", "semicolons"), ("\t", "tabs"))
 LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspLog:
-    """The log's rows; `frame` and `wrench_N` are None where it has no such columns."""
+    """The log's rows; `frame` and `wrench_N` are None where it has no such columns. `notes`: what the logger
+    did and was put right.
+    """
 
     time_s: Float[np.ndarray, " t"]
     aperture_mm: Float[np.ndarray, " t"]
     frame: Int[np.ndarray, " t"] | None
     wrench_N: Float[np.ndarray, "t 6"] | None
+    notes: tuple[str, ...] = ()
 
 
-def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.ndarray, " t"]]:
+def read_columns(
+    path: Path, *, wanted: Sequence[str], holes: bool = False
+) -> dict[str, Float[np.ndarray, " t"]]:
     """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column.
 
     `wanted`: the columns that the caller needs, which the failure names where there is no such file. Whether
-    the file has them is for the caller to check.
+    the file has them is for the caller to check. `holes`: cells may be EMPTY, which are NaN then.
     """
     if wrong := not_plain(path):
         found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
@@ -79,35 +89,55 @@ def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.nda
             expected = f"{len(header)} as in the header, and numbers with a decimal point"
             raise unusable(path.name, f"{len(row)} cells in row {k + 2}", expected)
         for j, cell in enumerate(row):
-            values[k, j] = _number(path, header[j], k + 2, cell)
+            empty = holes and cell.strip().lower() in EMPTY
+            values[k, j] = np.nan if empty else _number(path, header[j], k + 2, cell)
     return {name: values[:, j] for j, name in enumerate(header)}
 
 
 def read_log(path: Path) -> GraspLog:
-    """The log, its times strictly increasing; raises TactileFailure (unreadable-frames)."""
-    columns = read_columns(path, wanted=NEEDED)
+    """The log, its times strictly increasing, without what the logger did (tactile.preparation.frames).
+
+    Raises TactileFailure (unreadable-frames).
+    """
+    columns = read_columns(path, wanted=NEEDED, holes=True)
     for name in NEEDED:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)
             found = "the columns " + ", ".join(columns)
             expected = f"a column {name} as well" if like is None else f"{name} in place of {like}"
             raise unusable(f"{path.name}: {name}", found, expected)
-    increasing(path.name, columns["time_s"])
-    if (farthest := float(np.abs(columns["aperture_mm"]).max())) > FARTHEST_MM:
-        expected = f"at most {FARTHEST_MM:g} mm (is it in µm?)"
-        raise unusable(f"{path.name}: aperture_mm", f"{farthest:g}", expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):
         raise unusable(path.name, f"only {', '.join(cell)} of the load cell", ", ".join(LOAD_CELL))
-    frame = columns.get("frame")
-    if frame is not None and (np.diff(frame) <= 0).any():
-        row = int(np.argmax(np.diff(frame) <= 0)) + 3
-        raise unusable(f"{path.name}: frame", f"{frame[row - 2]:g} in row {row}", "increasing numbers")
+    measured = {name: columns[name] for name in ("aperture_mm", *cell)}
+    pressed = (lambda: np.linalg.norm([columns[name] for name in cell[:3]], axis=0)) if cell else None
+    try:
+        done = prepare_frames(
+            Words(units=(("time", "s"), ("aperture_mm", "mm"))),
+            columns["time_s"],
+            measured,
+            first_row=2,
+            force=pressed,
+        )
+    except NotPrepared as cause:
+        raise unusable(path.name, cause.found, cause.expected) from None
+    increasing(path.name, done.time_s)
+    place = done.columns["aperture_mm"]
+    if (farthest := float(np.abs(place).max())) > FARTHEST_MM:
+        expected = f"at most {FARTHEST_MM:g} mm (is it in µm?)"
+        raise unusable(f"{path.name}: aperture_mm", f"{farthest:g}", expected)
+    frame = columns["frame"][done.part] if "frame" in columns else None
+    if frame is not None and not (np.diff(frame) > 0).all():
+        row = int(np.argmin(np.diff(frame) > 0)) + 3 + done.part.start
+        raise unusable(
+            f"{path.name}: frame", f"{columns['frame'][row - 2]:g} in row {row}", "increasing numbers"
+        )
     return GraspLog(
-        time_s=columns["time_s"],
-        aperture_mm=columns["aperture_mm"],
+        time_s=done.time_s,
+        aperture_mm=place,
         frame=None if frame is None else frame.astype(np.int64),
-        wrench_N=np.stack([columns[name] for name in cell], axis=1) if cell else None,
+        wrench_N=np.stack([done.columns[name] for name in cell], axis=1) if cell else None,
+        notes=tuple(f"{path.name}: {one.says}" for one in done.corrections),
     )
 
 
@@ -117,9 +147,7 @@ def increasing(source: str, time_s: Float[np.ndarray, " t"]) -> None:
     if len(back):
         k = int(back[0])
         found = f"{time_s[k + 1]:g} s in row {k + 3} after {time_s[k]:g} s"
-        raise unusable(
-            f"{source}: time_s", found, "increasing times; sort the rows or drop the repeated ones"
-        )
+        raise unusable(f"{source}: time_s", found, "increasing times; leave out the repeated rows")
 
 
 def _number(path: Path, column: str, row: int, cell: str) -> float:

@@ -6,16 +6,17 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, number_of, sheets_of
+from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_of, sheets_of
 from tactile.io.converted import Converted
 from tactile.io.decimal_number import meant
 from tactile.io.field_tables import MOVED
-from tactile.io.grasp_log import LARGEST, increasing
+from tactile.io.grasp_log import EMPTY, LARGEST
 from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen
 from tactile.io.trace_columns import FORCE, FoundColumns, TraceWords, columns_wanted, find_columns
+from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.trace_thinning import thin
 
 TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)
@@ -28,10 +29,10 @@ LATEST_START_S = 1e6
 """s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
 UNLOADED_FRAMES = 5
 """First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
-MOST_BROKEN = 5
-"""Rows at the end of a table that may not be whole, as a machine that is switched off leaves. Set by hand."""
 FEWEST_FRAMES = 2
 """A table with fewer rows is no recording."""
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+"""Of runs, in words."""
 
 
 def is_trace(path: Path, *, sensor_given: bool) -> bool:
@@ -70,10 +71,11 @@ def read_trace(
     TactileFailure (unreadable-frames) for a missing column, a cell that is no number, time that runs back, or
     a travel that goes the wrong way.
     """
-    sheet, found, notes = _table(path, words or TraceWords())
-    values = _values(path, sheet, found, notes)
-    time_s, pushed = values["time"], values["force"]
-    increasing(path.name, time_s)
+    words = words or TraceWords()
+    sheet, found, notes = _table(path, words)
+    logged = _logged(path, sheet, found, notes)
+    prepared = _prepared(path.name, logged, words.run, notes)
+    time_s, pushed = prepared.time_s, prepared.force_N
     if time_s[0] > LATEST_START_S:
         notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; it is counted from the first frame.")
         time_s = time_s - time_s[0]
@@ -81,7 +83,7 @@ def read_trace(
     if unloaded - pushed.min() > pushed.max() - unloaded:
         notes.append(f"{path.name}: the force is negative when pressed; its sign is turned.")
         pushed = -pushed
-    travel = _travel(path, values, pushed, notes)
+    travel = _travel(path, prepared, pushed, notes)
     if (thinned := thin(time_s, travel, pushed)) is not None:
         notes.append(thinned.said(path.name))
         time_s, travel, pushed = time_s[thinned.kept], travel[thinned.kept], pushed[thinned.kept]
@@ -138,45 +140,96 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
     return sheet, columns, notes
 
 
-def _values(
-    path: Path, sheet: CellTable, found: FoundColumns, notes: list[str]
-) -> dict[str, Float[np.ndarray, " t"]]:
-    """Each quantity in s, N, mm; rows without any of the three are left out.
+def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
+    """How many runs stand one below the other in the table; raises TactileFailure as `read_trace` does."""
+    sheet, found, notes = _table(path, words or TraceWords())
+    return len(_runs(path.name, _logged(path, sheet, found, notes), notes))
+
+
+def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrace]:
+    if np.isfinite(logged.time_s).sum() < FEWEST_FRAMES:
+        raise unusable(source, "no rows", "a header and one row for each frame")
+    try:
+        runs, corrections = written_runs(logged)
+    except NotPrepared as cause:
+        raise unusable(source, cause.found, cause.expected) from None
+    notes += [f"{source}: {one.says}" for one in corrections]
+    return runs
+
+
+def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str]) -> LoggedTrace:
+    """The one run, or that of this number, without what the logger did; notes on each correction."""
+    runs = _runs(source, logged, notes)
+    if run is None and len(runs) > 1:
+        first = ", ".join(str(one.rows[0]) for one in runs)
+        found = f"{_NUMBERS.get(len(runs), len(runs))} runs one below the other (they begin in rows {first})"
+        raise unusable(
+            source, found, f"one run: give --run 1 to {len(runs)} for one, or --run all for a file of each"
+        )
+    if run is not None and run > len(runs):
+        raise unusable(
+            source, f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}", f"--run 1 to {len(runs)}"
+        )
+    chosen = runs[(run or 1) - 1]
+    if run is not None:
+        notes.append(f"{source}: run {run} of {len(runs)}, rows {chosen.rows[0]} to {chosen.rows[-1]}.")
+    if min(np.isfinite(one).sum() for one in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
+        raise unusable(source, "no rows", "a header and one row for each frame")
+    try:
+        prepared = prepare(chosen)
+    except NotPrepared as cause:
+        raise unusable(source, cause.found, cause.expected) from None
+    notes += [f"{source}: {one.says}" for one in prepared.corrections]
+    return prepared.logged
+
+
+def _logged(path: Path, sheet: CellTable, found: FoundColumns, notes: list[str]) -> LoggedTrace:
+    """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and
+    so are headers that stand again between runs.
 
     A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
     numbers is refused, since one of them then parts thousands.
     """
-    rows = [
-        (number, cells)
-        for number, cells in sheet.rows[found.first :]
-        if any(at < len(cells) and cells[at] != "" for at in found.place.values())
-    ]
-    whole = [all(at < len(cells) and cells[at] != "" for at in found.place.values()) for _, cells in rows]
-    broken = 0 if not any(whole) else whole[::-1].index(True)
-    if broken > MOST_BROKEN:
-        says = f"{broken} rows at the end, from row {rows[-broken][0]} on, that are not whole"
-        raise unusable(path.name, says, "time, force and travel in every row; remove those rows")
-    if broken:
-        notes.append(
-            f"{path.name}: {broken} {'row' if broken == 1 else 'rows'} at the end, from row "
-            f"{rows[-broken][0]} on, not whole; left out."
-        )
-        rows = rows[:-broken]
-    if len(rows) < FEWEST_FRAMES:
-        raise unusable(path.name, "no rows", "a header and one row for each frame")
+    rows, breaks = _rows_and_breaks(sheet, found)
     width = len(found.header)
     for number, cells in rows:
-        if len(cells) > width or (sheet.delimiter == "commas" and len(cells) <= max(found.place.values())):
+        if len(cells) > width:
             expected = f"{width} as in the header, and numbers with a decimal point"
             raise unusable(path.name, f"{len(cells)} cells in row {number}", expected)
     commas = sheet.delimiter != "commas" and _decimal_commas(path, rows, found)
     if commas:
         notes.append(f"{path.name}: decimal commas.")
-    return {
+    values = {
         q: found.units[q].factor
         * np.array([_number(path, found.header[at], row, at, commas=commas) for row in rows])
         for q, at in found.place.items()
     }
+    quantity = "gap" if "gap" in values else "travel"
+    return LoggedTrace(
+        time_s=values["time"],
+        travel=values[quantity],
+        force_N=values["force"],
+        rows=np.array([number for number, _ in rows], dtype=int),
+        quantity=quantity,
+        breaks=breaks,
+    )
+
+
+def _rows_and_breaks(sheet: CellTable, found: FoundColumns) -> tuple[list[Row], tuple[int, ...]]:
+    """Rows of numbers, and before which of them the header stands again; its row of units goes with it."""
+    rows: list[Row] = []
+    breaks: list[int] = []
+    repeats = [
+        tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())
+        for _, cells in sheet.rows[max(found.first - 2, 0) : found.first]
+    ]
+    for number, cells in sheet.rows[found.first :]:
+        own = tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())
+        if own in repeats and not any(number_of(cell) is not None for cell in own):
+            breaks.append(len(rows))
+        elif any(own):
+            rows.append((number, cells))
+    return rows, tuple(dict.fromkeys(breaks))
 
 
 def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], found: FoundColumns) -> bool:
@@ -200,6 +253,8 @@ def _number(path: Path, column: str, row: tuple[int, list[Cell]], at: int, *, co
     number, cells = row
     cell = cells[at] if at < len(cells) else ""
     plain = cell.replace(",", ".") if commas and isinstance(cell, str) else cell
+    if isinstance(cell, str) and cell.strip().lower() in EMPTY:
+        return np.nan
     value = plain if isinstance(plain, float) else None if "," in plain else number_of(plain)
     if value is None or not abs(value) <= LARGEST:
         text = str(cell).strip()
@@ -213,15 +268,13 @@ def _number(path: Path, column: str, row: tuple[int, list[Cell]], at: int, *, co
 
 
 def _travel(
-    path: Path, values: dict[str, Float[np.ndarray, " t"]], pushed: Float[np.ndarray, " t"], notes: list[str]
+    path: Path, prepared: LoggedTrace, pushed: Float[np.ndarray, " t"], notes: list[str]
 ) -> Float[np.ndarray, " t"]:
     """The travel, or what the gap has closed by; a TactileFailure where it goes back as the force grows."""
-    quantity = "gap" if "gap" in values else "travel"
-    travel = values["travel"] if quantity == "travel" else values["gap"][0] - values["gap"]
+    quantity, travel = prepared.quantity, prepared.travel
     if quantity == "gap":
-        notes.append(
-            f"{path.name}: the gap is {values['gap'][0]:.4g} mm at first; what it closes by is the travel."
-        )
+        notes.append(f"{path.name}: the gap is {travel[0]:.4g} mm at first; what it closes by is the travel.")
+        travel = travel[0] - travel
     deepest = int(np.argmax(pushed))
     gone = float(travel[deepest] - travel[0])
     if gone < -0.5 * float(np.ptp(travel)):

@@ -23,6 +23,8 @@ from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
+from tactile.io.written_frames import written_frames
+from tactile.preparation.logger_correction import LoggerCorrection
 from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"
@@ -149,7 +151,8 @@ class Recording:
     alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
     force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
     off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
-    nothing. `notes`: what its reader took otherwise than the file has it, without full stops.
+    nothing. `notes`: what its reader took otherwise than the file has it, without full stops. `corrections`:
+    what the logger did and reading put right; they are not written.
     """
 
     fruit_id: str
@@ -164,6 +167,7 @@ class Recording:
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
     notes: tuple[str, ...] = ()
+    corrections: tuple[LoggerCorrection, ...] = ()
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:
@@ -180,8 +184,8 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
         root.version("version", VERSION)
         loading = root.choice("loading", set(PADS_OF_LOADING))
         default = "free" if loading == "grasp" else "base"
-        time_s = root.time("time_s", limit=TIME)
-        frames = len(time_s)
+        read = written_frames(root, PADS_OF_LOADING[loading], time_limit=TIME, aperture_limit=APERTURE)
+        frames = read.count
         pads_group = root.child("pads")
         scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
         return Recording(
@@ -190,8 +194,9 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             loading=cast(Loading, loading),
             support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
             sensor=root.text("sensor"),
-            time_s=time_s,
-            aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
+            time_s=read.time_s,
+            aperture_mm=read.aperture_mm,
+            corrections=read.corrections,
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
             **_rig_fields(root, frames),
             notes=(REVERSED,) if turned else (),

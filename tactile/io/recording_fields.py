@@ -80,6 +80,19 @@ class ReadBudget:
     used: int = 0
 
 
+class FramesRead(int):
+    """A number of frames as the first length of a field: `part` of the `total` in the file is read."""
+
+    part: slice
+    total: int
+
+    def __new__(cls, part: slice, total: int) -> "FramesRead":
+        """As many as `part` has."""
+        made = super().__new__(cls, len(range(*part.indices(total))))
+        made.part, made.total = part, total
+        return made
+
+
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
     """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root).
@@ -165,10 +178,10 @@ class GroupReader:
         return self.positive(name, limit=limit) if name in self.group.attrs else None
 
     def array(
-        self, name: str, shape: tuple[int | None, ...], *, limit: Limit = ANY
+        self, name: str, shape: tuple[int | None, ...], *, limit: Limit = ANY, holes: bool = False
     ) -> Float[np.ndarray, "..."]:
         """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
-        and none beyond the limit.
+        (with `holes` NaN as well) and none beyond the limit.
         """
         data = self._dataset(name)
         self._require_shape(name, data, shape)
@@ -177,17 +190,21 @@ class GroupReader:
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
         self._require_budget(name, data, 8)
-        values = np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64)
-        bad = ~np.isfinite(values)
+        values = _chosen(np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64), shape)
+        bad = ~np.isfinite(values) & ~(holes & np.isnan(values))
         if bad.any():
             raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
+        self.require_within(name, values, limit)
+        return values
+
+    def require_within(self, name: str, values: Float[np.ndarray, "..."], limit: Limit) -> None:
+        """Refuses values beyond the limit."""
         beyond = (values > limit.largest) | (values < -limit.largest)
         if beyond.any():
             where = tuple(int(i) for i in np.argwhere(beyond)[0])
             found = f"{values[where]:g} at index {where}"
             expected = f"at most {limit.largest:g} {limit.unit}"
             raise self._refuse(name, found, expected, "repair or drop those frames in the recorder")
-        return values
 
     def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
         """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
@@ -197,6 +214,11 @@ class GroupReader:
     def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
         """A strictly increasing dataset."""
         values = self.array(name, (None,), limit=limit)
+        self.require_increasing(name, values)
+        return values
+
+    def require_increasing(self, name: str, values: Float[np.ndarray, " t"]) -> None:
+        """Refuses times that stand still or run back."""
         back = np.flatnonzero(np.diff(values) <= 0)
         if len(back):
             k = int(back[0]) + 1
@@ -206,10 +228,7 @@ class GroupReader:
                 expected = f"strictly increasing times (float32 has steps of {step_s:g} s there)"
                 raise self._refuse(name, found, expected, "write float64, or seconds from the first frame")
             found = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
-            raise self._refuse(
-                name, found, "strictly increasing times", "sort the frames, or drop the repeated ones"
-            )
-        return values
+            raise self._refuse(name, found, "strictly increasing times", "leave out the repeated frames")
 
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
@@ -253,7 +272,7 @@ class GroupReader:
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
         self._require_budget(name, data, 1)
-        return np.asarray(self._values(name, data, axes=len(shape)), dtype=np.uint8)
+        return _chosen(np.asarray(self._values(name, data, axes=len(shape)), dtype=np.uint8), shape)
 
     def _attribute(self, name: str) -> Any:
         """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
@@ -339,6 +358,7 @@ class GroupReader:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
+        shape = tuple(n.total if isinstance(n, FramesRead) else n for n in shape)
         held = tuple(data.shape)
         have = held[::-1] if self.reversed_dimensions else held
         if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
@@ -358,6 +378,11 @@ class GroupReader:
         inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
         where = field + inside if attribute else self.prefix + field
         return unreadable(self.path, where, found, expected, advice)
+
+
+def _chosen(values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+    """The frames that are read, where the first length is theirs."""
+    return values[shape[0].part] if shape and isinstance(shape[0], FramesRead) else values
 
 
 def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str, str, str]:

@@ -36,11 +36,14 @@ _ROWS_BELOW = 3
 
 @dataclass(frozen=True, kw_only=True)
 class TraceWords:
-    """What was said of the table: names of columns and units by quantity, and the sheet."""
+    """What was said of the table: names of columns and units by quantity, the sheet, and which run of several
+    (from 1).
+    """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     sheet: str | None = None
+    run: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -271,14 +271,11 @@ def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
 
 
-def test_many_broken_rows_at_the_end_are_refused_and_a_few_are_one_note(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rows", [3, 20])
+def test_rows_at_the_end_that_were_never_written_are_one_note(tmp_path: Path, rows: int) -> None:
     source = tmp_path / "t.csv"
-    whole = table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED)
-    source.write_text(whole + "9.0,1.0,\n" * 3)
-    assert "3 rows at the end" in converted(tmp_path, source)
-    (tmp_path / "out.h5").unlink()
-    source.write_text(whole + "9.0,1.0,\n" * 20)
-    assert "20 rows at the end" in refused(tmp_path, source)
+    source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED) + "9.0,1.0,\n" * rows)
+    assert f"{rows} rows at the end" in converted(tmp_path, source)
 
 
 def test_one_column_is_not_two_quantities_and_text_may_be_called_xls(tmp_path: Path) -> None:
@@ -324,3 +321,32 @@ def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> N
     said = refused(tmp_path, source)
     assert "--units force=UNIT" in said
     assert "force=N" not in said
+
+
+@pytest.mark.parametrize("header", ["", "time_s,travel_mm,force_N\n"])
+@pytest.mark.parametrize("runs", [2, 3, 5])
+def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
+    tmp_path: Path, runs: int, header: str
+) -> None:
+    source = tmp_path / "t.csv"
+    body = [table("", TIMES, GONE, (1 + 0.1 * k) * PRESSED).lstrip() for k in range(runs)]
+    source.write_text("time_s,travel_mm,force_N\n" + header.join(body))
+    said = refused(tmp_path, source)
+    assert f"found {({2: 'two', 3: 'three', 5: 'five'})[runs]} runs one below the other" in said
+    assert "--run all" in said
+    assert "sort" not in said
+    assert f"{runs} runs" in refused(tmp_path, source, "--run", str(runs + 1))
+    code, said = run(source, tmp_path / "out.h5", *BALL, "--run", "2")
+    assert code == 0, said
+    np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], 1.1 * PRESSED, atol=1e-6)
+    code, said = run(source, tmp_path / "all.h5", *BALL, "--run", "all")
+    assert code == 0, said
+    for k in range(runs):
+        force = read_back(tmp_path / f"all-{k + 1}.h5")[2]
+        np.testing.assert_allclose(force, (1 + 0.1 * k) * PRESSED, atol=1e-6)
+
+
+@pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
+def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
+    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
+    assert "the number of a run, from 1, or all" in refused(tmp_path, tmp_path / "t.csv", f"--run={text}")

@@ -18,7 +18,10 @@ from tactile.tactile_failure import TactileFailure
         ('time_s,aperture_mm\n0,"60,5"\n', "; it has a decimal comma; write 60.5."),
         ("time_s,aperture_mm\n0,6_0\n", "; write 60."),
         ("time_s,aperture_mm\n0,\u0666\u0660\n", "; write 60."),
-        ("time_s,aperture_mm\n0,nan\n", 'found "nan" in row 2, expected a number up to 1e+12.'),
+        (
+            "time_s,aperture_mm\n0,nan\n",
+            "found 1 of 1 row (100.0%) with wild or missing values (missing aperture_mm: row 2 (nothing))",
+        ),
         (
             "time_s,aperture_mm\n0,60,5\n",
             "found 3 cells in row 2, expected 2 as in the header, and numbers with",

@@ -1,0 +1,126 @@
+"""Drawn traces of a press, sound or with what loggers do to them, and whether preparation puts them right.
+
+    python benchmarks/trace_faults.py [--first N] [--seeds N] [--kind NAME] [--list]
+
+Each seed draws one press (law, rates, noise, offsets, sign, hold, unloading) and one fault, writes the table
+as a logger would, and reads it with `drupe convert`'s reader. The score: the stiffness by a fit of the known
+law over that of the same press without the fault (within LIMIT), the note that names the fault, and no other
+correction. Of a sound press every row must come out as it was written. Even seeds were used for development.
+"""
+
+import argparse
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from drawn_traces import FAULTS, SOUND, Press, even_press, press
+from scipy.optimize import least_squares
+
+from tactile.io.load_cell import read_trace
+from tactile.io.trace_columns import TraceWords
+from tactile.tactile_failure import TactileFailure
+
+LIMIT = 0.03
+CORRECTED = r"left out|used|removed|interpolated"
+
+
+def stiffness(travel, force, exponent: float) -> float:
+    """Of force = k (travel - onset)^exponent + zero, by least squares."""
+    lo, hi = travel.min(), travel.max()
+    best = np.inf, 0.0
+    for share in (0.15, 0.45):
+
+        def gap(x):
+            return x[0] * np.maximum(travel - x[1], 0) ** exponent + x[2] - force
+
+        start = [np.ptp(force) / (hi - lo) ** exponent, lo + share * (hi - lo), force[0]]
+        found = least_squares(
+            gap, start, x_scale=[max(start[0], 1e-9), hi - lo, np.ptp(force)], loss="linear"
+        )
+        best = min(best, (float(found.cost), float(found.x[0])))
+    return best[1]
+
+
+def read(p: Press, folder: Path):
+    """The recording's columns and the notes; a refusal as a note."""
+    p.write(folder / "t.csv")
+    try:
+        found = read_trace(
+            folder / "t.csv",
+            fruit_id="f",
+            category="plum",
+            indenter="ball",
+            radius_mm=5.0,
+            words=TraceWords(),
+        )
+    except TactileFailure as failure:
+        return None, [f"REFUSED {failure.detail}"]
+    one = found.recording
+    return (one.time_s, one.aperture_mm, one.pads[0].force_z_N), list(found.notes)
+
+
+def corrections(notes: list[str]) -> list[str]:
+    """Notes on what was corrected."""
+    return [one for one in notes if re.search(CORRECTED, one) and "thinned" not in one]
+
+
+def outcome(kind: str, seed: int, folder: Path) -> str:
+    """Empty where all is right, else what is wrong."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    if kind in SOUND:
+        p = SOUND[kind](rng)
+        columns, notes = read(p, folder)
+        said = corrections(notes)
+        return f"{said or notes}" if said or columns is None else ""
+    sound = even_press(rng) if kind == "stale even" else press(rng)
+    broken, words = FAULTS[kind](sound, rng)
+    columns, notes = read(broken, folder)
+    text = " ".join(notes)
+    if not re.search(words, text):
+        return f"no note {words!r}: {notes[1:]}"
+    if columns is None:
+        return "" if words.startswith("REFUSED") else text
+    others = [
+        one
+        for one in corrections(notes)
+        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)
+    ]
+    true = stiffness(sound.travel_mm, sound.force_N, sound.exponent)
+    ratio = stiffness(*columns[1:], sound.exponent) / true
+    if abs(ratio - 1) > LIMIT:
+        return f"stiffness {ratio:.3f}: {notes[1:]}"
+    return f"other corrections: {others}" if others else ""
+
+
+def cases(first: int, seeds: int, kind: str) -> Iterator[tuple[str, int]]:
+    """Kind and seed."""
+    for name in [*FAULTS, *SOUND]:
+        if kind in ("", name):
+            yield from ((name, seed) for seed in range(first, first + 2 * seeds, 2))
+
+
+def main() -> None:
+    """Prints every failure and the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--first", type=int, default=0, help="0: development, 1: held out.")
+    parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--kind", default="")
+    asked = parser.parse_args()
+    right, total = Counter(), Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for kind, seed in cases(asked.first, asked.seeds, asked.kind):
+            said = outcome(kind, seed, Path(folder))
+            total[kind] += 1
+            right[kind] += not said
+            if said:
+                print(f"{kind} {seed}: {said[:420]}")
+    print("| kind | right | of |\n|---|---:|---:|")
+    for kind, count in total.items():
+        print(f"| {kind} | {right[kind]} | {count} |")
+
+
+if __name__ == "__main__":
+    main()

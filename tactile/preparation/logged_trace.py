@@ -1,0 +1,307 @@
+"""The trace of a press as the specimen made it: what the logger did is put right, with a note on each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, spoilt_said
+from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
+from tactile.preparation.reserved import reserved_inside
+from tactile.preparation.resets import Ambiguous, resets
+from tactile.preparation.structure import FEWEST_IN_RUN, runs, wild_note, wild_or_repeated_times, written
+from tactile.preparation.wild import wild
+
+MOST_CORRECTED = 0.02
+"""Share of the rows that may be left out one by one (wild or missing): more is a broken record."""
+JOINED = 0.2
+"""Share of the rows that lack one of two quantities, from which these are topics of two rates."""
+FEWEST_READINGS = 20
+"""Of each topic."""
+OVERLAP = 0.5
+"""Share of the shorter topic's time that both topics must have in common."""
+
+
+class NotPrepared(Exception):
+    """A record that no step puts right: `found` and `expected` as a reader's sentence needs them."""
+
+    def __init__(self, found: str, expected: str) -> None:
+        super().__init__(found, expected)
+        self.found, self.expected = found, expected
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggedTrace:
+    """What a table holds: NaN for an empty cell. `travel`: or the gap (`quantity`); `rows`: numbers in the
+    file; `breaks`: rows (by index) before which the header stands again.
+    """
+
+    time_s: Float[np.ndarray, " t"]
+    travel: Float[np.ndarray, " t"]
+    force_N: Float[np.ndarray, " t"]
+    rows: Int[np.ndarray, " t"]
+    quantity: str = "travel"
+    breaks: tuple[int, ...] = ()
+
+    def part(self, keep: Bool[np.ndarray, " t"] | slice | Int[np.ndarray, " k"]) -> "LoggedTrace":
+        """Some of the rows, without the breaks."""
+        return LoggedTrace(
+            time_s=self.time_s[keep],
+            travel=self.travel[keep],
+            force_N=self.force_N[keep],
+            rows=self.rows[keep],
+            quantity=self.quantity,
+        )
+
+    @property
+    def columns(self) -> dict[str, Float[np.ndarray, " t"]]:
+        """Travel (or gap) and force by name."""
+        return {self.quantity: self.travel, "force": self.force_N}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedTrace:
+    """Rows that hold all three quantities, of increasing times, and what was done."""
+
+    logged: LoggedTrace
+    corrections: tuple[LoggerCorrection, ...]
+
+
+def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
+    """The runs that stand one below the other, without rows that were never written.
+
+    Raises NotPrepared for times that are out of order all over, and for a clock that was set back.
+    """
+    words = Words()
+    keep, notes = written(words, logged.time_s, logged.columns, logged.rows)
+    at = np.flatnonzero(keep)
+    breaks = np.unique(np.searchsorted(at, np.array(logged.breaks, dtype=int))).tolist()
+    left = logged.part(keep)
+    found = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
+    parts = [left.part(one) for one in found]
+    for before, after in pairwise(parts):
+        _refuse_disorder(before, after)
+    return parts, notes
+
+
+def _refuse_disorder(before: LoggedTrace, after: LoggedTrace) -> None:
+    """Times that run back in a few rows, or while travel and force go on."""
+    row, last, first = after.rows[0], before.time_s[-1], after.time_s[0]
+    back = f"{first:g} s in row {row} after {last:g} s"
+    if len(after.rows) < FEWEST_IN_RUN or len(before.rows) < FEWEST_IN_RUN:
+        raise NotPrepared(back, "increasing times; leave out the rows whose times are out of order")
+    if _goes_on(before, after):
+        found = f"{back}, while {before.quantity} and force go on: the clock was set back"
+        raise NotPrepared(found, "one clock; add to the times behind it what it was set back by")
+
+
+def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
+    """Whether travel and force change from one part to the next by no more than they do in one row, under
+    load.
+    """
+    load = np.abs(before.force_N - np.nanmedian(before.force_N[:5]))
+    if not load[-1] > 0.1 * np.nanmax(load):
+        return False
+    for one, other in zip(before.columns.values(), after.columns.values(), strict=True):
+        steps = np.abs(np.diff(one))
+        if not abs(other[0] - one[-1]) <= 3 * np.nanpercentile(steps, 95):
+            return False
+    return True
+
+
+def prepare(logged: LoggedTrace) -> PreparedTrace:
+    """One run, prepared: wild times and readings, slow or joined readings, missing values, then resets.
+
+    Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
+    have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
+    """
+    words, total = Words(), len(logged.rows)
+    leave, notes = wild_or_repeated_times(
+        words, logged.time_s, logged.columns, logged.rows, of_topics=_topics(logged)
+    )
+    if _is_joined(logged):
+        logged, leave = _by_time(logged, leave)
+    logged = logged.part(~leave)
+    spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
+    inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
+    if inside is not None and inside.any():
+        says = f"{words.count(int(inside.sum()))} inside the record hold one value; left out."
+        notes.append(
+            _note(
+                LoggerFault.MISSING,
+                logged.quantity,
+                logged.rows[inside],
+                np.repeat(first, inside.sum()),
+                says,
+            )
+        )
+        spoilt |= set(logged.rows[inside].tolist())
+        logged = logged.part(~inside)
+    travel, force, found = _without_wild(words, logged)
+    notes += found
+    spoilt |= {row for one in found for row in one.rows}
+    logged = LoggedTrace(
+        time_s=logged.time_s, travel=travel, force_N=force, rows=logged.rows, quantity=logged.quantity
+    )
+    logged, found = _on_readings(words, logged, known=spoilt)
+    notes += found
+    spoilt |= {row for one in found if one.fault is LoggerFault.MISSING for row in one.rows}
+    if len(spoilt) > MOST_CORRECTED * total:
+        raise _too_many(notes, len(spoilt), total)
+    stands = np.flatnonzero(np.diff(logged.time_s) <= 0)
+    if len(stands):
+        k = int(stands[0])
+        back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
+        raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
+    logged, found = _without_resets(words, logged)
+    return PreparedTrace(logged=logged, corrections=(*notes, *found))
+
+
+def _topics(logged: LoggedTrace) -> list[Bool[np.ndarray, " t"]]:
+    """Rows of each topic, where two are joined."""
+    return [np.isfinite(one) for one in logged.columns.values()] if _is_joined(logged) else []
+
+
+def _is_joined(logged: LoggedTrace) -> bool:
+    """Whether travel and force are topics of two rates in one table."""
+    travel, force = np.isfinite(logged.travel), np.isfinite(logged.force_N)
+    apart = (travel != force).mean() > JOINED
+    return bool(apart and min(travel.sum(), force.sum()) >= FEWEST_READINGS)
+
+
+def _by_time(
+    logged: LoggedTrace, leave: Bool[np.ndarray, " t"]
+) -> tuple[LoggedTrace, Bool[np.ndarray, " t"]]:
+    """Rows of two topics in the order of time, which one below the other they are not."""
+    order = np.argsort(logged.time_s, kind="stable")
+    return logged.part(order), leave[order]
+
+
+def _without_wild(
+    words: Words, logged: LoggedTrace
+) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"], list[LoggerCorrection]]:
+    """Travel and force with NaN for what is wild, and the notes."""
+    columns, notes = [], []
+    for name, values in logged.columns.items():
+        off = wild(values)
+        if off.any():
+            notes.append(wild_note(words, name, logged.rows[off], values[off]))
+        columns.append(np.where(off, np.nan, values))
+    return columns[0], columns[1], notes
+
+
+def _on_readings(
+    words: Words, logged: LoggedTrace, *, known: set[int]
+) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+    """Rows that hold a reading of travel and of force; `known`: rows left out already."""
+    notes = []
+    joined = _is_joined(logged)
+    travel, force = logged.travel.copy(), logged.force_N.copy()
+    for values, other, name in ((travel, force, logged.quantity), (force, travel, "force")):
+        rhythm, equal = rhythm_of(values, other)
+        if rhythm is None or joined:
+            continue
+        if equal and (name == "force" or not is_held(values, other, rhythm)):
+            continue
+        again = np.ones(len(values), dtype=bool)
+        again[rhythm.rows] = False
+        again &= np.isfinite(values)
+        rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
+        says = (
+            f"{name} was read {rate:.3g} times a second and repeated in between; the first row of each "
+            f"reading is used ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
+            f"{logged.rows[np.argmax(again)]} on)."
+        )
+        notes.append(_note(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
+        values[again] = np.nan
+    if joined:
+        notes.append(_joined_note(logged))
+    lacking = np.isnan(logged.travel) | np.isnan(logged.force_N) | np.isnan(logged.time_s)
+    lacking &= ~np.isin(logged.rows, list(known))
+    if lacking.any() and not joined:
+        at = logged.rows[lacking]
+        which = ", ".join(f"{words.row} {row}" for row in at[:3]) + (
+            f" and {len(at) - 3} more" if len(at) > 3 else ""
+        )
+        says = f"{words.count(len(at))} with an empty cell left out: {which}."
+        notes.append(_note(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
+    timed = np.isfinite(logged.time_s)
+    rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])
+    at = np.flatnonzero(timed)[rows]
+    prepared = LoggedTrace(
+        time_s=logged.time_s[at],
+        travel=there,
+        force_N=force[at],
+        rows=logged.rows[at],
+        quantity=logged.quantity,
+    )
+    return prepared, notes
+
+
+def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
+    """That two topics were put on one clock; raises NotPrepared where they have no time in common."""
+    ranges = []
+    for name, values in logged.columns.items():
+        time = logged.time_s[np.isfinite(values)]
+        ranges.append((name, len(time), float(time[0]), float(time[-1])))
+    (one, n, a, b), (other, m, c, d) = ranges
+    if min(b, d) - max(a, c) < OVERLAP * min(b - a, d - c):
+        found = f"two clocks: {one} from {a:.10g} to {b:.10g} s, {other} from {c:.10g} to {d:.10g} s"
+        raise NotPrepared(found, "both on one clock; export them again with one time for all topics")
+    says = (
+        f"{one} ({n} readings, {n / (b - a):.3g} a second) and {other} ({m} readings, {m / (d - c):.3g} a "
+        f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its "
+        "own range and where its readings determine it."
+    )
+    return _note(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
+
+
+def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+    """Both parts of each reset on the scale of the first."""
+    try:
+        found = resets(logged.time_s, logged.travel, logged.force_N)
+    except Ambiguous as cause:
+        said = (
+            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]} and differs by "
+            f"{cause.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the "
+            "specimen broke"
+        )
+        raise NotPrepared(
+            said, "one zero of the load cell throughout; press again without zeroing it"
+        ) from None
+    travel, force, notes = logged.travel.copy(), logged.force_N.copy(), []
+    for one in found:
+        values, name = (force, "force") if one.quantity == "force" else (travel, logged.quantity)
+        values[one.row :] -= one.step
+        row, step = int(logged.rows[one.row]), np.array([one.step])
+        what = (
+            "the load cell was zeroed under load"
+            if name == "force"
+            else f"the display of the {name} was zeroed"
+        )
+        says = (
+            f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while the other "
+            "quantity goes on); the step was removed, on the scale of the rows before it."
+        )
+        notes.append(_note(LoggerFault.RESET, name, np.array([row]), step, says))
+    prepared = LoggedTrace(
+        time_s=logged.time_s, travel=travel, force_N=force, rows=logged.rows, quantity=logged.quantity
+    )
+    return prepared, notes
+
+
+def _too_many(notes: Sequence[LoggerCorrection], spoilt: int, total: int) -> NotPrepared:
+    return NotPrepared(
+        f"{spoilt} of {total} rows ({spoilt / total:.1%}) wild or missing ({spoilt_said(Words(), notes)})",
+        f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
+    )
+
+
+def _note(
+    fault: LoggerFault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"], says: str
+) -> LoggerCorrection:
+    return LoggerCorrection(
+        fault=fault, quantity=quantity, rows=tuple(rows.tolist()), values=tuple(values.tolist()), says=says
+    )

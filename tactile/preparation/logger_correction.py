@@ -1,0 +1,92 @@
+"""One thing that a logger did to a record, and what was done about it, as a sentence with rows and values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float, Int
+
+SHOWN = 3
+"""Rows that a sentence lists by number."""
+
+
+class LoggerFault(StrEnum):
+    """What the logger did."""
+
+    RESERVED = "reserved"
+    JOINED = "joined"
+    WILD = "wild"
+    REPEATED = "repeated"
+    MISSING = "missing"
+    RESET = "reset"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggerCorrection:
+    """`rows`: numbers in the file; `values`: what stood there (a reset: the step); `says`: one sentence."""
+
+    fault: LoggerFault
+    quantity: str
+    rows: tuple[int, ...]
+    values: tuple[float, ...]
+    says: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """What sentences call a row (`row` of a table, `frame` of a recording), and each quantity's unit."""
+
+    row: str = "row"
+    units: tuple[tuple[str, str], ...] = (("time", "s"), ("travel", "mm"), ("gap", "mm"), ("force", "N"))
+
+    def count(self, number: int) -> str:
+        """The number with its noun.
+
+        >>> Words().count(1), Words(row="frame").count(3)
+        ('1 row', '3 frames')
+        """
+        return f"{number} {self.row}{'' if number == 1 else 's'}"
+
+    def value(self, quantity: str, value: float) -> str:
+        """A value with its unit.
+
+        >>> Words().value("force", -196.13), Words().value("force", float("nan"))
+        ('-196.13 N', 'nothing')
+        """
+        if np.isnan(value):
+            return "nothing"
+        unit = dict(self.units).get(quantity, "")
+        return f"{value:.6g} {unit}".rstrip()
+
+
+def listed(
+    words: Words, quantity: str, rows: Sequence[int] | Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+) -> str:
+    """The first rows with their values, and how many more there are.
+
+    >>> listed(Words(), "force", [42, 302], np.array([-196.13, 98.07]))
+    'row 42 (-196.13 N), row 302 (98.07 N)'
+    """
+    each = [
+        f"{words.row} {row} ({words.value(quantity, value)})"
+        for row, value in zip(rows[:SHOWN], values[:SHOWN], strict=True)
+    ]
+    more = len(rows) - SHOWN
+    return ", ".join(each) + (f" and {more} more" if more > 0 else "")
+
+
+def spoilt_said(words: Words, corrections: Sequence[LoggerCorrection]) -> str:
+    """Wild and missing values with their rows, as part of a sentence.
+
+    >>> wild = LoggerFault.WILD
+    >>> one = LoggerCorrection(fault=wild, quantity="force", rows=(42,), values=(-196.13,), says="")
+    >>> spoilt_said(Words(), [one])
+    'wild force: row 42 (-196.13 N)'
+    """
+    spoilt = [one for one in corrections if one.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
+    return "; ".join(
+        f"{one.fault} {one.quantity or 'cells'}: "
+        + listed(words, one.quantity, one.rows, np.array(one.values))
+        for one in spoilt
+    )
