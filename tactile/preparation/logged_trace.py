@@ -133,7 +133,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
                 LoggerFault.MISSING,
                 logged.quantity,
                 logged.rows[inside],
-                np.repeat(first, inside.sum()),
+                logged.travel[inside],
                 says,
             )
         )

@@ -10,6 +10,7 @@ import pytest
 
 from tactile.io.grasp_log import read_log
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
+from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare
 from tactile.tactile_failure import TactileFailure
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -38,6 +39,28 @@ def test_what_the_specimen_did_keeps_every_row(tmp_path, kind, seed):
     assert len(notes) == 1
     for column, written in zip(columns, (press.time_s, press.travel_mm, press.force_N), strict=True):
         np.testing.assert_allclose(column, written, atol=1e-5)
+
+
+@pytest.mark.parametrize("fill", [0.0, -999.0, 1e4])
+def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
+    travel = np.interp(np.arange(600), [0, 300, 599], [1, 3, 1.0])
+    force = (
+        5 * np.maximum(travel - 1.5, 0) ** 1.5 + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(600)
+    )
+
+    def lost(count):
+        columns = [one.copy() for one in (travel, force)]
+        for one in columns:
+            one[200 : 200 + count] = fill
+        return LoggedTrace(
+            time_s=np.arange(600) / 50, travel=columns[0], force_N=columns[1], rows=np.arange(600) + 2
+        )
+
+    (correction,) = prepare(lost(6)).corrections
+    assert correction.rows == tuple(range(202, 208))
+    with pytest.raises(NotPrepared) as caught:
+        prepare(lost(40))
+    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.found
 
 
 def recording() -> Recording:
