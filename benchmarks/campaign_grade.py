@@ -83,6 +83,12 @@ def _scaled(**factors: float) -> Callable[[Path], None]:
     return change
 
 
+def _gain(root: Path) -> None:
+    for name in BOTH:
+        with h5py.File(root / "fruits" / "B" / "grasps" / name, "r+") as file:
+            file["pads/left/force_N"][...] *= 1.04
+
+
 def _pipe(root: Path) -> None:
     path = root / "fruits" / "B" / "grasps" / "grasp-1.h5"
     path.unlink()
@@ -134,6 +140,32 @@ BROKEN: dict[str, BrokenBatch] = {
     "batch.toml: gel_scale_sd = 1e300": BrokenBatch(
         change=_text("batch.toml", "[sensor]", "[sensor]\ngel_scale_sd = 1e300"),
         expects=r"batch\.toml: .*gel_scale_sd.*at most 0\.5",
+    ),
+    "ship = false on the softest class": BrokenBatch(
+        change=_text("batch.toml", "E_max_MPa = 0.3", "E_max_MPa = 0.3\nship = false"), expects=r"MPa, ship:"
+    ),
+    "ship = false on B's class": BrokenBatch(
+        change=_text("batch.toml", "E_max_MPa = 0.9", "E_max_MPa = 0.9\nship = false"), expects=r"MPa, hold:"
+    ),
+    "ship = true on the firmest class": BrokenBatch(
+        change=_text("batch.toml", 'name = "firm"', 'name = "firm"\nship = true'), expects=r"MPa, ship:"
+    ),
+    "inspect_below_p = 1": BrokenBatch(
+        change=_text("batch.toml", "[sensor]", "[grading]\ninspect_below_p = 1\n\n[sensor]"),
+        expects=r"MPa, inspect: missing physics suspected: .*\(p = 0\.\d+\), E is 0\.\d+",
+    ),
+    "certainty = 90": BrokenBatch(
+        change=_text("batch.toml", "[sensor]", "[grading]\ncertainty = 90\n\n[sensor]"),
+        expects=r'batch\.toml: "grading\.certainty": found 90; .* in per cent \(0\.9\)',
+    ),
+    "the left pad of B reads 4 % too much": BrokenBatch(
+        change=_gain,
+        expects=r"MPa, inspect: missing physics suspected: sensor gain.* \(p = .*, E is .* and .* with it",
+        E_over_sound=1.02,
+    ),
+    "a control chart in another folder": BrokenBatch(
+        change=_text("batch.toml", "[sensor]", '[reference]\nchart = "/tmp/x.csv"\n\n[sensor]'),
+        expects=r'batch\.toml: "reference\.chart": found .*; expected a file in the batch',
     ),
     "batch.toml: a link to /dev/zero": BrokenBatch(change=_device, expects=r"batch\.toml: is a device"),
     "fruit.ply of B in metres": BrokenBatch(change=_metres, expects=r"is it in m \(61\.28 mm\)"),
@@ -195,7 +227,8 @@ def judged(case: BrokenBatch, row: dict[str, str] | None, printed: str, sound_MP
     elif row["outcome"] != "graded":
         became = f"{row['outcome']}: {row['reason']}"
     else:
-        became = f"graded, E {row['E_MPa']} ± {row['E_sd_MPa']} MPa: {row['doubts'] or row['reason']}"
+        became = f"graded, E {row['E_MPa']} ± {row['E_sd_MPa']} MPa, {row['decision']}: "
+        became += " | ".join(text for text in (row["decision_reason"], row["doubts"], row["reason"]) if text)
     if "Traceback" in printed:
         return became, "a traceback"
     searched = became if row is not None and row["outcome"] != "graded" else f"{became} {printed}"

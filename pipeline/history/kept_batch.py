@@ -9,7 +9,7 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit
 
 Content: TypeAlias = Mapping[str, Any]
 """What a row holds, as JSON has it."""
-_BESIDE = ("fruit", "lost", "key", "revisions", "graded_utc")
+_SEPARATE_FIELDS = ("fruit", "lost", "key", "revisions", "graded_utc")
 """Fields of a batch that are kept in rows or columns of their own."""
 
 
@@ -84,7 +84,7 @@ class KeptBatch:
 def rows_of(batch: StoredBatch, *, revision: int = 0) -> list[KeptRow]:
     """The batch's own row, and one of each fruit."""
     whole = _plain(asdict(batch))
-    of_batch = {name: value for name, value in whole.items() if name not in _BESIDE}
+    of_batch = {name: value for name, value in whole.items() if name not in _SEPARATE_FIELDS}
     contents: list[tuple[str, Content | None]] = [("", of_batch)]
     contents += [(one.fruit_id, _plain(asdict(one))) for one in batch.fruit]
     contents += [(name, None) for name in batch.lost]
@@ -106,7 +106,7 @@ def batch_of_first_store(content: Content) -> StoredBatch:
 
 def _batch_fields(content: Content) -> dict[str, Any]:
     """Fields that this version does not know are left out."""
-    known = {one.name for one in fields(StoredBatch)} - {*_BESIDE}
+    known = {one.name for one in fields(StoredBatch)} - {*_SEPARATE_FIELDS}
     return {name: value for name, value in content.items() if name in known} | {
         "measured": date.fromisoformat(content["measured"]),
         "harvest": date.fromisoformat(content["harvest"]) if content["harvest"] else None,
