@@ -42,7 +42,8 @@ from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.problem import BatchRefused
 from pipeline.recordings.conversion import ConvertRequest, convert
 from pipeline.run.checking import check
-from recon.cameras.photos import Photo, read_photo
+from recon.cameras.photos import Photo, photo_paths, read_photo
+from recon.cameras.unused_photos import unused_photos
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import Mesh, read_mesh
 from recon.triangle_mesh import volume_mm3
@@ -70,6 +71,10 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             return said, "" if said else _digest_of_batch(root / "batch")
         if command == "photo":
             return [], _colours(read_photo(root / path))
+        if command == "photos":
+            place = (root / path).parent
+            said, photos = unused_photos(place), [read_photo(one) for one in photo_paths(place)]
+            return said, "" if said else _digest([(one.image.shape, one.image.tobytes()) for one in photos])
         if command == "case":
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
@@ -246,6 +251,7 @@ def sound_digests(sound: Path) -> dict[str, str]:
             raise RuntimeError(said)
     if said := outcome("trace", sound, TRACE)[0]:
         raise RuntimeError(said)
+    _, digest["photos"] = outcome("photos", sound, "batch/fruits/B/photos/000.jpg")
     sources = dict.fromkeys(("sources/fields.csv", "sources/fields.npz", "sources/tac3d"), "convert")
     for path, command in {**sources, "sources/press.csv": "press"}.items():
         said, digest["press" if command == "press" else path] = outcome(command, sound, path)

@@ -38,7 +38,7 @@ class Broken:
 
     `expects`: "same" where every number must be read as from the sound input, otherwise a regular expression
     that the message must match; empty: any clear error, or any valid reading. Of the command "photo" it is
-    the size and the colours that must be read.
+    the size and the colours that must be read; "photos" reads a folder of them.
     """
 
     format: str

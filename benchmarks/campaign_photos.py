@@ -116,15 +116,16 @@ def photo_cases(photo: str, gel_frame: str) -> Iterator[Broken]:
     for kind, (data, expects) in _HEIC.items():
         read = _MEAN in expects
         change = with_bytes(lambda _, data=data: data)
-        yield heic(kind=kind, change=change, command="photo" if read else "check", expects=expects)
+        yield heic(kind=kind, change=change, command="photo" if read else "photos", expects=expects)
     for name, marker in _MARKERS.items():
         change = with_bytes(lambda _, marker=marker: hidden_size(marker))
         kind = f"32700 x 32700 behind {name}"
         expects = r"32700 x 32700 pixels; expected at most 210 million"
-        yield Broken(format="photo (JPEG)", kind=kind, path=photo, change=change, expects=expects)
+        hidden = partial(Broken, kind=kind, change=change)
+        yield hidden(format="photo (JPEG)", path=photo, command="photos", expects=expects)
         expects = "a picture of 1069 million pixels, expected at most 25 million"
-        yield Broken(format="gel frame", kind=kind, path=gel_frame, change=change, expects=expects)
-    named = partial(Broken, format="photo (name)", path=photo)
+        yield hidden(format="gel frame", path=gel_frame, expects=expects)
+    named = partial(Broken, format="photo (name)", path=photo, command="photos")
     for kind, change in _SAME_PHOTO.items():
         yield named(kind=kind, change=change, expects="same")
     for kind, (change, expects) in _NAMED.items():
