@@ -11,9 +11,7 @@ SAME = "same"
 S, MM, N = ("Time (s)", 1.0), ("Travel (mm)", 1.0), ("Force (N)", 1.0)
 GRAVITY, POUND_KG, INCH_MM = 9.80665, 0.45359237, 25.4
 """m/s2 (CGPM 1901); the avoirdupois pound and the inch (international agreement of 1959): exact."""
-Column = tuple[str, float]
-"""A column's name, and its unit in s, mm or N."""
-HEADERS: tuple[tuple[Column, Column, Column, str], ...] = (
+HEADERS: tuple[tuple[tuple[str, float], tuple[str, float], tuple[str, float], str], ...] = (
     (S, MM, ("Load (kN)", 1e3), SAME),
     (S, MM, ("Load [KN]", 1e3), SAME),
     (S, MM, ("Compressive load / lbf", POUND_KG * GRAVITY), SAME),
@@ -44,6 +42,7 @@ HEADERS: tuple[tuple[Column, Column, Column, str], ...] = (
     (S, MM, ("Load (MN)", 1.0), r"press\.csv: .*would be 1e\+06 N, which no press has.*--units force=UNIT"),
     (S, MM, ("Load", 1.0), r"press\.csv: found no unit of force .*--units force=N"),
 )  # fmt: skip
+"""Names of time, travel and force with their units in s, mm and N, and what is expected."""
 ROWS_OF_UNITS = (
     ("(sec)", "(in)", "(lbf)", (1.0, INCH_MM, POUND_KG * GRAVITY)),
     ("ms", "µm", "kN", (1e-3, 1e-3, 1e3)),

@@ -13,12 +13,11 @@ STANDARD_GRAVITY = 9.80665
 """m/s2: what turns a mass into a force (CGPM 1901)."""
 FORCE, MASS, LENGTH, TIME = "a force", "a mass", "a length", "a time"
 PRESSURE, VOLTAGE, RATIO = "a pressure or stress", "a voltage", "a ratio, an angle or a count"
-_LENGTH_MM = ("mm", LENGTH, 1e3, 1e-7, 1e3)
 QUANTITIES = {
     "time": ("s", TIME, 1.0, 1e-9, 86_400.0),
     "force": ("N", FORCE, 1.0, 1e-7, 1e4),
-    "travel": _LENGTH_MM,
-    "gap": _LENGTH_MM,
+    "travel": ("mm", LENGTH, 1e3, 1e-7, 1e3),
+    "gap": ("mm", LENGTH, 1e3, 1e-7, 1e3),
 }
 """Our unit of each quantity, its kind, our units in one of SI, and the smallest and largest factor of any
 press: ns to days, 0.1 uN to a tonne, 0.1 nm to m. Beyond these pint reads what a header means otherwise: `Mm`
