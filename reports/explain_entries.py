@@ -77,13 +77,10 @@ class ModulusEntry(_Entry):
 
 
 class ModuliEntry(_Entry):
-    """E without the effect and with it; beside the standard deviation of either, as a share of it, what a
-    common factor on force and gel stiffness adds (None: there is no gel).
-    """
+    """E without the effect and with it."""
 
     before: ModulusEntry
     after: ModulusEntry
-    common_scale_sd: Number | None = None
 
 
 class ParameterEntry(_Entry):

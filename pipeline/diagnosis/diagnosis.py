@@ -43,8 +43,7 @@ AS_GRADED = "E without an effect: {said}."
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
-    page. `common_scale_sd`: relative, of E by a common factor on force and gel stiffness; None without a gel.
-    `doubts`: why E cannot be right.
+    page. `doubts`: why E cannot be right.
     """
 
     explanation: Explanation
@@ -52,7 +51,6 @@ class Diagnosis:
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
     pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
-    common_scale_sd: float | None = None
     doubts: tuple[str, ...] = ()
 
 
@@ -183,7 +181,6 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
             ("Common scale of force and gel stiffness", f"± {100 * scale:.2g} % of E, beside its error"),
         ),
-        common_scale_sd=scale,
     )
 
 

@@ -28,11 +28,7 @@ def explain_entry(
     return ExplainEntry.model_validate(
         {
             **{field.name: getattr(answer, field.name) for field in fields(answer)},
-            "E_MPa": {
-                "before": answer.before,
-                "after": answer.after,
-                "common_scale_sd": found.common_scale_sd,
-            },
+            "E_MPa": {"before": answer.before, "after": answer.after},
             "fit": answer.heldout or {},
             "seconds": seconds,
             "case": case,
