@@ -14,6 +14,7 @@ from pipeline.files.whole_file import put
 
 BEGIN = b"\nsha256 "
 TRAILER_BYTES = len(BEGIN) + 64 + 1
+"""Bytes behind the content: SHA-256 has 64 hexadecimal digits."""
 BLOCK_BYTES = 1 << 20
 """Bytes of a file that are in memory at one time while it is checked."""
 

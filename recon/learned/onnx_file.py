@@ -30,6 +30,7 @@ PARTS: dict[str, dict[int, str]] = {
 KEY, VALUE = 1, 2
 """Fields of an entry of external data: its key, such as `location`, and its value."""
 MOST_PATH_BYTES = 1000
+"""Of a file's name in a model, with its folders. Set by hand: longer keys and values are other data."""
 
 
 class _Malformed(Exception):
@@ -58,7 +59,7 @@ def require_onnx(model: Path) -> None:
     if not {GRAPH, OPSET} <= found:
         raise bad_model(model, "is no ONNX model (it holds no graph)", "an ONNX file")
     for location in locations:
-        if wrong := _not_beside(model, location):
+        if wrong := _location_fault(model, location):
             expected = "plain files in the folder of the model, and no links"
             raise bad_model(model, f'keeps numbers in "{location[:200]}", which {wrong}', expected)
 
@@ -73,7 +74,7 @@ def model_files(model: Path) -> tuple[Path, ...]:
     return (model, *(model.parent / one for one in locations))
 
 
-def _not_beside(model: Path, location: str) -> str:
+def _location_fault(model: Path, location: str) -> str:
     """Why the file is not used; empty where it is a plain file in the model's folder or below it."""
     parts = Path(location).parts
     if not parts or Path(location).is_absolute() or ".." in parts:

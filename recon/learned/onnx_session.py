@@ -15,7 +15,7 @@ from recon.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""
-SIZES, MOST_BESIDE = 3, 1_000_000_000
+SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
 """Memory to load a model: so many times its files, since constants are computed and copied, and so many bytes
 beside."""
 
@@ -54,7 +54,7 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
             f"onnxruntime has not",
             f"one of {', '.join(known)} in providers",
         )
-    most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_BESIDE
+    most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES
     try:
         with limited_memory(most):
             return onnxruntime.InferenceSession(str(model), options, providers=usable)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from tactile.io.decimal_number import decimal_number
-from tactile.io.limited_process import Ending, tried
+from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.named_file import FileNotReadable, not_plain, read_bytes, size
 from tactile.io.pictures import unusable
 
@@ -194,9 +194,9 @@ def _require_few_cells(path: Path, load: Callable[[], Any]) -> None:
     expected = f"at most {MOST_CELLS} cells; delete what lies outside of the table, or save the sheet as .csv"
     names, spans = trial.lines[::2], [line.split() for line in trial.lines[1::2]]
     where = f"sheet {names[-1]}" if names else "the sheets"
-    if trial.ending is Ending.TOO_LONG:
+    if trial.ending is TrialEnding.TOO_LONG:
         raise unusable(f"{path.name}: {where}", f"cells that take more than {PATIENCE_S:.0f} s", expected)
-    if trial.ending is Ending.TOO_LARGE:
+    if trial.ending is TrialEnding.TOO_LARGE:
         found = f"cells so far apart that they take more than {size(MOST_MEMORY)}"
         raise unusable(f"{path.name}: {where}", found, expected)
     left = MOST_CELLS

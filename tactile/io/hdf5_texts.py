@@ -10,7 +10,7 @@ from typing import Any
 
 import h5py
 
-from tactile.io.limited_process import Ending, tried
+from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.named_file import size
 
 PATIENCE_S = 10.0
@@ -29,8 +29,8 @@ def texts_fault(path: Path, *, patience_s: float = PATIENCE_S) -> str:
     """
     trial = tried(lambda tell: _read(path, tell), patience_s=patience_s, most_bytes=MOST_BYTES)
     limits = {
-        Ending.TOO_LONG: f"in {patience_s:.0f} s",
-        Ending.TOO_LARGE: f"with {size(MOST_BYTES)} of memory",
+        TrialEnding.TOO_LONG: f"in {patience_s:.0f} s",
+        TrialEnding.TOO_LARGE: f"with {size(MOST_BYTES)} of memory",
     }
     if trial.ending in limits:
         return f"texts that the HDF5 library does not come to the end of {limits[trial.ending]}"

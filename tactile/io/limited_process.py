@@ -33,7 +33,7 @@ _NO_MEMORY, _BROKEN = 3, 4
 """Exit statuses of the process."""
 
 
-class Ending(Enum):
+class TrialEnding(Enum):
     """How a trial ended."""
 
     DONE = auto()
@@ -46,7 +46,7 @@ class Ending(Enum):
 class Trial:
     """How it ended, and the lines that it wrote until then."""
 
-    ending: Ending
+    ending: TrialEnding
     lines: tuple[str, ...] = ()
 
 
@@ -59,7 +59,7 @@ def tried(action: Callable[[Callable[[str], None]], None], *, patience_s: float,
     `patience_s` of processor time in any case.
     """
     if not hasattr(os, "fork"):
-        return Trial(Ending.DONE)
+        return Trial(TrialEnding.DONE)
     parent = os.getpid()
     reader, writer = os.pipe()
     with warnings.catch_warnings():
@@ -81,9 +81,9 @@ def tried(action: Callable[[Callable[[str], None]], None], *, patience_s: float,
         with os.fdopen(reader, "rb") as pipe:
             said = pipe.read(MOST_ANSWER_BYTES) if status is not None else b""
     if status is None or (os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL)):
-        return Trial(Ending.TOO_LONG)
+        return Trial(TrialEnding.TOO_LONG)
     lines = tuple(said.decode(errors="replace").splitlines())
-    return Trial(Ending.DONE if status == 0 else Ending.TOO_LARGE, lines)
+    return Trial(TrialEnding.DONE if status == 0 else TrialEnding.TOO_LARGE, lines)
 
 
 @contextmanager
@@ -128,7 +128,7 @@ def _act(
             os.dup2(quiet, handle)
         _end_with(parent, patience_s)
         with limited_memory(most_bytes):
-            action(lambda line: _told(writer, line))
+            action(lambda line: _write_line(writer, line))
         status = 0
     except Exception as cause:  # noqa: BLE001 - whatever it is, the reader will meet it too
         status = _NO_MEMORY if lacks_memory(cause) else 0
@@ -136,7 +136,7 @@ def _act(
         os._exit(status)
 
 
-def _told(writer: int, line: str) -> None:
+def _write_line(writer: int, line: str) -> None:
     os.write(writer, f"{line}\n".encode(errors="replace"))
 
 

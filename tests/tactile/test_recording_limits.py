@@ -111,12 +111,15 @@ def pad_attribute(name, held):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (external_link, "time_s: found a link, expected the field itself"),
+        (external_link, "time_s: found a link to another file, expected all fields"),
         (external_group, "pads/left: found a link"),
         (soft_link, "time_s: found a link"),
         (virtual, "aperture_mm: found values kept in another file"),
         (raw_storage, "aperture_mm: found values kept in another file"),
-        (claimed, "time_s: found shape (1000000000,), 1000000000 values, expected at most"),
+        (
+            claimed,
+            "time_s: found shape (1000000000,), 8000 MB in all fields up to this one, expected at most",
+        ),
         (chunked, "time_s: found chunks of 8000 MB"),
         (
             value("pads/left/rest_mm", 1e300),
