@@ -47,6 +47,10 @@ def _jpeg() -> bytes:
     return cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()
 
 
+def _instead(data: bytes) -> Change:
+    return with_bytes(lambda _: data)
+
+
 def _renamed(suffix: str) -> Change:
     def change(path: Path, _: np.random.Generator) -> None:
         path.rename(path.with_suffix(suffix))
@@ -115,10 +119,10 @@ def photo_cases(photo: str, gel_frame: str) -> Iterator[Broken]:
     heic = partial(Broken, format="photo (HEIC)", path=photo)
     for kind, (data, expects) in _HEIC.items():
         read = _MEAN in expects
-        change = with_bytes(lambda _, data=data: data)
+        change = _instead(data)
         yield heic(kind=kind, change=change, command="photo" if read else "photos", expects=expects)
     for name, marker in _MARKERS.items():
-        change = with_bytes(lambda _, marker=marker: hidden_size(marker))
+        change = _instead(hidden_size(marker))
         kind = f"32700 x 32700 behind {name}"
         expects = r"32700 x 32700 pixels; expected at most 210 million"
         hidden = partial(Broken, kind=kind, change=change)
