@@ -14,7 +14,7 @@ from test_camera_from_dots import dots, eye, picture
 from fem.estimation.joint_inference import FruitModulus
 from pipeline.cli import app
 from pipeline.fruit.elasticity import SENSOR, modulus_record
-from pipeline.fruit.sensor_scale import COMMON_SD, PICTURE_SD, SensorScale, sensor_scale
+from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_PICTURE, PICTURE_SD, SensorScale, sensor_scale
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import model_names, read_model
@@ -144,7 +144,7 @@ def test_the_spread_of_the_scales_is_kept_and_goes_into_e(tmp_path: Path) -> Non
     assert isinstance(pad, GelPad)
     assert (pad.force_scale_sd, pad.displacement_scale_sd) == (0.2, 0.03)
     unknown, stated = sensor_scale([grasp(0.0, 0.0)], None), sensor_scale([grasp(0.2, 0.03)], None)
-    assert (unknown.common, unknown.pictures) == pytest.approx((COMMON_SD, PICTURE_SD))
+    assert (unknown.common, unknown.pictures) == pytest.approx((COMMON_SD, E_PER_PICTURE * PICTURE_SD))
     assert (stated.common, stated.pictures) == pytest.approx((0.2, 0.03 * 0.5 / 1.5))
 
 
