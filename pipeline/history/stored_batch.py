@@ -21,7 +21,7 @@ SCALES = ("shore_oo", "penetrometer_N")
 """Columns of fruits.csv with the reading of another instrument."""
 
 
-GRADE_AGAIN = "move it away and run `drupe grade` again, which makes it anew"
+GRADE_AGAIN = "move it away and run `drupe grade` again, which makes it anew."
 
 
 @dataclass(frozen=True, kw_only=True)
