@@ -162,6 +162,7 @@ def test_what_is_for_the_page_alone_is_not_in_the_json():
     assert set(made.as_json()) == set(ExplainEntry.model_fields) - OF_THE_PAGE - {
         "next_grasp_plan",
         "E_withheld",
+        "doubts",
     }
     assert len(made.cells) == len(fake_explanation().cells)
     np.testing.assert_array_equal(made.maps.visible, fake_explanation().maps.visible)
