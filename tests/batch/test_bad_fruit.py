@@ -127,7 +127,8 @@ def spoiled(tmp_path_factory):
     folder = ready_batch(tmp_path_factory.mktemp("spoiled") / "batch", 1)
     shutil.copy(SHIPPED / "mat.json", folder)
     good = next((folder / "fruits").iterdir())
-    rows = ["fruit_id,height_mm", f"{good.name},60"]
+    height_mm = np.ptp(read_mesh(good / "fruit.ply")[0][:, 2])
+    rows = ["fruit_id,height_mm", f"{good.name},{height_mm:.1f}"]
     for number, (name, (spoil, *_)) in enumerate(SPOILED.items(), 1):
         where = folder / "fruits" / name
         shutil.copytree(good, where)
@@ -136,7 +137,7 @@ def spoiled(tmp_path_factory):
             for pad in ("left", "right"):
                 file[f"pads/{pad}/force_N"][...] *= 1 + 0.001 * number
         spoil(where)
-        rows.append(f"{name},60")
+        rows.append(f"{name},{height_mm:.1f}")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
     graded = drupe("grade", "--no-screen", folder)
     return folder, good.name, graded, drupe("check", folder)
