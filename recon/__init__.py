@@ -2,6 +2,10 @@
 
 import os
 
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "60000000")
-# OpenCV reads its limit for decoded pictures once, while it is imported; a whole photo has at most so many
-# pixels (recon.cameras.photos.MOST_WHOLE_PIXELS).
+MOST_PIXELS = 60_000_000
+"""Of a whole photo, as recon.cameras.photos.MOST_WHOLE_PIXELS has it. OpenCV reads its limit for decoded
+pictures from the environment once, while it is imported; a larger limit that the user has set is lowered."""
+_STATED = os.environ.get("OPENCV_IO_MAX_IMAGE_PIXELS", "")
+os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(
+    min(int(_STATED), MOST_PIXELS) if _STATED.isdecimal() and len(_STATED) < 20 else MOST_PIXELS
+)
