@@ -21,6 +21,7 @@ from tactile.io.named_file import (
     not_plain,
     printable,
     read_bytes,
+    read_head,
     size,
 )
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -176,12 +177,12 @@ def _require_container(path: Path) -> None:
 
     FFmpeg knows lists of files (ffconcat, HLS, SDP), by which it would read files that the user did not name.
     """
-    if wrong := not_plain(path):
-        raise unusable(path.name, f"that it {wrong}", "a video")
+    try:
+        begin = read_head(path, 12)
+    except FileNotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a video") from cause
     if is_lfs_pointer(path):
         raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")
-    with path.open("rb") as file:
-        begin = file.read(12)
     avi = begin[:4] == b"RIFF" and begin[8:12] == b"AVI "
     if not avi and begin[4:8] not in MP4_BEGINS:
         raise unusable(path.name, "no video of a kind that is read", "an AVI or MP4 file, whatever its name")
