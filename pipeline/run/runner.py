@@ -52,6 +52,7 @@ LOOK_S = 0.1
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
 LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; the rest is left out"
+"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
 def run_fruits(

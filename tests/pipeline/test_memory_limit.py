@@ -32,20 +32,20 @@ class Block(threading.Thread):
     def __init__(self, limited, most):
         super().__init__()
         self._limited, self._most = limited, most
-        self._begun, self._told = threading.Event(), threading.Event()
+        self._open, self._may_end = threading.Event(), threading.Event()
 
     def begun(self):
         self.start()
-        assert self._begun.wait(10)
+        assert self._open.wait(10)
         return self
 
     def run(self):
         with self._limited(self._most):
-            self._begun.set()
-            self._told.wait(10)
+            self._open.set()
+            self._may_end.wait(10)
 
     def end(self):
-        self._told.set()
+        self._may_end.set()
         self.join(10)
 
 
