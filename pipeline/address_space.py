@@ -66,11 +66,14 @@ def too_little_memory(free_MiB: float | None = None) -> str:
 
 
 def is_lack_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it came of, is a lack of memory, whichever library met it."""
+    """Whether an error, or one that it was raised from, is a lack of memory, whichever library met it.
+
+    An error that happens while a lack of memory is handled (`__context__`) is a fault of its own.
+    """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         if isinstance(error, MemoryError) or IN_WORDS.search(str(error)):
             return True
-        error = error.__cause__ or error.__context__
+        error = error.__cause__
     return False

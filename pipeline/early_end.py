@@ -1,11 +1,10 @@
 """Ctrl-C before the command has begun: it ends the process there and then, without a traceback.
 
-Only modules are imported until then and nothing is written. Modules that are built into Python alone are
-imported here, so that no file is read before the handler is in place.
+Only modules are imported until then and nothing is written.
 """
 
-import _signal
-import posix
+import _signal  # not `signal`: under -m a file of that name in the current folder, a stranger's, would be run
+import os
 
 STANDARD_ERROR = 2
 """Its file descriptor (POSIX, STDERR_FILENO)."""
@@ -18,8 +17,8 @@ STATUS = 130
 
 def end_at_once(_number: int, _frame: object) -> None:
     """A handler of SIGINT: one line, exit status 130."""
-    posix.write(terminal, SAID.encode())
-    posix._exit(STATUS)
+    os.write(terminal, SAID.encode())
+    os._exit(STATUS)
 
 
 def begin() -> None:

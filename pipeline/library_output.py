@@ -20,7 +20,7 @@ from pipeline import early_end
 FORMAT = "%(name)s: %(message)s"
 """A record of Python's logging: the library, and what it says with its traceback."""
 MOST_BYTES = 2**20
-"""Of what native libraries write between two calls of `hand_over_native`; the rest is dropped."""
+"""Of what libraries write between two calls of `hand_over_native` or `LinesOf.new`; the rest is dropped."""
 _listeners: list[Callable[[str], None]] = []
 _native: list[int] = []
 """The descriptor of the file that native libraries write to; none in a process that did not ask for it."""
@@ -95,6 +95,29 @@ def write_into(path: Path) -> None:
     os.close(descriptor)
     logging.basicConfig(format=FORMAT, stream=sys.stderr)
     logging.captureWarnings(True)
+
+
+class LinesOf:
+    """Lines that another process adds to a file, which is emptied as soon as it is larger than MOST_BYTES."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._at = path, 0
+
+    def new(self) -> list[str]:
+        """The whole lines since the last call, from the last MOST_BYTES; none where there is no file."""
+        try:
+            with self.path.open("r+b") as file:
+                end = file.seek(0, os.SEEK_END)
+                self._at = file.seek(max(self._at, end - MOST_BYTES))
+                said = file.read(MOST_BYTES)
+                whole = said[: said.rfind(b"\n") + 1]
+                self._at += len(whole)
+                if self._at > MOST_BYTES:
+                    file.truncate(0)  # the other process adds to the end, wherever that is
+                    self._at = 0
+        except FileNotFoundError:
+            return []
+        return whole.decode(errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")[:-1]
 
 
 def _nameless_file() -> int:

@@ -122,9 +122,12 @@ class FruitFolder:
         """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
         if _stands(self.fruit_ply) or _stands(self.photos) or self.raw_grasp_folders():
             return False
-        bare = {path: is_of_bare_indenter(path) for path in self.grasp_files()}
+        files = self.grasp_files()
+        named = [path for path in files if path.suffix.lower() == ".h5"]
+        if not all(is_of_bare_indenter(path) for path in named):
+            return False
         # Of .hdf5 and .mat, which other programs write too, one that is no recording decides nothing.
-        return any(bare.values()) and all(one or path.suffix.lower() != ".h5" for path, one in bare.items())
+        return bool(named) or any(is_of_bare_indenter(path) for path in files)
 
     def input_files(self) -> tuple[Path, ...]:
         """Every file the fruit's result depends on."""

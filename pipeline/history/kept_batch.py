@@ -1,4 +1,4 @@
-"""A batch as a store keeps it: every result of every fruit with its revision, of which the latest counts."""
+"""A batch as a store keeps it: every result of every fruit with its revision. The latest revision counts."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace

@@ -10,10 +10,10 @@ import signal
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import TracebackType
@@ -24,7 +24,7 @@ from pebble.concurrent import process
 
 from pipeline.address_space import IN_WORDS
 from pipeline.files.scratch import scratch, temporary_files_in
-from pipeline.library_output import write_into
+from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import (
     Died,
     Event,
@@ -49,6 +49,10 @@ THREAD_VARIABLES = (
 PROCESS = "drupe fruit"
 LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
+LAST_LINES = 5
+"""Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
+LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; the rest is left out"
+"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
 def run_fruits(
@@ -184,47 +188,44 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@dataclass
 class _Running:
     """A fruit's process by its name, and how much of its log has been reported."""
 
-    fruit_id: str
-    log: Path
-    process: str
-    reported: int = 0
-    since_s: float | None = None
-    written: int = 0
-    lacked_memory: str = ""
-    """The last line in which a library reported a lack of memory."""
+    def __init__(self, fruit_id: str, log: Path, process: str) -> None:
+        self.fruit_id, self.process = fruit_id, process
+        self.log, self.output = log, log.with_name(f"{log.name}-libraries")
+        self.since_s: float | None = None
+        self._stages, self._lines = LinesOf(self.log), LinesOf(self.output)
+        self._last: deque[str] = deque(maxlen=LAST_LINES)
+        self._noted = 0
 
     @property
-    def output(self) -> Path:
-        """What libraries write."""
-        return self.log.with_name(f"{self.log.name}-libraries")
+    def lacked_memory(self) -> str:
+        """The line in which a library reported a lack of memory at the end; empty where none did."""
+        return next((line for line in reversed(self._last) if IN_WORDS.search(line)), "")
 
     def happened(self) -> list[Event]:
         """The stages begun, and what libraries wrote, since the last call."""
-        stages, lines = _lines(self.log, self.reported), _lines(self.output, self.written)
-        self.reported += len(stages)
-        self.written += len(lines)
-        for line in filter(IN_WORDS.search, lines):
-            self.lacked_memory = line
+        stages = self._stages.new()
+        lines = [line for line in self._lines.new() if line.strip()]
+        self._last.extend(lines)
         return [
             *(Progressed(self.fruit_id, stage) for stage in stages),
-            *(Noted(self.fruit_id, line) for line in lines if line.strip()),
+            *(Noted(self.fruit_id, line) for line in self._within_limit(lines)),
         ]
+
+    def _within_limit(self, lines: list[str]) -> Iterator[str]:
+        """The lines until all of the fruit together have MOST_BYTES, and then once LEFT_OUT."""
+        for line in lines:
+            if self._noted <= MOST_BYTES:
+                self._noted += len(line)
+                yield line if self._noted <= MOST_BYTES else LEFT_OUT
 
     def out_of_time(self, limit_s: float) -> bool:
         """Whether it has been running for longer than `limit_s`, since this was first asked."""
         now = time.monotonic()
         self.since_s = now if self.since_s is None else self.since_s
         return now - self.since_s > limit_s
-
-
-def _lines(path: Path, known: int) -> list[str]:
-    """The whole lines of a file after those that are known."""
-    said = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-    return said.split("\n")[:-1][known:]
 
 
 def _ending(one: _Running, future: Any) -> Event:

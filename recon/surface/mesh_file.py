@@ -1,6 +1,7 @@
 """Reads and writes triangle meshes in mm: PLY, and by trimesh STL, OBJ and GLB."""
 
 import io
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
 from recon.triangle_mesh import consistently_oriented, open_edges, volume_mm3
 
-trimesh.util.log.setLevel("CRITICAL")  # its warnings, with tracebacks, would go to the terminal
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+# Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 MM_IN_A_METRE = 1000.0
 """glTF 2.0 has metres (3.4)."""

@@ -21,8 +21,9 @@ markers' places alone and the forces with its square, 0.8."""
 
 
 def gel_findings(pads: Sequence[GelPad], known: PublishedGel) -> list[Finding]:
-    """Stiffness and pitch that are further than FAR_SD from what is known; both pads in one sentence. Of two
-    wrong stiffnesses of a pad the first is named.
+    """Stiffness and pitch that are further than FAR_SD from what is known; both pads in one sentence.
+
+    Where both stiffnesses of a pad are wrong, only the first is named.
     """
     of_stiffness = [finding for pad in pads if (finding := _stiffness(pad, known)) is not None]
     of_pitch = [finding for pad in pads if (finding := _pitch(pad, known)) is not None]

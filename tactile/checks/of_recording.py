@@ -50,11 +50,12 @@ def recording_findings(
 ) -> list[Finding]:
     """What cannot be right in `recording` of the fruit with this mesh, the likeliest cause first.
 
-    What a refused finding explains is left out: nothing of a lower rank is looked for. `E_range_MPa`: moduli
-    that the category can have, `surface_sd_mm`: the mesh's error, `gels`: what is known of
-    the sensor's. A bare indenter's trace is not checked.
-    Without a mesh (None) only what the recording says of itself is: its fields pad by pad, and whether the
-    contact runs over the edge of the markers.
+    After a finding that refuses the recording nothing of a lower rank is looked for. A bare indenter's trace
+    is not checked. Without a mesh (None) only the recording itself is checked: its fields pad by pad, and
+    whether the contact runs over the edge of the markers.
+
+    `E_range_MPa`: moduli that the category can have; `surface_sd_mm`: the mesh's error; `gels`: what is known
+    of the sensor's gels.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):

@@ -68,6 +68,16 @@ def named_in_utf8(path: Path) -> bool:
 
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
     """All bytes of a plain file of at most `most_bytes`; raises FileNotReadable."""
+    data = read_head(path, most_bytes + 1)
+    if data.startswith(LFS_POINTER):
+        raise FileNotReadable(NO_LFS_FILE)
+    if len(data) > most_bytes:
+        raise FileNotReadable(f"is larger than {size(most_bytes)}, the most that is read")
+    return data
+
+
+def read_head(path: Path, count: int) -> bytes:
+    """The first `count` bytes of a plain file; raises FileNotReadable."""
     if wrong := not_plain(path):
         raise FileNotReadable(wrong)
     try:
@@ -75,14 +85,9 @@ def read_bytes(path: Path, *, most_bytes: int) -> bytes:
         with os.fdopen(handle, "rb") as file:
             if wrong := _kind(os.fstat(handle).st_mode):
                 raise FileNotReadable(wrong)
-            data = file.read(most_bytes + 1)
+            return file.read(count)
     except OSError as error:
         raise FileNotReadable(f"cannot be opened ({_why(error)})") from error
-    if data.startswith(LFS_POINTER):
-        raise FileNotReadable(NO_LFS_FILE)
-    if len(data) > most_bytes:
-        raise FileNotReadable(f"is larger than {size(most_bytes)}, the most that is read")
-    return data
 
 
 def is_lfs_pointer(path: Path) -> bool:

@@ -2,8 +2,9 @@
 
 import os
 import re
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from tactile.io.named_file import (
     not_plain,
     printable,
     read_bytes,
+    read_head,
     size,
 )
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -37,8 +39,10 @@ _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of a frame header, which holds height and width (ITU-T T.81, table B.1)."""
 MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
 """Types of the first box of an MP4 or QuickTime file (ISO/IEC 14496-12)."""
-os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file|format_whitelist;avi,mov"
-"""For FFmpeg inside OpenCV: no other protocol and no list of files. Replaces what the user may have set."""
+FFMPEG_VARIABLE = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+FFMPEG_OPTIONS = "protocol_whitelist;file|format_whitelist;avi,mov"
+"""What OpenCV finds under that name while it opens a video: no other protocol, and no list of files."""
+_OPENING = threading.Lock()
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
 
@@ -173,12 +177,12 @@ def _require_container(path: Path) -> None:
 
     FFmpeg knows lists of files (ffconcat, HLS, SDP), by which it would read files that the user did not name.
     """
-    if wrong := not_plain(path):
-        raise unusable(path.name, f"that it {wrong}", "a video")
+    try:
+        begin = read_head(path, 12)
+    except FileNotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a video") from cause
     if is_lfs_pointer(path):
         raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")
-    with path.open("rb") as file:
-        begin = file.read(12)
     avi = begin[:4] == b"RIFF" and begin[8:12] == b"AVI "
     if not avi and begin[4:8] not in MP4_BEGINS:
         raise unusable(path.name, "no video of a kind that is read", "an AVI or MP4 file, whatever its name")
@@ -186,8 +190,23 @@ def _require_container(path: Path) -> None:
 
 def _capture(path: Path) -> cv2.VideoCapture:
     """The open video, by FFmpeg alone, in one thread: each thread keeps frames of its own."""
-    with limited_memory(MOST_FRAME_MEMORY):
+    with _files_alone(), limited_memory(MOST_FRAME_MEMORY):
         return cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+
+
+@contextmanager
+def _files_alone() -> Iterator[None]:
+    """Inside the block FFmpeg has FFMPEG_OPTIONS; the user's own are back after it."""
+    with _OPENING:
+        before = os.environ.get(FFMPEG_VARIABLE)
+        os.environ[FFMPEG_VARIABLE] = FFMPEG_OPTIONS
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ[FFMPEG_VARIABLE]
+            else:
+                os.environ[FFMPEG_VARIABLE] = before
 
 
 def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:

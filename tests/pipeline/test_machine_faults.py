@@ -119,6 +119,39 @@ def test_only_errors_of_a_users_place_or_machine_are_theirs(monkeypatch, capsys,
     assert said in capsys.readouterr().err
 
 
+def while_handling(error, handled):
+    """`error` as it is when it happens while `handled` is handled."""
+    try:
+        try:
+            raise handled
+        except type(handled):
+            raise error  # noqa: B904 - which sets __context__ alone
+    except type(error) as came:
+        return came
+
+
+def raised_from(error, cause):
+    try:
+        raise error from cause
+    except type(error) as came:
+        return came
+
+
+@pytest.mark.parametrize(
+    ("error", "lacks"),
+    [
+        (raised_from(ValueError("no mesh"), MemoryError()), True),
+        (raised_from(ImportError("numpy"), ImportError("failed to map segment")), True),
+        (raised_from(OSError("h5py"), raised_from(ValueError("x"), MemoryError())), True),
+        (while_handling(KeyError("E_MPa"), MemoryError()), False),
+        (while_handling(TypeError("None"), RuntimeError("std::bad_alloc")), False),
+        (raised_from(ValueError("x"), while_handling(KeyError("y"), MemoryError())), False),
+    ],
+)
+def test_a_fault_while_a_lack_of_memory_is_handled_is_a_fault(error, lacks):
+    assert (ending_of(error)[0] is Outcome.OUT_OF_MEMORY) is lacks
+
+
 def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
     left, held, theirs = (
         tmp_path / name for name in (f".a.csv{MARK}abcdefgh", f".b.csv{MARK}abcdefgh", ".a.csv.swp")

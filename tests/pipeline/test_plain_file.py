@@ -34,7 +34,7 @@ def test_a_rule_is_the_same_in_both_rooms(name):
     assert theirs.replace("FileNotReadable", "NotReadable") == ours
 
 
-@pytest.mark.parametrize("name", ["limited_memory", "_addresses_in_use"])
+@pytest.mark.parametrize("name", ["limited_memory", "_Blocks", "_limit", "_set_limit", "_addresses_in_use"])
 def test_so_is_the_limit_on_memory(name):
     both = (recon.limited_memory, tactile.io.limited_process)
     theirs, ours = (inspect.getsource(getattr(room, name)) for room in both)

@@ -3,6 +3,7 @@
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -237,6 +238,11 @@ def without_memory(how, report):
     if how == "OpenBLAS":
         os.write(2, b"OpenBLAS error: Memory allocation still failed after 10 retries, giving up.\n")
         os._exit(1)
+    if how == "long before":
+        os.write(
+            2, b"vtk: out of memory, a smaller buffer is used\n" + b"".join(b"%d\n" % k for k in range(5))
+        )
+        os.kill(os.getpid(), signal.SIGSEGV)
     if how == "loader":
         raise ImportError("libx.so: failed to map segment from shared object")
     return "done"
@@ -252,6 +258,38 @@ def test_a_lack_of_memory_ends_the_fruit_as_that_in_whatever_way_it_shows():
     )
     assert "more than the 300 MiB that a fruit may have here" in ending_of(ended["too much"])[1]
     assert "Memory allocation still failed" in ending_of(ended["OpenBLAS"])[1]
+
+
+def test_a_lack_of_memory_long_before_is_not_the_cause_of_a_crash():
+    (ended,) = (
+        event
+        for event in run_fruits(without_memory, [("a", "long before")], jobs=1, time_limit_s=60)
+        if not isinstance(event, Progressed | Noted)
+    )
+    assert ended == Died("a", -signal.SIGSEGV)
+
+
+def endless(size, report):
+    for _ in range(size // 2**20):
+        os.write(1, b"%s\n" % (b"x" * (2**20 - 1)))
+        time.sleep(0.02)
+    os.write(1, b"the end\n")
+    return "done"
+
+
+def test_what_libraries_write_without_end_is_cut(tmp_path):
+    with LocalPool(jobs=1, time_limit_s=60) as pool:
+        pool.begin("a", pickle.dumps((endless, 64 * 2**20)))
+        events, held = [], 0
+        while not any(isinstance(event, Finished) for event in events):
+            events += pool.happened()
+            held = max(
+                [held, *(one.output.stat().st_size for one in pool._pending.values() if one.output.exists())]
+            )
+    lines = [event.line for event in events if isinstance(event, Noted)]
+    assert sum(map(len, lines)) < 2**20 + 100
+    assert lines[-1] == "libraries wrote more than 1 MiB; the rest is left out"
+    assert held < 32 * 2**20
 
 
 def talkative(how, report):

@@ -128,3 +128,29 @@ def test_a_stray_mat_does_not_take_a_fruit_of_plates_its_way_and_a_gel_recording
     for name, without in (("plates.h5", True), ("other.mat", True), ("gel.h5", False)):
         (tmp_path / "grasps" / name).touch()
         assert FruitFolder(tmp_path).without_shape() is without
+
+
+def test_recordings_are_opened_until_one_is_not_of_plates(tmp_path, monkeypatch):
+    """Each opening starts a process."""
+    opened = []
+    monkeypatch.setattr(
+        "pipeline.batch.layout.is_of_bare_indenter",
+        lambda path: opened.append(path.name) or path.stem.startswith("plates"),
+    )
+    (tmp_path / "grasps").mkdir()
+    for name in ("a.mat", "gel-1.h5", "gel-2.h5", "gel-3.h5"):
+        (tmp_path / "grasps" / name).touch()
+    assert not FruitFolder(tmp_path).without_shape()
+    assert opened == ["gel-1.h5"]
+
+
+@pytest.mark.parametrize(
+    ("names", "without"),
+    [((), False), (("a.mat",), False), (("a.mat", "plates.hdf5"), True), (("plates.h5", "gel.H5"), False)],
+)
+def test_only_plates_are_taken_for_the_shape(tmp_path, monkeypatch, names, without):
+    monkeypatch.setattr("pipeline.batch.layout.is_of_bare_indenter", lambda path: path.stem == "plates")
+    (tmp_path / "grasps").mkdir()
+    for name in names:
+        (tmp_path / "grasps" / name).touch()
+    assert FruitFolder(tmp_path).without_shape() is without

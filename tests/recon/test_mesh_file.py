@@ -1,5 +1,8 @@
 """Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -175,3 +178,16 @@ def test_points_without_faces_are_called_so(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
     with pytest.raises(ReconFailure, match=r"a\.obj"):
         read_mesh(tmp_path / "a.obj")
+
+
+def test_trimesh_s_logs_go_where_the_caller_routes_them_and_else_nowhere():
+    """In a process without handlers, then with one."""
+    script = (
+        "import logging, recon.surface.mesh_file\n"
+        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('not shown')\n"
+        "logging.basicConfig(format='%(name)s: %(message)s')\n"
+        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('kept')\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout == ""
+    assert ran.stderr == "trimesh.util: kept\ntrimesh.triangles: kept\n"

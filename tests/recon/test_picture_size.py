@@ -5,11 +5,15 @@ import struct
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+import pipeline
+import recon
+import tactile
 from recon.cameras import photos
 from recon.cameras.photos import read_photo
 from recon.cameras.picture_size import first_scan, in_one_pass, picture_px
@@ -143,3 +147,21 @@ def test_the_decoder_itself_refuses_more_pixels_than_a_whole_photo_has(room):
     ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert ran.stdout.split() == ["7700", "True", "7800", "False"]
     assert photos.MOST_WHOLE_PIXELS == 60_000_000
+
+
+@pytest.mark.parametrize(
+    ("stated", "held"),
+    [("999999999999", "60000000"), ("1000000", "1000000"), ("60MB", "60000000"), ("9" * 5000, "60000000")],
+)
+def test_a_larger_limit_of_the_user_does_not_lift_it(stated, held):
+    shows = "import os, tactile; print(os.environ['OPENCV_IO_MAX_IMAGE_PIXELS'])"
+    environment = {**os.environ, "OPENCV_IO_MAX_IMAGE_PIXELS": stated}
+    ran = subprocess.run(
+        [sys.executable, "-c", shows], env=environment, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.strip() == held
+
+
+def test_the_rooms_set_the_limit_by_the_same_lines():
+    lines = {Path(room.__file__).read_text().split("\n", 1)[1] for room in (pipeline, recon, tactile)}
+    assert len(lines) == 1

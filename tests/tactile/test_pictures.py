@@ -1,5 +1,7 @@
 """A frame of a gel is a PNG or a JPEG of a size that its header tells, whatever its name says."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -33,3 +35,24 @@ def test_a_picture_of_another_size_than_its_header_says_is_damaged(tmp_path, mon
     (tmp_path / "a.png").write_bytes(cv2.imencode(".png", IMAGE)[1].tobytes())
     with pytest.raises(TactileFailure, match="found a damaged picture"):
         read_picture(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("own", [None, "hwaccel;none"])
+def test_ffmpeg_s_limits_hold_while_a_video_is_opened_and_the_user_s_options_are_back_afterwards(
+    tmp_path, monkeypatch, own
+):
+    monkeypatch.delenv(pictures.FFMPEG_VARIABLE, raising=False)
+    if own is not None:
+        monkeypatch.setenv(pictures.FFMPEG_VARIABLE, own)
+    seen, opened = [], cv2.VideoCapture
+
+    def capture(*arguments):
+        seen.append(os.environ[pictures.FFMPEG_VARIABLE])
+        return opened(*arguments)
+
+    monkeypatch.setattr(cv2, "VideoCapture", capture)
+    (tmp_path / "left.avi").write_bytes(b"RIFF\0\0\0\0AVI ")
+    with pytest.raises(TactileFailure, match="cannot be opened"):
+        pictures.pictures_in(tmp_path / "left.avi")
+    assert seen == ["protocol_whitelist;file|format_whitelist;avi,mov"]
+    assert os.environ.get(pictures.FFMPEG_VARIABLE) == own

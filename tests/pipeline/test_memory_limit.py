@@ -1,0 +1,102 @@
+"""The limit on a process's memory: blocks in several threads, in both rooms, and after a fork."""
+
+import resource
+import sys
+import threading
+
+import pytest
+
+import recon.limited_memory
+import tactile.io.limited_process
+
+MIB, GIB = 2**20, 2**30
+LIMITS = [recon.limited_memory.limited_memory, tactile.io.limited_process.limited_memory]
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no limit")
+
+
+def limit():
+    return resource.getrlimit(resource.RLIMIT_AS)[0]
+
+
+@pytest.fixture(autouse=True)
+def as_before():
+    """A fault here must not limit the tests that follow in this process."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+class Block(threading.Thread):
+    """A block in a thread of its own, which ends when it is told to."""
+
+    def __init__(self, limited, most):
+        super().__init__()
+        self._limited, self._most = limited, most
+        self._open, self._may_end = threading.Event(), threading.Event()
+
+    def begun(self):
+        self.start()
+        assert self._open.wait(10)
+        return self
+
+    def run(self):
+        with self._limited(self._most):
+            self._open.set()
+            self._may_end.wait(10)
+
+    def end(self):
+        self._may_end.set()
+        self.join(10)
+
+
+@pytest.mark.parametrize("second", LIMITS)
+@pytest.mark.parametrize("first", LIMITS)
+@pytest.mark.parametrize("sizes", [(GIB, 2 * GIB), (2 * GIB, GIB)])
+def test_blocks_that_overlap_leave_no_limit(first, second, sizes):
+    before = limit()
+    one, other = Block(first, sizes[0]).begun(), Block(second, sizes[1]).begun()
+    assert limit() != before
+    one.end()
+    other.end()
+    assert limit() == before
+
+
+@pytest.mark.parametrize("limited", LIMITS)
+def test_the_widest_open_block_counts_until_the_last_one_ends(limited):
+    one = Block(limited, GIB).begun()
+    narrow = limit()
+    other = Block(limited, 2 * GIB).begun()
+    wide = limit()
+    assert wide > narrow + 900 * MIB
+    other.end()
+    assert limit() == wide
+    one.end()
+
+
+@pytest.mark.parametrize("limited", LIMITS)
+def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own(limited):
+    before = limit()
+    for _ in range(2):
+        with pytest.raises(MemoryError), limited(100 * MIB):
+            bytearray(GIB)
+        assert limit() == before
+
+
+def test_a_limit_of_the_user_is_not_widened():
+    own = 20 * GIB
+    resource.setrlimit(resource.RLIMIT_AS, (own, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    with LIMITS[1](40 * GIB):
+        assert limit() == own
+    with LIMITS[1](GIB), LIMITS[1](40 * GIB):
+        assert limit() == own
+    assert limit() == own
+
+
+def test_a_trial_has_its_own_limit_beside_a_wider_block():
+    """The block's thread is not in the process of the trial."""
+    block = Block(LIMITS[1], 4 * GIB).begun()
+    trial = tactile.io.limited_process.tried(
+        lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB
+    )
+    block.end()
+    assert trial.ending is tactile.io.limited_process.TrialEnding.TOO_LARGE
