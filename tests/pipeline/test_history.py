@@ -4,11 +4,16 @@ import csv
 import json
 import math
 import sqlite3
+import sys
 from dataclasses import asdict, replace
 from datetime import UTC, date, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from campaign_history import LOTS, REVISIONS, counted_after, lot_cell
 from graded_results import graded, results_of
 from scipy.stats import linregress
 
@@ -603,3 +608,14 @@ def test_no_cell_of_the_table_starts_a_formula(drupe, tmp_path, lot):
     for separator in (",", ";"):
         for line in csv.reader(table.read_text().splitlines(), delimiter=separator):
             assert not any(cell.startswith(("=", "+", "-", "@")) for cell in line)
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_the_campaigns_revisions_count_what_they_state(tmp_path, revision):
+    found, expected = counted_after(stored_batch(day_of(tmp_path / "b" / "results", DAY)), revision)
+    assert found == expected
+
+
+@pytest.mark.parametrize("lot", LOTS)
+def test_the_campaigns_lots_have_the_cells_that_they_state(tmp_path, lot):
+    assert lot_cell(stored_batch(day_of(tmp_path / "b" / "results", DAY)), lot) == LOTS[lot]
