@@ -54,7 +54,10 @@ EXCEL_DIALECTS = {
 """What is between cells, and before decimals, where Excel of a country opens a table by a double click."""
 BYTE_ORDER_MARK = "\ufeff"
 """By which Excel knows UTF-8."""
-_FORMULA = re.compile(r"(^|[;,\t])(?=\t|[\s\"]*[=+\-@＝＋－＠])")
+_NUMBER = r"\d*(?:[.,\s]\d+)*\.?(?:[eE][+-]?\d+)?[%\s]*"
+_REST = rf"\s*(?:[^\s\d.,;)>]|{_NUMBER}(?:[-+*/^&=<>＋－＝]|:\s*[\d$]))"
+"""What makes a formula of a sign: no number behind it, or a number that is not all ("-7" and "-7 mm" are)."""
+_FORMULA = re.compile(rf"^(?=\t|[\s\"]*[=+\-@＝＋－＠])|(?<=[;,\t])(?=[\s\"]*(?:[=@＝＠]|[+\-＋－]{_REST}))")
 """Where a cell would begin that a spreadsheet takes for a formula."""
 
 
@@ -117,16 +120,16 @@ def _said_by(fruit: FruitEntry) -> str | None:
 def safe_cell(text: str | None) -> str | None:
     """Text that no spreadsheet runs, on one line; None where there is none.
 
-    An apostrophe goes before what would be a formula at the start of the text, or behind a separator in it:
-    a spreadsheet of another country takes `;`, a comma or a tab for the end of the cell, quoted or not. The
-    same text comes back for text that is safe.
+    An apostrophe goes before = + - @ at the start of the text, and before a formula behind a separator in it:
+    a spreadsheet of another country takes `;`, a comma or a tab for the end of the cell, quoted or not.
+    Numbers behind a separator stay. The same text comes back for text that is safe.
 
-    >>> safe_cell("=1+1"), safe_cell("lot 7;=cmd"), safe_cell("a - b, c")
-    ("'=1+1", "lot 7;'=cmd", 'a - b, c')
+    >>> safe_cell("=1+1"), safe_cell("lot 7;=cmd"), safe_cell("a - b, -0.3 mm")
+    ("'=1+1", "lot 7;'=cmd", 'a - b, -0.3 mm')
     """
     if not text:
         return None
-    return _FORMULA.sub(r"\1'", " ".join(text.replace("\x00", "").splitlines()))
+    return _FORMULA.sub("'", " ".join(text.replace("\x00", "").splitlines()))
 
 
 def _plain(text: str | None) -> str | None:

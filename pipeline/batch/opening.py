@@ -226,13 +226,15 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
 
 
 def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """Every file that the settings name: category, pit, rig, model of the geometry, control chart."""
+    """Every file that the settings name: category, pit, rig, model of the geometry, control chart where it
+    may lie (else `survey` says so).
+    """
     model, chart = settings.recon.geometry_model, settings.reference.chart
-    return (
-        *own_files(folder, settings),
-        *([folder.root / model] if model else []),
-        *([chart_path(folder, chart)] if chart else []),
-    )
+    found = [*own_files(folder, settings), *([folder.root / model] if model else [])]
+    if chart:
+        with suppress(BatchRefused):
+            found.append(chart_path(folder, chart))
+    return tuple(found)
 
 
 def _is_file(named: str) -> bool:

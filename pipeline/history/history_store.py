@@ -108,9 +108,11 @@ class HistoryStore:
 
     def _forget(self, key: str, fruit_id: str) -> Forgotten:
         words, known = self.words(key), sorted(self._fruit(key))
-        gone = [fruit_id] if fruit_id else known
+        kept = self.rows.batches.get(key)
+        former = {} if kept is None else kept.renamed()
+        gone = [name for name in known if fruit_id in ("", name, former.get(name))]
         whole = gone == known
-        kept = self.rows.batches.pop(key, None)
+        self.rows.batches.pop(key, None)
         if kept is not None and not whole:
             left = tuple(row for row in kept.rows if row.fruit_id not in gone)
             self.rows.batches[key] = KeptBatch(key=key, rows=left)

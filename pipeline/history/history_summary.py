@@ -31,7 +31,7 @@ def _series_lines(one: SeriesEntry) -> Iterator[str]:
     for limit in one.limits:
         yield f"  {printable(limit.name)} (up to {limit.E_max_MPa:g} MPa): {limit.words}"
     for note in one.notes:
-        yield f"  note: {note}."
+        yield f"  note: {printable(note)}."
 
 
 def _days(count: int) -> str:

@@ -37,16 +37,24 @@ class KeptBatch:
 
     def latest(self) -> StoredBatch:
         """By what was graded last of the batch and of each fruit."""
-        return self._of(sorted(self.rows, key=lambda row: (row.graded_utc, row.revision)))
+        return self._of(self._in_order())
 
     def each(self) -> Iterator[StoredBatch]:
         """As it was after each revision."""
         for revision in sorted({row.revision for row in self.rows}):
             yield self._of(sorted((r for r in self.rows if r.revision <= revision), key=lambda r: r.revision))
 
+    def renamed(self) -> dict[str, str]:
+        """Fruit that have another id in later results, with that id: see `_renamed`."""
+        return _renamed(self._in_order())
+
+    def _in_order(self) -> list[KeptRow]:
+        return sorted(self.rows, key=lambda row: (row.graded_utc, row.revision))
+
     def _of(self, rows: Sequence[KeptRow]) -> StoredBatch:
-        """Later rows take the place of earlier ones."""
-        whole = {row.fruit_id: row for row in rows}
+        """Later rows take the place of earlier ones, of the same id or of another that a fruit had."""
+        former = _renamed(rows)
+        whole = {row.fruit_id: row for row in rows if row.fruit_id not in former}
         own = whole.pop("")
         if own.content is None:
             raise ValueError("a batch without settings")
@@ -94,14 +102,31 @@ def rows_of(batch: StoredBatch, *, revision: int = 0) -> list[KeptRow]:
     ]
 
 
+def _renamed(rows: Sequence[KeptRow]) -> dict[str, str]:
+    """Fruit whose recordings all reappear under another id in later results that do not know their own, with
+    that id. `rows`: in the order in which later ones count.
+    """
+    listed = {row.revision: row.content.get("listed", ()) for row in rows if not row.fruit_id and row.content}
+    recordings: dict[str, set[str]] = {}
+    found: dict[str, str] = {}
+    for row in rows:
+        if not row.fruit_id:
+            continue
+        found.pop(row.fruit_id, None)
+        own = set(row.content.get("recordings", ())) if row.content else set[str]()
+        for name, earlier in recordings.items():
+            if name != row.fruit_id and earlier <= own and name not in listed.get(row.revision, [name]):
+                found[name] = row.fruit_id
+        if own:
+            recordings[row.fruit_id] = own
+    return found
+
+
 def batch_of_first_store(content: Content) -> StoredBatch:
     """A batch from the whole JSON of it that stores of the first version hold."""
-    return StoredBatch(
-        **_batch_fields(content),
-        key=str(content["key"]),
-        graded_utc=str(content["graded_utc"]),
-        fruit=tuple(_fruit(one) for one in content["fruit"]),
-    )
+    fruit = tuple(_fruit(one) for one in content["fruit"])
+    said = _batch_fields(content) | {"listed": tuple(sorted(one.fruit_id for one in fruit))}
+    return StoredBatch(**said, key=str(content["key"]), graded_utc=str(content["graded_utc"]), fruit=fruit)
 
 
 def _batch_fields(content: Content) -> dict[str, Any]:
@@ -111,6 +136,7 @@ def _batch_fields(content: Content) -> dict[str, Any]:
         "measured": date.fromisoformat(content["measured"]),
         "harvest": date.fromisoformat(content["harvest"]) if content["harvest"] else None,
         "limits": tuple((str(name), limit) for name, limit in content["limits"]),
+        "listed": tuple(content.get("listed", ())),
     }
 
 

@@ -34,6 +34,12 @@ REVISED = (
     "{batches} of its batches {were} graded again: the latest results count, and the store keeps {revisions} "
     "earlier revision{s}"
 )
+MOST_NAMED = 6
+"""Fruit that one sentence names."""
+MISSING = (
+    "the latest results of batch {key} ({folder}) lack {names}, which earlier results have: {they} still "
+    "count{s}; to take one out of a store: --forget {key}/{first}"
+)
 SEVERAL_LIMITS = "the batches of this lot name different limits of classes; those of the last day are used"
 
 
@@ -106,6 +112,17 @@ def _notes(
             revisions=sum(revised),
             s="s" if sum(revised) > 1 else "",
         )
+    for one in batches:
+        if missing := one.missing:
+            more = len(missing) - MOST_NAMED
+            yield MISSING.format(
+                key=one.key,
+                folder=one.folder,
+                names=", ".join(missing[:MOST_NAMED]) + (f" and {more} more" if more > 0 else ""),
+                they="it" if len(missing) == 1 else "they",
+                s="s" if len(missing) == 1 else "",
+                first=missing[0],
+            )
 
 
 def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None) -> DayEntry:

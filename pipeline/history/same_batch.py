@@ -7,11 +7,16 @@ def is_same_batch(one: StoredBatch, other: StoredBatch) -> bool:
     """Whether both are results of one batch. Either
 
     - a fruit of the same id has a recording in both (fruit added, another lot name or folder of results), or
+    - all recordings of a fruit are those of one of another id in the other (a fruit renamed), or
     - folder, day and label are the same, and a fruit id (recordings that were calibrated again), or
     - the folder is the same and a fruit's E to the last digit, where one of both kept no recordings.
     """
     pairs = _common(one, other)
-    if any({*a.recordings} & {*b.recordings} for a, b in pairs):
+    if (
+        any({*a.recordings} & {*b.recordings} for a, b in pairs)
+        or _renamed(one, other)
+        or _renamed(other, one)
+    ):
         return True
     if one.folder != other.folder:
         return False
@@ -32,6 +37,16 @@ def _common(one: StoredBatch, other: StoredBatch) -> list[tuple[StoredFruit, Sto
         for fruit in one.fruit
         if fruit.E_known_MPa is None and fruit.fruit_id in by_id
     ]
+
+
+def _renamed(one: StoredBatch, other: StoredBatch) -> bool:
+    """Whether all recordings of a fruit of `one`, no reference body, are those of a fruit of `other`."""
+    return any(
+        {*a.recordings} <= {*b.recordings}
+        for a in one.fruit
+        for b in other.fruit
+        if a.recordings and a.E_known_MPa is None and b.E_known_MPa is None
+    )
 
 
 def _ids(batch: StoredBatch) -> set[str]:

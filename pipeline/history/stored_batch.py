@@ -48,7 +48,8 @@ class StoredBatch:
     """A batch on its day. `key`: of a batch in a store its name there, else SHA-256 of its label and
     recordings. `limits`: (name, highest E in MPa or None) of its maturity classes. `lost`: fruit that were
     not graded; `not_graded`: the number of those whose ids an earlier version did not keep. `dated`: whether
-    the settings say the day. `revisions`: how often its results in the store were replaced.
+    the settings say the day. `revisions`: how often its results in the store were replaced. `listed`: ids of
+    all fruit that its latest results know.
     """
 
     key: str
@@ -66,6 +67,13 @@ class StoredBatch:
     lost: tuple[str, ...] = ()
     dated: bool = False
     revisions: int = 0
+    listed: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Fruit of earlier results that the latest do not know; they still count."""
+        own = (*(one.fruit_id for one in self.fruit), *self.lost)
+        return tuple(name for name in own if name not in self.listed) if self.listed else ()
 
     @property
     def label(self) -> tuple[str, ...]:
@@ -137,6 +145,7 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
         not_graded=0,
         lost=tuple(str(name) for name in said["outcomes"] if name not in graded),
         dated=bool(settings.get("measured_on")),
+        listed=tuple(sorted(map(str, said["outcomes"]))),
         fruit=tuple(fruit),
     )
 

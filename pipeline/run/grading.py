@@ -20,7 +20,7 @@ from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.task import FruitTask
-from pipeline.batch.unused_files import unused_inputs
+from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.results_lock import is_held, results_lock
@@ -267,9 +267,10 @@ def _placed(
 
 
 def _say_unused(batch: Batch, console: Console) -> None:
-    """Prints which files of the batch look like inputs and are not used."""
-    named = named_files(batch.folder, batch.settings)
-    found = unused_inputs(batch.folder, batch.row_of, named)
+    """Prints which files outside the fruit's folders look like inputs and are not used; a fruit's own files
+    are among its warnings.
+    """
+    found = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
     lines = [str(Problem(str(one.path.relative_to(batch.folder.root)), one.sentence)) for one in found]
     more = len(lines) - MOST_UNUSED_SAID
     lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []

@@ -31,7 +31,7 @@ def views_unknown(root: Path) -> bool:
     batch = BatchFolder(root)
     if batch.mat.exists():
         return False
-    fruits = map(FruitFolder, (root / "fruits").glob("[!.]*"))
+    fruits = map(FruitFolder, batch.fruits.glob("[!.]*"))
     return any(not fruit.fruit_ply.is_file() and fruit.photo_files() for fruit in fruits)
 
 

@@ -104,8 +104,9 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
 
 
 def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
-    """The mesh as it is where it is closed; else with corners in the same place merged, faces without area
-    left out, and the faces turned alike and outward, as far as that closes it.
+    """The mesh as it is where it is closed; else with corners in the same place merged and faces without area
+    left out; where that does not close it, with the faces turned alike and outward, if that does. A closed
+    surface is not turned, whatever the format: inside out, it is refused as a fruit.
     """
     if not open_edges(faces):
         return vertices, faces
@@ -117,8 +118,10 @@ def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
         return vertices, faces
     if open_edges(merged) < open_edges(faces):
         vertices, faces = places, merged
+    if not open_edges(faces):
+        return vertices, faces
     turned = consistently_oriented(faces)
-    if turned is not faces and not open_edges(turned):
+    if not open_edges(turned):
         faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces
 

@@ -23,6 +23,7 @@ from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import BodyFound, Ratio, ReferenceFinding, drift, own_points
+from pipeline.run.checking import check
 from reports.charts_batch import control_chart
 from reports.entries import RatioPoint, ReferenceBodyEntry
 
@@ -157,6 +158,23 @@ def test_a_chart_elsewhere_is_refused_by_its_key_unless_its_folder_is_allowed(tm
     place = (root / named).parent.resolve()
     folder = BatchFolder(root)
     assert chart_path(folder, named, environment={"DRUPE_CHARTS": f"/none:{place}"}) == root / named
+
+
+def test_check_reports_a_chart_elsewhere_and_all_other_problems(tmp_path):
+    (tmp_path / "fruits" / "B").mkdir(parents=True)
+    (tmp_path / "fruits.csv").write_text("fruit_id,height_mm\nA,55.9\n")
+    (tmp_path / "scan.stl").touch()
+    settings = 'category = "nectarine"\npoisson_ratio = 0.3\n[reference]\nchart = "/usr/x.csv"\n'
+    (tmp_path / "batch.toml").write_text(settings)
+    said = [str(one).replace(f"{tmp_path}/", "") for one in check(tmp_path)]
+    for words in (
+        'batch.toml: "reference.chart": found',
+        "fruits/A: there is no such folder",
+        "fruits/B: is not listed in fruits.csv",
+        "scan.stl is not used",
+        "Every E will be in doubt",
+    ):
+        assert sum(words in one for one in said) == 1, (words, said)
 
 
 @pytest.mark.parametrize("named", ["gripper.csv", "charts/gripper.csv", "../gripper.csv"])

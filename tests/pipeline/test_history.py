@@ -4,11 +4,16 @@ import csv
 import json
 import math
 import sqlite3
+import sys
 from dataclasses import asdict, replace
 from datetime import UTC, date, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from campaign_history import LOTS, REVISIONS, counted_after, lot_cell
 from graded_results import graded, results_of
 from scipy.stats import linregress
 
@@ -339,7 +344,7 @@ def store_of_version_1(path, *batches):
         )
         for one in batches:
             said = asdict(one)
-            for name in ("lost", "dated", "revisions"):
+            for name in ("lost", "dated", "revisions", "listed"):
                 del said[name]
             for fruit in said["fruit"]:
                 del fruit["recordings"]
@@ -400,6 +405,82 @@ def test_a_fruit_that_is_lost_when_graded_again_no_longer_counts(tmp_path):
         store.add(stored_batch(day_of(tmp_path / "b" / "results", three, day="2026-08-11", extra=[lost])))
         (batch,) = store.batches()
     assert ([f.fruit_id for f in batch.fruit], batch.lost) == (["A", "B", "C"], ("D",))
+
+
+def renamed_day(out, ids, **settings):
+    """Results of a day whose fruit A to D have other ids, with the same recordings."""
+    E = {ids.get(name, name): one for name, one in DAY.items()}
+    inputs = {f"fruits/{ids.get(name, name)}/grasps/g.h5": f"{name}a" for name in DAY}
+    return results_of(out, [graded(name, one) for name, one in E.items()], lot="7", inputs=inputs, **settings)
+
+
+@pytest.mark.parametrize(
+    ("place", "ids"),
+    [
+        ("b", {"D": "X"}),
+        ("moved", {n: f"new-{n}" for n in DAY}),
+        ("b", {"C": "D", "D": "C"}),
+        ("b", {"C": "D", "D": "X"}),
+    ],
+    ids=["one", "all, and the folder moved", "two swapped", "a chain"],
+)
+def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe, tmp_path, place, ids):
+    store, first = tmp_path / "s", day_of(tmp_path / "b" / "results", DAY)
+    later = renamed_day(tmp_path / place / "again", ids, day="2026-08-11")
+    for outs in ((first, later), (later, first), (first,)):  # in either order, and once more
+        done = drupe("history", *outs, "--store", store)
+        assert "1 batches" in done.out
+        assert "4 fruit on 2026-08-1" in done.out
+        assert "lack" not in done.out
+        with history_store(store) as one:
+            (batch,) = one.batches()
+        assert {f.fruit_id: f.E_MPa for f in batch.fruit} == {ids.get(n, n): E for n, E in DAY.items()}
+        if outs == (first, later):
+            with history_store(store) as one:
+                kept = one.rows.batches[batch.key].rows
+    assert len(kept) > 5
+    drupe("history", "--store", store, "--forget", f"7/{ids.get('D', 'D')}")
+    with history_store(store) as one:
+        (batch,) = one.batches()
+    assert {f.fruit_id for f in batch.fruit} == {ids.get(n, n) for n in "ABC"}
+
+
+def test_a_fruit_renamed_and_back_has_its_first_id_and_a_copied_recording_replaces_no_fruit(tmp_path):
+    first = stored_batch(day_of(tmp_path / "b" / "results", DAY))
+    other = stored_batch(renamed_day(tmp_path / "b" / "other", {"D": "X"}, day="2026-08-11"))
+    with history_store(None) as store:
+        for one in (first, other, replace(first, graded_utc="2026-08-12T08:00:00+00:00")):
+            store.add(one)
+        (batch,) = store.batches()
+        assert [f.fruit_id for f in batch.fruit] == [*"ABCD"]
+    copy = replace(other.fruit[-1], recordings=first.fruit[0].recordings)
+    assert copy.fruit_id == "X"
+    both = replace(other, fruit=(*first.fruit, copy), listed=(*"ABCD", "X"))
+    with history_store(None) as store:
+        for one in (first, both):
+            store.add(one)
+        (batch,) = store.batches()
+    assert [f.fruit_id for f in batch.fruit] == [*"ABCDX"]
+
+
+def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_forgotten(drupe, tmp_path):
+    store, page = tmp_path / "s", tmp_path / "h.html"
+    drupe("history", day_of(tmp_path / "b" / "results", DAY), "--store", store)
+    fewer = day_of(tmp_path / "b" / "again", {n: DAY[n] for n in "AB"}, day="2026-08-11")
+    done = drupe("history", fewer, "--store", store, "--html", page)
+    assert "4 fruit on 2026-08-10" in done.out
+    with history_store(store) as one:
+        (batch,) = one.batches()
+    said = (
+        "lack C, D, which earlier results have: they still count; to take one out of a store: "
+        f"--forget {batch.key}/C"
+    )
+    assert said in done.out
+    assert said in page.read_text()
+    drupe("history", "--store", store, "--forget", f"{batch.key}/C")
+    done = drupe("history", "--store", store)
+    assert "3 fruit on 2026-08-10" in done.out
+    assert "lack D, which earlier results have: it still counts" in done.out
 
 
 @pytest.mark.parametrize(
@@ -527,3 +608,14 @@ def test_no_cell_of_the_table_starts_a_formula(drupe, tmp_path, lot):
     for separator in (",", ";"):
         for line in csv.reader(table.read_text().splitlines(), delimiter=separator):
             assert not any(cell.startswith(("=", "+", "-", "@")) for cell in line)
+
+
+@pytest.mark.parametrize("revision", REVISIONS)
+def test_the_campaigns_revisions_count_what_they_state(tmp_path, revision):
+    found, expected = counted_after(stored_batch(day_of(tmp_path / "b" / "results", DAY)), revision)
+    assert found == expected
+
+
+@pytest.mark.parametrize("lot", LOTS)
+def test_the_campaigns_lots_have_the_cells_that_they_state(tmp_path, lot):
+    assert lot_cell(stored_batch(day_of(tmp_path / "b" / "results", DAY)), lot) == LOTS[lot]

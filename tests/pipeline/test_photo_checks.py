@@ -116,6 +116,8 @@ def test_without_a_mat_the_views_are_not_known(batch):
     (batch / "mat.json").unlink()
     assert views_unknown(batch)
     assert said(batch) == []
+    (batch / "fruits").rename(batch / "Fruits")
+    assert views_unknown(batch)
 
 
 def test_photos_of_another_mat_are_refused(batch):

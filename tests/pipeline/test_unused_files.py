@@ -50,16 +50,16 @@ def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, mo
     monkeypatch.setattr("pipeline.run.grading.MOST_UNUSED_SAID", 2)
     for k in range(30):
         (batch / "fruits" / f"_{k}").mkdir()
-    for name in ("scan.stl", "grasp-2.h5", "raw.zip"):
-        (batch / "fruits" / "A" / name).touch()
+    (batch / "fruits" / "A" / "scan.stl").touch()  # told with its fruit
+    for name in ("grasp-2.h5", "list.csv", "raw.zip"):
+        (batch / name).touch()
     out = io.StringIO()
     _say_unused(open_batch(batch), Console(file=out, width=80))
     first, second, last = out.getvalue().splitlines()
-    assert first.startswith(
-        "warning: fruits/_0: _0, _1, _10 and 27 more are not used: a fruit_id has letters"
-    )
-    assert second.startswith("warning: fruits/A/grasp-2.h5: grasp-2.h5 is not used: recordings are read in")
+    assert first.startswith("warning: grasp-2.h5: grasp-2.h5 is not used: a fruit's inputs are read in")
+    assert second.startswith("warning: list.csv: list.csv is not used: the fruit are listed in fruits.csv")
     assert last == "warning: and 2 more: `drupe check` lists all"
+    assert "scan.stl" not in out.getvalue()
 
 
 def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from recon.native import open3d
+from recon.pit.placement import require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes, read_mesh, write_mesh
@@ -133,6 +134,22 @@ def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_pat
         assert open_edges(triangles) == 0, name
         assert len(triangles) == 12, name
         assert volume_mm3(found, triangles) == pytest.approx(8.0), name
+
+
+@pytest.mark.parametrize("kind", ["ply", "stl", "obj", "glb"])
+def test_a_closed_surface_that_is_inside_out_is_refused_in_each_format(tmp_path, kind):
+    vertices, faces = ball(2)
+    path = tmp_path / f"fruit.{kind}"
+    for turned in (faces, faces[:, ::-1]):
+        trimesh.Trimesh(vertices, turned, process=False).export(path)
+        found = read_mesh(path)
+        if turned is faces:
+            require_closed(*found, what=path.name)
+        else:
+            with pytest.raises(
+                ReconFailure, match=rf"fruit\.{kind}'s mesh is inside out; expected faces that"
+            ):
+                require_closed(*found, what=path.name)
 
 
 def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path, capfd):

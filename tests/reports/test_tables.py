@@ -67,7 +67,14 @@ HOSTILE = (
     "a,=1+1",
     'a; "=HYPERLINK(1)"',
     "a\t@SUM(A1)",
-    ";+1",
+    ";+A1",
+    "a,+1+cmd|' /C calc'!A0",
+    "a;-1,5*(A1)",
+    "a\t- 1 % + cmd",
+    "a;--1",
+    "a;-1:1+cmd",
+    "a,-.5e3^A1",
+    'a,-"x"&A1',
     "x;\u00a0-1+cmd",
     '"=1+1"',
     "\uff1d1+1",
@@ -97,7 +104,14 @@ def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text: str, separator: 
     assert safe_cell(safe_cell(text)) == safe_cell(text)
 
 
-@pytest.mark.parametrize("text", ["a - b", "E is 0.4 ± 0.1, 3 - 2", "N-7; N-8", "p = 0.01", "x+y@z"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a - b", "E is 0.4 ± 0.1, 3 - 2", "N-7; N-8", "p = 0.01", "x+y@z", "offset (0.1, -0.3) mm",
+        "lot A,-7", "lot A, -7, -8 and +9", "a;-0,5;+1", "1,-2.5e-3 mm",
+        "shift, -3 %", "a,-7;b", "a, -", "a\t-7",
+    ],
+)  # fmt: skip
 def test_text_that_is_no_formula_stays_as_it_is(text: str) -> None:
     assert safe_cell(text) == text
 
