@@ -20,8 +20,10 @@ from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
     sd_of_fruit_MPa,
+    shared_gain,
     shared_sd_of_fruit_MPa,
     verified,
+    with_own_gain,
     with_sensor,
 )
 from reports.tables import safe_cell
@@ -95,6 +97,8 @@ class BodyFound:
     E_found_MPa: float
     E_found_sd_MPa: float
     own: Ratio
+    gain: float = 0.0
+    """Relative part of E_found_sd_MPa by a gain of the forces that all fruit share."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,6 +199,7 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
             ratio=modulus.E_MPa / known,
             ln_sd=math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
         ),
+        gain=shared_gain(modulus),
     )
 
 
@@ -287,6 +292,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
         return record.model_copy(update={"reference": None})
+    modulus = with_own_gain(modulus, min(one.gain for one in finding.bodies))
     changed: dict[str, object] = {}
     if finding.corrected:
         modulus = corrected_modulus(modulus, ratio)

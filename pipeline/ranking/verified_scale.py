@@ -6,7 +6,7 @@
 import math
 
 from pipeline.batch.records import ModulusRecord
-from pipeline.fruit.elasticity import GAIN, SENSOR
+from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from tactile.unseen_error import unseen_error
 
 SHARED = (SENSOR, GAIN)
@@ -32,6 +32,27 @@ def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRe
     if assumed == 0.0:
         return modulus
     return with_sensor(modulus, unseen_error(ln_ratio, ln_sd, prior_sd=assumed) / assumed)
+
+
+def shared_gain(modulus: ModulusRecord) -> float:
+    """The relative part of E's error by a gain that all fruit share."""
+    return modulus.parts_sd_MPa.get(GAIN, 0.0) / modulus.E_MPa
+
+
+def with_own_gain(modulus: ModulusRecord, shared: float) -> ModulusRecord:
+    """The same E and error bar; its gain beyond `shared`, that of other bodies (relative), is its own."""
+    parts = modulus.parts_sd_MPa
+    kept = min(parts.get(GAIN, 0.0), shared * modulus.E_MPa)
+    more = parts.get(GAIN, 0.0) ** 2 - kept**2
+    if more <= 0:
+        return modulus
+    own = math.sqrt(parts.get(OWN_GAIN, 0.0) ** 2 + more)
+    return modulus.model_copy(
+        update={
+            "common_sd_MPa": math.sqrt(max(modulus.common_sd_MPa**2 - more, 0.0)),
+            "parts_sd_MPa": parts | {GAIN: kept, OWN_GAIN: own},
+        }
+    )
 
 
 def with_sensor(modulus: ModulusRecord, share: float) -> ModulusRecord:

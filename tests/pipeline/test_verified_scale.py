@@ -11,7 +11,7 @@ from pipeline.fruit.sensor_scale import E_PER_GAIN
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.reference_ratio import PART, Ratio, against_references, corrected_modulus
 from pipeline.ranking.report_entries import _facts
-from pipeline.ranking.verified_scale import verified
+from pipeline.ranking.verified_scale import verified, with_own_gain
 from reports.entries import FruitEntry
 from reports.tables import RANKING_COLUMNS, _row
 from tactile.checks.gel_gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
@@ -123,6 +123,22 @@ def test_the_gain_of_the_gripper_goes_with_the_bodys_ratio_and_the_noise_of_a_fr
     assert after.parts_sd_MPa[GAIN] == 0.0
     assert after.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 / ratio * E_PER_GAIN * 0.02)
     assert after.E_sd_MPa / after.E_MPa == pytest.approx(math.hypot(OWN, E_PER_GAIN * 0.02, 0.01))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.2])
+def test_a_gain_that_only_one_fruits_recordings_show_stays_in_its_error_bar(ratio: float) -> None:
+    odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, own=0.004))
+    ball = record("ball", 0.5 * ratio, known=0.5)
+    modulus = against_references([odd, ball], correct=True)[0][0].modulus
+    assert modulus is not None
+    own = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)
+    assert modulus.parts_sd_MPa[OWN_GAIN] / modulus.E_MPa == pytest.approx(math.hypot(own, OWN_GAIN_OF_E))
+    assert math.sqrt(modulus.E_sd_MPa**2 - modulus.common_sd_MPa**2) > own * modulus.E_MPa
+    assert odd.modulus is not None
+    split = with_own_gain(odd.modulus, HIDDEN_GAIN.shared * E_PER_GAIN)
+    assert adds_up(split)
+    assert split.E_sd_MPa == odd.modulus.E_sd_MPa
+    assert with_own_gain(odd.modulus, 0.1) == odd.modulus
 
 
 @pytest.mark.parametrize("correct", [False, True])
