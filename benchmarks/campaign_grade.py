@@ -187,6 +187,9 @@ BROKEN: dict[str, BrokenBatch] = {
     "recordings of B: force x 0.927": BrokenBatch(
         change=_scaled(force_N=0.927), expects="graded", most_sd=2.0
     ),
+    "recordings of B: picture scale 10 % wrong, forces computed from it": BrokenBatch(
+        change=_scaled(displacement_mm=1.1, force_N=1.1), expects="graded", most_sd=2.0
+    ),
     "recordings of B: gel stiffness and force x 2": BrokenBatch(
         change=_scaled(force_N=2, gel_kn_MPa_per_mm=2, gel_kt_MPa_per_mm=2),
         expects=r"gel_kn_MPa_per_mm is 0\.44, and the sensor model .* 0\.22",

@@ -343,6 +343,12 @@ MISTAKES: tuple[Mistake, ...] = (
         kinds=set(),
         covered=True,
     ),
+    Mistake(
+        name="displacement and force x 1.1, rest positions as designed",
+        change=both(shift(1.1), force(1.1)),
+        kinds=set(),
+        covered=True,
+    ),
     Mistake(name="force x 1.079", change=force(1.079), kinds=set(), among={FindingKind.GAIN}, covered=True),
     Mistake(name="force x 0.927", change=force(0.927), kinds=set(), among={FindingKind.GAIN}, covered=True),
     Mistake(

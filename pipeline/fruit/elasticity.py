@@ -42,7 +42,9 @@ SENSOR = "the sensor's own scale"
 """The part that comes from the scale of the gel's lengths: of its pictures, or as descriptions state it."""
 
 GAIN = "force against the gel's stiffness"
-"""The part that comes from a gain of the forces that the checks cannot tell from none."""
+"""The part that comes from a gain of the forces that the checks cannot tell from none. All fruit share it."""
+OWN_GAIN = "noise in force against the gel's stiffness"
+"""The part of that gain's error that comes from the noise of the fruit's own recordings."""
 
 PLAIN_JAW = "contact of the plain jaw"
 """The part that comes from not seeing how widely a jaw without a gel touches."""
@@ -133,19 +135,22 @@ def modulus_record(
     pit = found.pit
     of_doubts = doubted * found.E_MPa
     of_sensor, of_gain = sensor.pictures * found.E_MPa, sensor.gain * found.E_MPa
+    of_own_gain = sensor.own_gain * found.E_MPa
     of_jaw = PLAIN_JAW_SD * plain_jaws * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
+    added_sd = [of_effects, of_doubts, of_sensor, of_gain, of_own_gain, of_jaw]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts, of_sensor, of_gain, of_jaw])),
-        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *added_sd])),
+        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor, of_gain])),
         scale_sd_MPa=sensor.common * found.E_MPa,
         parts_sd_MPa=found.parts_sd_MPa
         | ({CONFIRMED: of_effects} if of_effects else {})
         | ({DOUBTED: of_doubts} if of_doubts else {})
         | ({SENSOR: of_sensor} if of_sensor else {})
         | ({GAIN: of_gain} if of_gain else {})
+        | ({OWN_GAIN: of_own_gain} if of_own_gain else {})
         | ({PLAIN_JAW: of_jaw} if of_jaw else {}),
         pit_found=None
         if pit is None

@@ -1,7 +1,8 @@
 """How uncertain E is because the sensors' scales are: of forces, of the gel's pictures, of both with the gel.
 
 Three scales are not the same. *Common*: a factor on forces and gel stiffness alike, which no recording shows.
-*Pictures*: a factor on the gel's lengths, shown by the pitch of the markers where the sensor's is known.
+*Pictures*: a factor on the gel's lengths and the forces computed from them. The markers' pitch does not
+exclude it: rest positions may be as designed, or measured with another camera, and no recording says which.
 *Gain*: a factor on forces alone, which the gel's law shows (tactile/checks/gel_gain.py).
 """
 
@@ -11,12 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.batch.settings import SensorSettings
-from pipeline.fruit.known_sensor import known_gels
-from tactile.checks.gel_findings import measured_pitch_mm
 from tactile.checks.gel_gain import unseen_gain
 from tactile.io.recording import GelPad, Recording
 from tactile.plain_jaw import RIGID_MPA_PER_MM
-from tactile.unseen_error import unseen_error
 
 COMMON_SD = 0.03
 """Relative standard deviation of a common factor on force and gel stiffness that nobody states. Assumed: what
@@ -28,23 +26,19 @@ E_PER_GAIN, E_PER_PICTURE = 1.1, 1.45
 """Error of ln E per ln of each (benchmarks/field_mistakes.py --grade). E is 0.081 off at a gain of 1.079. At
 a scale of 1.1 it is 0.148 off where displacement and the forces computed from it have that scale, and 0.077
 where places in the gel's plane have it, and forces by each marker's area its square."""
-IN_CONTACT = 0.05
-"""Share of the peak force from which the pads touch, and of a marker's greatest from which it does (set by
-hand)."""
-LEAST_OWN = 0.1
-"""Share of the jaws' travel that the fruit is taken to give at least, where gels give nearly all (set by
-hand)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorScale:
     """Relative standard deviations of E: by the `common` factor on force and gel stiffness, by the scale of
-    the gel's `pictures`, by the forces' `gain`.
+    the gel's `pictures`, by the forces' `gain` as all fruit of the gripper share it, and by what is these
+    recordings' own of it (`own_gain`).
     """
 
     common: float = 0.0
     pictures: float = 0.0
     gain: float = 0.0
+    own_gain: float = 0.0
 
 
 NO_SCALE = SensorScale()
@@ -56,10 +50,12 @@ def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | Non
     """
     if not recordings:
         return NO_SCALE
+    gain = unseen_gain([pad for one in recordings for pad in _gels(one)])
     return SensorScale(
         common=float(np.mean([common_sd(one, settings) for one in recordings])),
         pictures=float(np.mean([_picture_sd(one, settings) for one in recordings])),
-        gain=E_PER_GAIN * unseen_gain([pad for one in recordings for pad in _gels(one)]),
+        gain=E_PER_GAIN * gain.shared,
+        own_gain=E_PER_GAIN * gain.own,
     )
 
 
@@ -71,39 +67,21 @@ def common_sd(recording: Recording, settings: SensorSettings | None) -> float:
 
 
 def _picture_sd(recording: Recording, settings: SensorSettings | None) -> float:
-    """Of E by the scale of the gel's lengths.
-
-    A scale of the displacement that the recording states: E goes with it times the gel's part of the travel
-    over the fruit's, since what the gel gives is taken off the jaws' travel; the forces' own is in
-    force_scale_sd. Else the prior, and what the pitch of the markers says where the sensor's is known.
+    """Of E by the scale of the gel's lengths: of what the recording states (displacement_scale_sd), else
+    batch.toml, else PICTURE_SD.
     """
+    assumed = PICTURE_SD
+    if settings is not None and settings.picture_scale_sd is not None:
+        assumed = settings.picture_scale_sd
     gels = _gels(recording)
-    if stated := float(np.mean([pad.displacement_scale_sd for pad in gels])) if gels else 0.0:
-        return stated * _gel_over_fruit(recording, gels)
-    prior = PICTURE_SD if settings is None or settings.picture_scale_sd is None else settings.picture_scale_sd
-    pitches = [pitch for pad in gels if (pitch := measured_pitch_mm(pad)) is not None]
-    for known in known_gels(recording.sensor, settings):
-        if known.pitch_mm is not None and pitches:
-            off = float(np.log(np.mean(pitches) / known.pitch_mm))
-            return E_PER_PICTURE * unseen_error(off, known.pitch_sd, prior_sd=prior)
-    return E_PER_PICTURE * prior if gels else 0.0
+    return (
+        E_PER_PICTURE * float(np.mean([pad.displacement_scale_sd or assumed for pad in gels]))
+        if gels
+        else 0.0
+    )
 
 
 def _gels(recording: Recording) -> list[GelPad]:
     """Without what stands in a plain jaw's place (tactile.plain_jaw)."""
     gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     return [pad for pad in gels if pad.gel_kn_MPa_per_mm < RIGID_MPA_PER_MM]
-
-
-def _gel_over_fruit(recording: Recording, pads: Sequence[GelPad]) -> float:
-    """Travel that the gels give between first touch and peak, over what the fruit gives."""
-    normal = np.sum([np.abs(pad.force_N[:, :, 2].sum(axis=1)) for pad in pads], axis=0)
-    peak = int(np.argmax(normal))
-    touch = int(np.argmax(normal > IN_CONTACT * normal[peak]))
-    closed = abs(float(recording.aperture_mm[touch] - recording.aperture_mm[peak]))
-    gels = 0.0
-    for pad in pads:
-        pressed = pad.force_N[peak, :, 2] > IN_CONTACT * pad.force_N[peak, :, 2].max()
-        if pressed.any():
-            gels += max(0.0, -float(np.mean(pad.displacement_mm[peak, pressed, 2])))
-    return gels / max(closed - gels, LEAST_OWN * closed, 1e-6)

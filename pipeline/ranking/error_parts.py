@@ -6,7 +6,7 @@ from fem.estimation.error_budget import MODEL, PIT_PLACE, REGISTRATION, SCATTER,
 from fem.estimation.information import FORCE_SCALE
 from fem.estimation.sensitivity import PIT_SIZE, POISSON_RATIO
 from pipeline.batch.records import ModulusRecord
-from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, GAIN, PLAIN_JAW, SENSOR
+from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, GAIN, OWN_GAIN, PLAIN_JAW, SENSOR
 from pipeline.fruit.pressed_fruit import RECORDINGS, SHAPE
 from pipeline.ranking.reference_ratio import PART as REFERENCE
 from reports.words import percent
@@ -22,7 +22,8 @@ ADVICE = {
     SCATTER: "more grasps, at other places",
     FORCE_SCALE: "a calibration of the gel on a load cell (drupe calibrate)",
     SENSOR: "a calibration of the sensor's camera (picture_scale_sd under [sensor] in batch.toml)",
-    GAIN: "more grasps, or a calibration of the gel on a load cell (drupe calibrate)",
+    GAIN: "a calibration of the gel on a load cell (drupe calibrate), or a reference body",
+    OWN_GAIN: "more grasps",
     PLAIN_JAW: "a gel on the other jaw too",
     CONFIRMED: "better known parameters of the effects in batch.toml (their sd)",
     DOUBTED: "an answer to the doubts above",

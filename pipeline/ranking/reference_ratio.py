@@ -16,12 +16,14 @@ from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
-from pipeline.fruit.elasticity import GAIN, SENSOR, doubted_modulus
+from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
     sd_of_fruit_MPa,
+    shared_gain,
     shared_sd_of_fruit_MPa,
     verified,
+    with_own_gain,
     with_sensor,
 )
 from reports.tables import safe_cell
@@ -96,7 +98,7 @@ class BodyFound:
     E_found_sd_MPa: float
     own: Ratio
     gain: float = 0.0
-    """Relative part of E_found_sd_MPa by a gain of the forces that the checks do not see."""
+    """Relative part of E_found_sd_MPa by a gain of the forces that all fruit share."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +199,7 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
             ratio=modulus.E_MPa / known,
             ln_sd=math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
         ),
-        gain=modulus.parts_sd_MPa.get(GAIN, 0.0) / modulus.E_MPa,
+        gain=shared_gain(modulus),
     )
 
 
@@ -290,10 +292,10 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
         return record.model_copy(update={"reference": None})
+    modulus = with_own_gain(modulus, min(one.gain for one in finding.bodies))
     changed: dict[str, object] = {}
     if finding.corrected:
-        gain = float(np.mean([one.gain for one in finding.bodies]))
-        modulus = corrected_modulus(modulus, ratio, gain=gain)
+        modulus = corrected_modulus(modulus, ratio)
         changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
     elif ratio.disagree or ratio.apart:
         doubt = _doubt(ratio, finding.bodies)
@@ -335,14 +337,12 @@ def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
     )
 
 
-def corrected_modulus(modulus: ModulusRecord, ratio: Ratio, *, gain: float = 0.0) -> ModulusRecord:
+def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
     """E / r with sd^2 = (sd / r)^2 + (E / r * sd of ln r)^2, the second part common to all fruit.
 
-    The ratio takes the place of the sensor's scales in sd, and of as much of its `gain` as the bodies have.
+    The ratio takes the place of what all fruit share of the sensor's error (verified_scale.SHARED).
     """
-    own = modulus.parts_sd_MPa.get(GAIN, 0.0)
-    other = abs(own - gain * modulus.E_MPa)
-    modulus = with_sensor(modulus, {SENSOR: 0.0, GAIN: min(other, own)}, scale_sd_MPa=0.0)
+    modulus = with_sensor(modulus, 0.0)
     E_MPa = modulus.E_MPa / ratio.ratio
     of_ratio = E_MPa * ratio.ln_sd
     parts = {name: sd / ratio.ratio for name, sd in modulus.parts_sd_MPa.items()}

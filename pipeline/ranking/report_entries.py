@@ -23,6 +23,7 @@ from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.ranking.run_summary import decimals
+from pipeline.ranking.verified_scale import shared_gain, with_own_gain
 from reports.entries import (
     OR,
     BatchEntry,
@@ -76,6 +77,8 @@ def batch_entry(
     shown = pictures or ReportPictures(results, fruits=len(batch.rows))
     graded = [r for r in records if r.graded and not r.given.reference]
     moduli = [r.modulus for r in graded if r.modulus]
+    of_all = min(map(shared_gain, moduli), default=0.0)
+    moduli = [with_own_gain(one, of_all) for one in moduli]
     E, sd, common, scale = (
         np.array([(m.E_MPa, m.E_sd_MPa, m.common_sd_MPa, m.scale_sd_MPa) for m in moduli]).reshape(-1, 4).T
     )

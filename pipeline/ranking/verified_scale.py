@@ -4,50 +4,70 @@
 """
 
 import math
-from collections.abc import Mapping
 
 from pipeline.batch.records import ModulusRecord
-from pipeline.fruit.elasticity import GAIN, SENSOR
+from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from tactile.unseen_error import unseen_error
+
+SHARED = (SENSOR, GAIN)
+"""Parts of an error bar by the sensor that all fruit share, so that a reference body measures them."""
 
 
 def sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
-    """E's standard deviation without the sensor's scale and gain, which a reference body measures."""
-    parts = modulus.parts_sd_MPa
-    sensor = math.hypot(parts.get(SENSOR, 0.0), parts.get(GAIN, 0.0))
-    return math.sqrt(max(modulus.E_sd_MPa**2 - sensor**2, 0.0))
+    """E's standard deviation without the sensor's SHARED parts."""
+    return math.sqrt(max(modulus.E_sd_MPa**2 - _shared_sd_MPa(modulus) ** 2, 0.0))
 
 
 def shared_sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
     """The same of the part that all fruit share."""
-    return math.sqrt(max(modulus.common_sd_MPa**2 - modulus.parts_sd_MPa.get(SENSOR, 0.0) ** 2, 0.0))
+    return math.sqrt(max(modulus.common_sd_MPa**2 - _shared_sd_MPa(modulus) ** 2, 0.0))
 
 
 def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRecord:
     """The same E, of whose scale the reference bodies say ln r ± sd: what that leaves of the common scale and
-    of the sensor's own (tactile.unseen_error), each by the same share.
+    of the sensor's SHARED parts (tactile.unseen_error), each by the same share. It is more than they were
+    where ln r contradicts them.
     """
-    own = modulus.parts_sd_MPa.get(SENSOR, 0.0)
-    assumed = math.hypot(modulus.scale_sd_MPa, own) / modulus.E_MPa
+    assumed = math.hypot(modulus.scale_sd_MPa, _shared_sd_MPa(modulus)) / modulus.E_MPa
     if assumed == 0.0:
         return modulus
-    share = min(1.0, unseen_error(ln_ratio, ln_sd, prior_sd=assumed) / assumed)
-    return with_sensor(modulus, {SENSOR: share * own}, scale_sd_MPa=share * modulus.scale_sd_MPa)
+    return with_sensor(modulus, unseen_error(ln_ratio, ln_sd, prior_sd=assumed) / assumed)
 
 
-def with_sensor(
-    modulus: ModulusRecord, parts_sd_MPa: Mapping[str, float], *, scale_sd_MPa: float
-) -> ModulusRecord:
-    """The same E with other parts of its error by the sensor (MPa); no part is added that it did not have."""
-    parts = dict(modulus.parts_sd_MPa)
-    changed = {name: sd for name, sd in parts_sd_MPa.items() if name in parts}
-    less = sum(parts[name] ** 2 - sd**2 for name, sd in changed.items())
-    shared = parts[SENSOR] ** 2 - changed[SENSOR] ** 2 if SENSOR in changed else 0.0
+def shared_gain(modulus: ModulusRecord) -> float:
+    """The relative part of E's error by a gain that all fruit share."""
+    return modulus.parts_sd_MPa.get(GAIN, 0.0) / modulus.E_MPa
+
+
+def with_own_gain(modulus: ModulusRecord, shared: float) -> ModulusRecord:
+    """The same E and error bar; its gain beyond `shared`, that of other bodies (relative), is its own."""
+    parts = modulus.parts_sd_MPa
+    kept = min(parts.get(GAIN, 0.0), shared * modulus.E_MPa)
+    more = parts.get(GAIN, 0.0) ** 2 - kept**2
+    if more <= 0:
+        return modulus
+    own = math.sqrt(parts.get(OWN_GAIN, 0.0) ** 2 + more)
     return modulus.model_copy(
         update={
-            "E_sd_MPa": math.sqrt(max(modulus.E_sd_MPa**2 - less, 0.0)),
-            "common_sd_MPa": math.sqrt(max(modulus.common_sd_MPa**2 - shared, 0.0)),
-            "scale_sd_MPa": scale_sd_MPa,
-            "parts_sd_MPa": parts | changed,
+            "common_sd_MPa": math.sqrt(max(modulus.common_sd_MPa**2 - more, 0.0)),
+            "parts_sd_MPa": parts | {GAIN: kept, OWN_GAIN: own},
         }
     )
+
+
+def with_sensor(modulus: ModulusRecord, share: float) -> ModulusRecord:
+    """The same E with its common scale and the sensor's SHARED parts times `share`."""
+    more = (share**2 - 1) * _shared_sd_MPa(modulus) ** 2
+    parts = modulus.parts_sd_MPa
+    return modulus.model_copy(
+        update={
+            "E_sd_MPa": math.sqrt(max(modulus.E_sd_MPa**2 + more, 0.0)),
+            "common_sd_MPa": math.sqrt(max(modulus.common_sd_MPa**2 + more, 0.0)),
+            "scale_sd_MPa": share * modulus.scale_sd_MPa,
+            "parts_sd_MPa": parts | {name: share * parts[name] for name in SHARED if name in parts},
+        }
+    )
+
+
+def _shared_sd_MPa(modulus: ModulusRecord) -> float:
+    return math.hypot(*(modulus.parts_sd_MPa.get(name, 0.0) for name in SHARED))

@@ -5,8 +5,10 @@ of force and displacement (tactile/checks/relation.py) measures it all the same,
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from tactile.checks.gain_findings import GAIN_SAID
 from tactile.checks.pressing import pressing_of
@@ -17,24 +19,45 @@ from tactile.unseen_error import unseen_error
 GAIN_SD = GAIN_SAID / 2
 """Prior standard deviation of ln gain: the check's limit is two of them (assumed)."""
 LAW_SD = 0.015
-"""Standard deviation of a pad's measured ln gain beyond its noise, from the law itself: half of the 0.03 that
-sound recordings reach (benchmarks/field_spreads.py)."""
+"""Standard deviation of a measured ln gain beyond its noise, from the law itself, which all pads of one gel
+share: half of the 0.03 that sound recordings reach (benchmarks/field_spreads.py)."""
 
 
-def unseen_gain(pads: Sequence[GelPad]) -> float:
-    """Root mean square of ln gain, given all pads of all recordings.
+@dataclass(frozen=True, kw_only=True)
+class UnseenGain:
+    """Root mean square of ln gain in two independent parts: what all recordings of the gripper `shared`, and
+    these recordings' `own`.
+    """
 
-    The measured ln gains of n pads, each of variance s^2 = LAW_SD^2 + noise, have a mean of variance
-    mean(s^2) / n; the prior is N(0, GAIN_SD^2). Without a pad that says anything the prior is all there is.
-    A gain that the check reports counts as none here: the finding has an error of its own.
+    shared: float
+    own: float = 0.0
+
+
+def unseen_gain(pads: Sequence[GelPad]) -> UnseenGain:
+    """Of all pads of all recordings; without a pad that says anything the prior is all there is. A gain that
+    the check reports counts as none here: the finding has an error of its own.
     """
     found = [one for pad in pads if (one := _of_pad(pad)) is not None]
     if not found:
-        return GAIN_SD
-    measured, sd = np.transpose(found)
-    measured = np.where(np.abs(measured) > GAIN_SAID, 0.0, measured)
-    mean_sd = float(np.sqrt(np.mean(sd**2 + LAW_SD**2) / len(found)))
-    return unseen_error(float(measured.mean()), mean_sd, prior_sd=GAIN_SD)
+        return UnseenGain(shared=GAIN_SD)
+    measured, noise_sd = np.transpose(found)
+    return gain_left(np.where(np.abs(measured) > GAIN_SAID, 0.0, measured), noise_sd)
+
+
+def gain_left(measured: Float[np.ndarray, " n"], noise_sd: Float[np.ndarray, " n"]) -> UnseenGain:
+    """What n measured ln gains leave of one that is not corrected.
+
+    Their mean m has the variance s^2 = LAW_SD^2 + mean(noise_sd^2) / n: the law's error does not average
+    out. The prior is N(0, GAIN_SD^2), w the weight of m. The mean square (w m)^2 + w s^2
+    (tactile.unseen_error) is own^2 + shared^2, where own = w * noise is what the noise makes of w m.
+    """
+    noise = float(np.sqrt(np.mean(noise_sd**2) / len(noise_sd)))
+    sd = float(np.hypot(LAW_SD, noise))
+    own = GAIN_SD**2 / (GAIN_SD**2 + sd**2) * noise
+    return UnseenGain(
+        shared=float(np.sqrt(unseen_error(float(measured.mean()), sd, prior_sd=GAIN_SD) ** 2 - own**2)),
+        own=own,
+    )
 
 
 def _of_pad(pad: GelPad) -> tuple[float, float] | None:

@@ -38,7 +38,7 @@ def graded(tmp_path_factory):
     rng = np.random.default_rng(20261121)
     batch = phantom_batch(
         tmp_path_factory.mktemp("phantoms") / "batch",
-        HEADER + '[pit]\nprior = "none"\n',
+        HEADER + '[pit]\nprior = "none"\n[sensor]\nname = "marker gel"\npicture_scale_sd = 0.01\n',
         {
             "ball": (ball(BALL_MM), ball(CORE_MM), grasped_ball(core=True, rng=rng)),
             "cube": cube(rng),

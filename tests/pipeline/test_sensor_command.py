@@ -145,14 +145,17 @@ def test_the_spread_of_the_scales_is_kept_and_goes_into_e(tmp_path: Path) -> Non
     assert (pad.force_scale_sd, pad.displacement_scale_sd) == (0.2, 0.03)
     unknown, stated = sensor_scale([grasp(0.0, 0.0)], None), sensor_scale([grasp(0.2, 0.03)], None)
     assert (unknown.common, unknown.pictures) == pytest.approx((COMMON_SD, E_PER_PICTURE * PICTURE_SD))
-    assert (stated.common, stated.pictures) == pytest.approx((0.2, 0.03 * 0.5 / 1.5))
+    assert (stated.common, stated.pictures) == pytest.approx((0.2, E_PER_PICTURE * 0.03))
 
 
-def test_the_scale_of_pictures_is_common_to_all_fruit_and_the_common_scale_is_beside_the_error_bar() -> None:
+def test_the_common_scale_is_beside_the_error_bar_and_all_fruit_share_that_of_pictures_and_gain() -> None:
     found = FruitModulus(
         E_MPa=0.5, E_sd_MPa=0.02, parts_sd_MPa={"tactile noise": 0.02}, pit=None, grasps=1, warnings=()
     )
     plain, wide = modulus_record(found), modulus_record(found, sensor=SensorScale(common=0.1, pictures=0.2))
+    gained = modulus_record(found, sensor=SensorScale(gain=0.2, own_gain=0.1))
+    assert gained.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
+    assert gained.E_sd_MPa == pytest.approx(np.hypot(gained.common_sd_MPa, np.hypot(0.02, 0.1 * plain.E_MPa)))
     assert wide.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.2 * plain.E_MPa))
     assert wide.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
     assert wide.parts_sd_MPa[SENSOR] == pytest.approx(0.2 * plain.E_MPa)

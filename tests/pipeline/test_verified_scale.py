@@ -6,23 +6,35 @@ import numpy as np
 import pytest
 
 from pipeline.batch.records import FruitRecord, Given, ModulusRecord
-from pipeline.fruit.elasticity import GAIN, SENSOR
+from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
+from pipeline.fruit.sensor_scale import E_PER_GAIN
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
-from pipeline.ranking.reference_ratio import PART, against_references
+from pipeline.ranking.reference_ratio import PART, Ratio, against_references, corrected_modulus
 from pipeline.ranking.report_entries import _facts
+from pipeline.ranking.verified_scale import verified, with_own_gain
 from reports.entries import FruitEntry
 from reports.tables import RANKING_COLUMNS, _row
+from tactile.checks.gel_gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
 
-OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, 0.009, 0.03
+OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, own=0.004), 0.03
+OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.own
 
 
-def record(name: str, E_MPa: float, *, known: float | None = None, outcome: str = "graded") -> FruitRecord:
-    """As grading leaves it: relative parts OWN, PICTURES and HIDDEN_GAIN of the error, COMMON beside it."""
-    parts = {"noise": OWN * E_MPa, SENSOR: PICTURES * E_MPa, GAIN: HIDDEN_GAIN * E_MPa}
+def record(
+    name: str,
+    E_MPa: float,
+    *,
+    known: float | None = None,
+    outcome: str = "graded",
+    gain: UnseenGain = HIDDEN_GAIN,
+) -> FruitRecord:
+    """As grading leaves it: relative parts OWN, PICTURES and `gain` of the error, COMMON beside it."""
+    own_gain, shared_gain = E_PER_GAIN * gain.own * E_MPa, E_PER_GAIN * gain.shared * E_MPa
+    parts = {"noise": OWN * E_MPa, SENSOR: PICTURES * E_MPa, GAIN: shared_gain, OWN_GAIN: own_gain}
     modulus = ModulusRecord(
         E_MPa=E_MPa,
         E_sd_MPa=math.hypot(*parts.values()),
-        common_sd_MPa=PICTURES * E_MPa,
+        common_sd_MPa=math.hypot(PICTURES * E_MPa, shared_gain),
         scale_sd_MPa=COMMON * E_MPa,
         parts_sd_MPa=parts,
     )
@@ -53,8 +65,10 @@ def test_a_body_shows_a_gain_that_the_assumed_scales_would_cover() -> None:
     """6 % are one standard deviation of what is assumed, and four of what the body is known to."""
     corrected = after(1.06, correct=True)
     assert corrected.E_MPa == pytest.approx(0.4)
-    assert corrected.scale_sd_MPa == corrected.parts_sd_MPa[SENSOR] == 0.0
-    assert corrected.parts_sd_MPa[PART] == pytest.approx(0.4 * math.hypot(OWN, 0.01))
+    assert corrected.scale_sd_MPa == corrected.parts_sd_MPa[SENSOR] == corrected.parts_sd_MPa[GAIN] == 0.0
+    assert corrected.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 * OWN_GAIN_OF_E)
+    assert corrected.parts_sd_MPa[PART] == pytest.approx(0.4 * math.hypot(OWN, 0.01, OWN_GAIN_OF_E))
+    assert corrected.common_sd_MPa == pytest.approx(corrected.parts_sd_MPa[PART])
     assert adds_up(corrected)
     doubted = after(1.06, correct=False)
     assert doubted.E_sd_MPa > math.log(1.06) * doubted.E_MPa
@@ -63,8 +77,9 @@ def test_a_body_shows_a_gain_that_the_assumed_scales_would_cover() -> None:
 
 def test_a_body_read_as_known_leaves_what_it_is_known_to() -> None:
     modulus = after(1.0, correct=False)
-    body = math.hypot(OWN, 0.01)
-    left = math.hypot(modulus.scale_sd_MPa, modulus.parts_sd_MPa[SENSOR]) / modulus.E_MPa
+    body = math.hypot(OWN, 0.01, OWN_GAIN_OF_E)
+    parts = modulus.parts_sd_MPa
+    left = math.hypot(modulus.scale_sd_MPa, parts[SENSOR], parts[GAIN]) / modulus.E_MPa
     assert left < body < math.hypot(PICTURES, COMMON)
     assert modulus.scale_sd_MPa < COMMON / 3 * modulus.E_MPa
     assert adds_up(modulus)
@@ -77,21 +92,89 @@ def test_without_a_graded_body_the_assumed_scale_stays() -> None:
     assert against_references(records[:1], correct=False)[0][0].modulus == records[0].modulus
 
 
+def test_a_body_that_contradicts_the_assumed_scales_makes_them_wider() -> None:
+    """1 % is assumed; a ratio that is further from 1 than that and its own error allow leaves more."""
+    before = ModulusRecord(
+        E_MPa=0.4,
+        E_sd_MPa=0.005,
+        common_sd_MPa=0.004,
+        scale_sd_MPa=0.0,
+        parts_sd_MPa={SENSOR: 0.004, "a": 0.003},
+    )
+    for ln_ratio, ln_sd in ((0.06, 0.01), (-0.06, 0.005), (0.1, 0.06)):
+        after = verified(before, ln_ratio, ln_sd)
+        w = 0.01**2 / (0.01**2 + ln_sd**2)
+        expected = math.sqrt((w * ln_ratio) ** 2 + w * ln_sd**2)
+        assert after.parts_sd_MPa[SENSOR] == pytest.approx(0.4 * expected)
+        assert (after.parts_sd_MPa[SENSOR] > before.parts_sd_MPa[SENSOR]) == (
+            abs(ln_ratio) > math.hypot(0.01, ln_sd)
+        )
+        assert after.common_sd_MPa == pytest.approx(after.parts_sd_MPa[SENSOR])
+        assert adds_up(after)
+
+
+@pytest.mark.parametrize("ratio", [0.9, 1.0, 1.2])
+def test_the_gain_of_the_gripper_goes_with_the_bodys_ratio_and_the_noise_of_a_fruit_stays(
+    ratio: float,
+) -> None:
+    before = record("soft", 0.4, gain=UnseenGain(shared=0.05, own=0.02)).modulus
+    assert before is not None
+    after = corrected_modulus(before, Ratio(ratio=ratio, ln_sd=0.01))
+    assert after.parts_sd_MPa[GAIN] == 0.0
+    assert after.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 / ratio * E_PER_GAIN * 0.02)
+    assert after.E_sd_MPa / after.E_MPa == pytest.approx(math.hypot(OWN, E_PER_GAIN * 0.02, 0.01))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.2])
+def test_a_gain_that_only_one_fruits_recordings_show_stays_in_its_error_bar(ratio: float) -> None:
+    odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, own=0.004))
+    ball = record("ball", 0.5 * ratio, known=0.5)
+    modulus = against_references([odd, ball], correct=True)[0][0].modulus
+    assert modulus is not None
+    own = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)
+    assert modulus.parts_sd_MPa[OWN_GAIN] / modulus.E_MPa == pytest.approx(math.hypot(own, OWN_GAIN_OF_E))
+    assert math.sqrt(modulus.E_sd_MPa**2 - modulus.common_sd_MPa**2) > own * modulus.E_MPa
+    assert odd.modulus is not None
+    split = with_own_gain(odd.modulus, HIDDEN_GAIN.shared * E_PER_GAIN)
+    assert adds_up(split)
+    assert split.E_sd_MPa == odd.modulus.E_sd_MPa
+    assert with_own_gain(odd.modulus, 0.1) == odd.modulus
+
+
 @pytest.mark.parametrize("correct", [False, True])
 def test_the_error_bar_covers_drawn_grippers(correct: bool) -> None:
-    """Scales drawn as they are assumed; the error of E over both parts of its error bar."""
+    """Scales and gains drawn as they are assumed, the gain measured in four pads of fruit and body with one
+    bias of the gel's law; the error of E over both parts of its error bar.
+    """
     rng = np.random.default_rng(5)
     z = []
-    for _ in range(400):
-        scale = math.exp(rng.normal(0, math.hypot(COMMON, PICTURES)))
-        fruit = record("soft", 0.4 * scale * math.exp(rng.normal(0, OWN)))
-        body = record("ball", 0.5 * scale * math.exp(rng.normal(0, OWN) + rng.normal(0, 0.01)), known=0.5)
-        modulus = against_references([fruit, body], correct=correct)[0][0].modulus
+    for _ in range(1000):
+        gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
+        scale = math.exp(rng.normal(0, math.hypot(COMMON, PICTURES)) + E_PER_GAIN * gain)
+        of_fruit, of_body = (gain_left(gain + bias + rng.normal(0, 0.01, 4), np.full(4, 0.01)) for _ in "fb")
+        fruit = record("soft", 0.4 * scale * math.exp(rng.normal(0, OWN)), gain=of_fruit)
+        read = 0.5 * scale * math.exp(rng.normal(0, OWN) + rng.normal(0, 0.01))
+        modulus = against_references([fruit, record("ball", read, known=0.5, gain=of_body)], correct=correct)[
+            0
+        ][0].modulus
         assert modulus is not None
         sd = math.hypot(modulus.E_sd_MPa, modulus.scale_sd_MPa)
         z.append(math.log(modulus.E_MPa / 0.4) * modulus.E_MPa / sd)
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.15
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.1
     assert np.mean(np.abs(z) > 2) < 0.07
+
+
+def test_the_error_bar_without_a_body_covers_drawn_grippers() -> None:
+    rng = np.random.default_rng(6)
+    z = []
+    for _ in range(1000):
+        gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
+        left = gain_left(gain + bias + rng.normal(0, 0.01, 4), np.full(4, 0.01))
+        error = rng.normal(0, math.hypot(COMMON, PICTURES, OWN)) + E_PER_GAIN * gain
+        modulus = record("soft", 0.4, gain=left).modulus
+        assert modulus is not None
+        z.append(error / (math.hypot(modulus.E_sd_MPa, modulus.scale_sd_MPa) / 0.4))
+    assert 0.92 < np.sqrt(np.mean(np.square(z))) < 1.08
 
 
 def test_report_and_ranking_show_the_common_scale_beside_the_error_bar() -> None:
