@@ -68,11 +68,14 @@ class Unit:
 
 @dataclass(frozen=True, kw_only=True)
 class NoUnit:
-    """A text that is no unit of the quantity, and `why`. `other`: the kind of quantity it is a unit of."""
+    """A text that is no unit of the quantity, and `why`. `other`: the kind of quantity it is a unit of.
+    `open`: it has a unit, and a factor or a second unit beside it, so that only the user can say.
+    """
 
     text: str
     why: str
     other: str | None = None
+    open: bool = False
 
 
 def read_unit(text: str, quantity: str) -> Unit | NoUnit:

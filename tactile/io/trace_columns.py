@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
-from tactile.io.stated_unit import EXAMPLES, PRESSURE, RATIO, VOLTAGE, NoUnit, Unit, is_unit, read_unit
+from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit
+from tactile.io.unit_in_name import factor_beside, unit_of_name
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")
@@ -24,12 +25,6 @@ _LIKE = {
 }
 """Words in names of columns by which an option is proposed (it is never taken without being given)."""
 _NOT_MEASURED = re.compile(r"goal|target|set|soll|cons|command|step", re.IGNORECASE)
-_IN_BRACKETS = re.compile(r"[(\[{]\s*([^()\[\]{}]+?)\s*[)\]}]")
-_AT_END = re.compile(r"(?:[_/,]\s*|\bin\s+|\s)([^\W\d_]{1,12})\.?$")
-_ONE_LETTER = "smgN"
-"""Units of one letter that a name may end in without brackets; others are axes and channels there."""
-_NO_FORCE_OR_LENGTH = frozenset({PRESSURE, VOLTAGE, RATIO})
-"""What a column of a like name may hold in place of a force or a travel."""
 _ROWS_BELOW = 3
 """Rows below the names in which a row of units is looked for."""
 
@@ -57,26 +52,6 @@ class FoundColumns:
     units: Mapping[str, Unit]
     first: int
     notes: tuple[str, ...] = ()
-
-
-def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
-    """The unit that a column's name states: in brackets, or at its end; None where it states none.
-
-    What stands at the end without brackets is a unit only where it fits, or is plainly of another quantity.
-
-    >>> unit_of_name("Normal force (kN)", "force").factor, unit_of_name("travel_in", "travel").factor
-    (1000.0, 25.4)
-    >>> unit_of_name("Pos", "travel"), unit_of_name("Load (%)", "force").why
-    (None, 'is a ratio, an angle or a count, not a force')
-    """
-    found = [read_unit(text, quantity) for text in _IN_BRACKETS.findall(name)]
-    if found:
-        return min(found, key=lambda one: (not isinstance(one, Unit), not _of_another(one)))
-    end = _AT_END.search(name.strip())
-    if end is None or (len(end[1]) == 1 and end[1] not in (*_ONE_LETTER, "V")):
-        return None
-    unit = read_unit(end[1], quantity)
-    return unit if isinstance(unit, Unit) or unit.other in _NO_FORCE_OR_LENGTH else None
 
 
 def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColumns | None:
@@ -114,12 +89,13 @@ def _units(
     notes, missing = [], []
     for q, name in chosen.items():
         in_name = unit_of_name(name, q)
-        in_row = read_unit(row[q], q) if row.get(q) else None
+        in_row = _in_row(row.get(q, ""), q)
         named = f'{q} ("{name[:60]}")'
         for one in (in_row, in_name):
             if isinstance(one, NoUnit) and one.other is not None:
                 raise _other_quantity(source, one, q, named)
-        in_file = [one for one in (in_row, in_name) if isinstance(one, Unit)]
+        unsure = any(isinstance(one, NoUnit) and one.open for one in (in_row, in_name))
+        in_file = [one for one in (in_row, in_name) if isinstance(one, Unit) and not unsure]
         stated = read_unit(words.units[q], q) if q in words.units else None
         if isinstance(stated, NoUnit):
             raise unusable(source, f"--units {q}={stated.text}, which {stated.why}", _ways(q))
@@ -217,7 +193,7 @@ def _no_unit(
     """No unit, or one that is not known: asks for it."""
     q = missing[0]
     stated = {one: _stated(chosen[one], row.get(one, ""), one) for one in missing}
-    unit = next(iter(stated[q]), None)
+    unit = min(stated[q], key=lambda one: not (isinstance(one, NoUnit) and one.open), default=None)
     said = f'the unit "{unit.text}", which {unit.why},' if isinstance(unit, NoUnit) else "no unit"
     whole = ",".join(_asked(one, stated[one]) for one in missing)
     ways = "; ".join(f"{one} in {', '.join(EXAMPLES[one])}, ..." for one in missing)
@@ -227,8 +203,13 @@ def _no_unit(
 
 def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
     """What the row of units and the column's name state, the row first."""
-    found = [read_unit(in_row, quantity) if in_row else None, unit_of_name(name, quantity)]
+    found = [_in_row(in_row, quantity), unit_of_name(name, quantity)]
     return [one for one in found if one is not None]
+
+
+def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
+    """What a cell of the row of units states; an empty one nothing."""
+    return factor_beside(cell) or read_unit(cell, quantity) if cell else None
 
 
 def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
