@@ -31,10 +31,11 @@ from pipeline.commands.sample import sample
 from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
+from pipeline.early_end import SAID
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
-from pipeline.interruption import SAID, ended_like_ctrl_c
+from pipeline.interruption import ended_like_ctrl_c
 from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB

@@ -179,7 +179,7 @@ def _depth_where_touched(known: TraceFit, trace: IndenterTrace) -> Float[np.ndar
     """The depth by a fit, 0 in the air; the travel where the air is short, or its force no straight line over
     time: a specimen that is met little by little looks like a drift in the air.
     """
-    depth = np.maximum(known.law.depth_mm(trace, known.scaled), 0.0)
+    depth: Float[np.ndarray, " t"] = np.maximum(known.law.depth_mm(trace, known.scaled), 0.0)
     for part in trace.slices:
         air = int(np.argmax(depth[part] > 0))
         time, force = trace.time_s[part][:air], trace.force_N[part][:air]

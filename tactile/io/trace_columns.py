@@ -110,8 +110,8 @@ def _units(
         if unknown is not None and not in_file:
             notes.append(f'{named} states "{unknown.text}", which {unknown.why}; read in {every[0].text}.')
         if every[0].of_mass:
-            one = f"1 {every[0].text} = {every[0].factor:.6g} N"
-            notes.append(f"{named} is in {every[0].text}, a mass: taken as its weight ({one}).")
+            weight = f"1 {every[0].text} = {every[0].factor:.6g} N"
+            notes.append(f"{named} is in {every[0].text}, a mass: taken as its weight ({weight}).")
     if missing:
         raise _no_unit(source, chosen, row, missing)
     return units, tuple(f"{source}: {note}" for note in notes)
