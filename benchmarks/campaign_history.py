@@ -162,7 +162,7 @@ def main() -> None:
     print("\n| lot | cell | expected |\n|---|---|---|")
     for lot, cell in LOTS.items():
         failed += lot_cell(batch, lot) != cell
-        print(f"| {lot} | {lot_cell(batch, lot)} | {cell} |")
+        print("| " + " | ".join(one.replace("|", "\\|") for one in (lot, lot_cell(batch, lot), cell)) + " |")
     print(f"\n{failed} failures")
     sys.exit(1 if failed else 0)
 
