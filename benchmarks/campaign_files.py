@@ -150,6 +150,8 @@ def _exported(kind: str, per_mm: float = 1.0) -> Change:
     def change(path: Path, _: np.random.Generator) -> None:
         vertices, faces = read_mesh(path)
         path.unlink()
+        if kind == ".glb":  # +Y up, by its standard
+            vertices = vertices[:, [0, 2, 1]] * [1, 1, -1]
         trimesh.Trimesh(vertices * per_mm, faces, process=False).export(path.with_suffix(kind))
 
     return change

@@ -11,7 +11,7 @@ from fem.mismatch.result import NONE, Explanation
 from pipeline.batch.settings import SensorSettings
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.fruit.grasped import GraspedFruit, owner_of
-from pipeline.fruit.input_doubts import expected_E_MPa
+from pipeline.fruit.input_doubts import implausible_E
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
 from pipeline.fruit.sensor_scale import sensor_scale
@@ -134,21 +134,13 @@ def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
 
 def doubts_of_modulus(case: Case, found: Explanation) -> tuple[str, ...]:
     """A sentence where E, without an effect or with it, is one that no flesh of the category has."""
-    limits = expected_E_MPa(case.task.prior)
-    if limits is None or found.withheld is not None:
+    if found.withheld is not None:
         return ()
     values = {"E": found.before.value}
     if found.verdict != NONE:
         values = {"E without an effect": found.before.value, "E with it": found.after.value}
-    wrong = [
-        f"{name} {value:.3g} MPa" for name, value in values.items() if not limits[0] <= value <= limits[1]
-    ]
-    if not wrong:
-        return ()
-    return (
-        f"Found {' and '.join(wrong)}, expected {limits[0]:g} to {limits[1]:g} MPa of {case.task.category}: "
-        "look for a wrong unit or factor in forces, travel, displacements and sizes.",
-    )
+    wrong = implausible_E(values, case.task.prior)
+    return () if wrong is None else (wrong,)
 
 
 def _air(grasp: PlacedGrasp) -> list[str]:

@@ -135,6 +135,20 @@ def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:
     return None if prior is None or prior.plausible is None else prior.plausible.E_MPa
 
 
+def implausible_E(values_MPa: Mapping[str, float], prior: PitPrior | None) -> str | None:
+    """A sentence that names the values which no flesh of the category has; None where it may have all."""
+    limits = expected_E_MPa(prior)
+    if prior is None or limits is None:
+        return None
+    wrong = [f"{name} {E:.3g} MPa" for name, E in values_MPa.items() if not limits[0] <= E <= limits[1]]
+    if not wrong:
+        return None
+    return (
+        f"Found {' and '.join(wrong)}, expected {limits[0]:g} to {limits[1]:g} MPa of {prior.category}: look "
+        "for a wrong unit or factor in forces, travel, displacements and sizes."
+    )
+
+
 class PitKind(StrEnum):
     """What is doubted of a given pit."""
 

@@ -12,11 +12,13 @@ from fem.fem_failure import FemFailure
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
+from pipeline.fruit.bare_traces import is_bare
+from pipeline.fruit.input_doubts import expected_E_MPa
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import BatchRefused, Problem
-from recon.pit.priors import load_prior
+from pipeline.recordings.trace_doubts import trace_doubts
+from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
-from tactile.checks.finding import Finding
 from tactile.checks.of_recording import recording_findings
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
@@ -113,6 +115,8 @@ def convert_runs(
     for one in each:
         _trace(source, one)
     paths = [out.with_name(f"{out.stem}-{k + 1}{out.suffix}") for k in range(runs)]
+    for path in paths:
+        _require_writable(source, path, wanted)
     return [(path, convert(source, path, one, report=report)) for path, one in zip(paths, each, strict=True)]
 
 
@@ -123,9 +127,7 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
     kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
-    inputs = [path for path in (source, wanted.sensor, wanted.rig) if path is not None]
-    require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
-    require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
+    _require_writable(source, out, wanted)
     with ExitStack() as stack:
         converted, sensors = _read(source, wanted, report, stack)
     with scratch() as folder:
@@ -148,7 +150,12 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     )
     for line in _contact(converted.recording, out.name):
         report(line)
-    found = _findings(converted.recording)
+    prior = _prior(converted.recording.category)
+    if is_bare(converted.recording):
+        doubts = trace_doubts(converted.recording, prior, source=source)
+        return Conversion(notes=converted.notes, doubts=doubts)
+    limits = expected_E_MPa(prior)
+    found = recording_findings(converted.recording, None, None, E_range_MPa=limits)
     return Conversion(
         notes=(*converted.notes, *(f"{source.name}: {one.sentence}." for one in found if one.remark)),
         doubts=tuple(f"{source.name}: {one.sentence}." for one in found if not (one.refused or one.remark)),
@@ -156,14 +163,19 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     )
 
 
-def _findings(recording: Recording) -> list[Finding]:
-    """What `drupe check` finds in the recording alone, without a fruit's mesh."""
+def _prior(category: str) -> PitPrior | None:
+    """What is known of the category; None where there is none, or one of the user's own."""
     try:
-        plausible = load_prior(recording.category).plausible
-    except ReconFailure:  # no category, or one of the user's own
-        plausible = None
-    limits = None if plausible is None else plausible.E_MPa
-    return recording_findings(recording, None, None, E_range_MPa=limits)
+        return load_prior(category)
+    except ReconFailure:
+        return None
+
+
+def _require_writable(source: Path, out: Path, wanted: ConvertRequest) -> None:
+    """Raises BatchRefused where `out` is one of the inputs or a file that drupe convert did not write."""
+    inputs = [path for path in (source, wanted.sensor, wanted.rig) if path is not None]
+    require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
+    require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
 
 
 def _is_converted(path: Path) -> bool:

@@ -18,7 +18,8 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 MM_IN_A_METRE = 1000.0
-"""glTF 2.0 has metres (3.4)."""
+Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""glTF 2.0 has metres and +Y up (3.4): (x, y, z) there is (x, -z, y) here."""
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
 """Of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
@@ -38,7 +39,8 @@ def read_mesh(path: Path) -> Mesh:
 
     Faces of more corners are cut into triangles. Where the surface is not closed as it stands, corners in the
     same place are merged (STL has three for each face), and faces are turned alike. Vertices that no face
-    uses are left out. glTF is in metres by its standard; axes are as the file has them.
+    uses are left out. glTF is in metres with y up by its standard, and is turned to z up; axes of the others
+    are as the file has them.
 
     Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in it.
     """
@@ -65,7 +67,7 @@ def read_mesh(path: Path) -> Mesh:
     vertices, faces = _used(vertices, faces)
     if not np.isfinite(vertices).all():
         raise _unreadable(path, "holds a coordinate that is no number", "finite coordinates in mm")
-    vertices = vertices * MM_IN_A_METRE if kind == ".glb" else vertices
+    vertices = MM_IN_A_METRE * vertices @ Z_UP.T if kind == ".glb" else vertices
     if (farthest := float(np.abs(vertices).max())) > FARTHEST_MM:
         raise _unreadable(path, f"holds a coordinate of {farthest:.3g} mm", "a fruit's, in mm")
     return _joined(vertices, faces)
@@ -169,8 +171,9 @@ def _require_stl(path: Path, data: bytes) -> None:
 
 
 def _require_glb(path: Path, data: bytes) -> None:
-    """Refuse a binary glTF that is cut short, compressed, or of more vertices than are read, before memory is
-    asked for it (glTF 2.0, 4.4: a header of 12 bytes, then a chunk of JSON with its length and kind).
+    """Refuse a binary glTF that is cut short, compressed, drupe's own picture (in mm, z up), or of more
+    vertices than are read, before memory is asked for it (glTF 2.0, 4.4: a header of 12 bytes, then a chunk
+    of JSON with its length and kind).
     """
     whole = "a whole GLB file (binary glTF 2.0)"
     if data[:4] != b"glTF" or data[16:20] != b"JSON" or int.from_bytes(data[8:12], "little") > len(data):
@@ -180,8 +183,13 @@ def _require_glb(path: Path, data: bytes) -> None:
         compressed = [one for one in said.get("extensionsRequired", []) if "compression" in one]
         counts = [int(one["count"]) for one in said.get("accessors", [])]
         placed = sum("mesh" in one for one in said.get("nodes", []))
+        generator = said.get("asset", {}).get("generator")
     except (NotReadable, KeyError, TypeError, ValueError, AttributeError) as error:
         raise _unreadable(path, "is broken (its description cannot be read)", whole) from error
+    if generator == "drupe":
+        raise _unreadable(
+            path, "is a picture of drupe's results, coarse and in mm", "the fruit.ply beside it"
+        )
     if compressed:
         raise _unreadable(path, f"is compressed ({compressed[0][:40]})", "GLB exported without compression")
     if max(counts, default=0) * max(placed, 1) > 3 * MOST_ELEMENTS:

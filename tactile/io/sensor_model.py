@@ -4,6 +4,7 @@ One file for each in tactile/sensor_models. A value is `{ value, sd, source }`; 
 gives.
 """
 
+import re
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,8 @@ from tactile.tactile_failure import TactileProblem
 
 FOLDER = Path(__file__).parents[1] / "sensor_models"
 """Where the shipped ones lie."""
+_SERIAL = re.compile(r"(?:(?:sn|s/n|serial|#)[:. ]*[\w-]*\d[\w-]*)|(?!v\d)(?=[\w-]*\d)(?=[\w-]*[a-z-])[\w-]+")
+"""In small letters: SN 20123, #7, D20123, A1-0040R; a number alone, or a version (v2), may be of a model."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,13 +63,15 @@ def model_names() -> tuple[str, ...]:
 def model_named(sensor: str) -> SensorModel | None:
     """The shipped sensor that a recording names: by its key or its name, which a serial number may follow.
 
+    Other words behind the name are of another sensor: DIGIT 360, DIGIT Pinki.
+
     >>> [one and one.key for one in map(model_named, ("GelSight Mini, marked gel", "Tac3D A1-0040R", "gel"))]
     ['gelsight-mini', 'tac3d', None]
     """
     said = _plain(sensor)
     for model in map(read_model, model_names()):
         for name in (_plain(model.key), _plain(model.name)):
-            if said == name or (said.startswith(f"{name} ") and not said.startswith(f"{name} (")):
+            if said == name or (said.startswith(f"{name} ") and _SERIAL.fullmatch(said[len(name) + 1 :])):
                 return model
     return None
 

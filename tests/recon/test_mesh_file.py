@@ -184,6 +184,27 @@ def test_gltf_is_in_metres_and_a_broken_one_is_named(tmp_path):
             read_mesh(tmp_path / "b.glb")
 
 
+def test_gltf_has_y_up_and_is_turned_to_z_up(tmp_path):
+    vertices, faces = ball(2)
+    vertices = vertices * [20.0, 25.0, 30.0] + [1.0, 2.0, 3.0]
+    x, y, z = vertices.T / 1e3
+    for name, node in (("a", np.eye(4)), ("b", trimesh.transformations.translation_matrix([0, 1, 0]))):
+        scene = trimesh.Scene()
+        mesh = trimesh.Trimesh(np.c_[x, z, -y] - node[:3, 3], faces, process=False)
+        scene.add_geometry(mesh, transform=node)
+        scene.export(tmp_path / f"{name}.glb")
+        found, triangles = read_mesh(tmp_path / f"{name}.glb")
+        np.testing.assert_allclose(found, vertices, atol=1e-3)
+        assert volume_mm3(found, triangles) == pytest.approx(volume_mm3(vertices, faces), rel=1e-4)
+    own = (tmp_path / "a.glb").read_bytes()
+    generator = own[own.index(b'"generator":') : own.index(b"}", own.index(b'"generator":'))]
+    (tmp_path / "c.glb").write_bytes(own.replace(generator, b'"generator":"drupe"'.ljust(len(generator))))
+    with pytest.raises(
+        ReconFailure, match=r"c\.glb is a picture of drupe's results.*the fruit\.ply beside it"
+    ):
+        read_mesh(tmp_path / "c.glb")
+
+
 def test_points_without_faces_are_called_so(tmp_path):
     vertices, _ = ball(2)
     for header in ("", "element face 0\nproperty list uchar int vertex_indices\n"):
