@@ -138,7 +138,9 @@ def test_an_answer_of_other_inputs_is_not_the_fruits(tmp_path):
     assert _explained(record, files) is None
     said = {"key": "k1", "verdict": ["skin", "slip"], "ranking": [{"effect": "slip"}, {"effect": "skin"}]}
     files.mismatch.write_text(json.dumps(said))
-    assert _explained(record, files) == "slip|skin"
+    answer = _explained(record, files)
+    assert answer is not None
+    assert answer.names == ("slip", "skin")
     assert _explained(SimpleNamespace(key="k2"), files) is None
     files.mismatch.write_text("half a fi")
     assert _explained(record, files) is None
