@@ -14,7 +14,8 @@ from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare
 from tactile.tactile_failure import TactileFailure
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from drawn_traces import FAULTS, SOUND
+from drawn_sound import SOUND
+from drawn_traces import FAULTS
 from trace_faults import outcome, read
 
 FRAMES = 150
