@@ -16,7 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from drawn_traces import FAULTS, SOUND, Press, even_press, press
+from drawn_sound import SOUND
+from drawn_traces import FAULTS, Press, even_press, press
 from scipy.optimize import least_squares
 
 from tactile.io.load_cell import read_trace

@@ -75,9 +75,10 @@ def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -
 
 @dataclass
 class ReadBudget:
-    """Bytes of the fields that were read from one file so far."""
+    """Bytes of the fields that were read from one file so far, and their names: each counts once."""
 
     used: int = 0
+    counted: set[str] = field(default_factory=set)
 
 
 class FramesRead(int):
@@ -306,7 +307,9 @@ class GroupReader:
     def _require_budget(self, name: str, data: Any, value_bytes: int) -> None:
         """Refuse, before it is read, what would not fit into memory with all that was read before."""
         self._require_own_values(name, data)
-        self.budget.used += data.size * max(value_bytes, data.dtype.itemsize)
+        if self.prefix + name not in self.budget.counted:
+            self.budget.counted.add(self.prefix + name)
+            self.budget.used += data.size * max(value_bytes, data.dtype.itemsize)
         if self.budget.used > MOST_READ_BYTES:
             found = f"shape {tuple(data.shape)}, {self.budget.used / 1e6:.0f} MB in all fields up to this one"
             raise self._refuse(name, found, f"at most {MOST_READ_BYTES / 1e6:g} MB", "divide the recording")

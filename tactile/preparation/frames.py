@@ -12,7 +12,7 @@ from tactile.preparation.logged_trace import MOST_CORRECTED, NotPrepared
 from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, listed, spoilt_said
 from tactile.preparation.readings import is_held, rhythm_of
 from tactile.preparation.structure import runs, written
-from tactile.preparation.wild import wild, wild_times
+from tactile.preparation.wild import of_specimen, wild, wild_times
 
 Values = Float[np.ndarray, " t"]
 
@@ -60,6 +60,8 @@ def prepare_frames(
     places = np.arange(len(time), dtype=float)
     for name, values in [("time", time), *((name, one[part]) for name, one in columns.items())]:
         off = wild_times(values) if name == "time" else wild(values)
+        if force is not None and name != "time" and off.any():
+            off &= ~of_specimen(off, values, force()[part], of_force=False)
         hole = np.isnan(values)
         notes += _replaced(words, name, LoggerFault.WILD, rows, values, off)
         notes += _replaced(words, name, LoggerFault.MISSING, rows, values, hole)

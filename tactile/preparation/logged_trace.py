@@ -12,7 +12,7 @@ from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
 from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
 from tactile.preparation.structure import FEWEST_IN_RUN, runs, wild_note, wild_or_repeated_times, written
-from tactile.preparation.wild import wild
+from tactile.preparation.wild import of_specimen, wild
 
 MOST_CORRECTED = 0.02
 """Share of the rows that may be left out one by one (wild or missing): more is a broken record."""
@@ -185,7 +185,9 @@ def _without_wild(
     """Travel and force with NaN for what is wild, and the notes."""
     columns, notes = [], []
     for name, values in logged.columns.items():
+        other = logged.travel if name == "force" else logged.force_N
         off = wild(values)
+        off &= ~of_specimen(off, values, other, of_force=name == "force")
         if off.any():
             notes.append(wild_note(words, name, logged.rows[off], values[off]))
         columns.append(np.where(off, np.nan, values))
@@ -263,14 +265,19 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
     try:
         found = resets(logged.time_s, logged.travel, logged.force_N)
     except Ambiguous as cause:
-        said = (
-            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]} and differs by "
-            f"{cause.shift_N:+.3g} N in the air afterwards: the load cell was zeroed under load, or the "
-            "specimen broke"
+        shown = (
+            "no air is recorded afterwards"
+            if cause.shift_N is None
+            else f"it differs by {cause.shift_N:+.3g} N in the air afterwards"
         )
-        raise NotPrepared(
-            said, "one zero of the load cell throughout; press again without zeroing it"
-        ) from None
+        said = (
+            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]}, and {shown}: the "
+            "load cell was zeroed under load, or the specimen broke"
+        )
+        wanted = (
+            "one zero of the load cell throughout, and air after the press; press again without zeroing it"
+        )
+        raise NotPrepared(said, wanted) from None
     travel, force, notes = logged.travel.copy(), logged.force_N.copy(), []
     for one in found:
         values, name = (force, "force") if one.quantity == "force" else (travel, logged.quantity)

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tactile.preparation.difference_noise import noise_sd
+from tactile.preparation.wild import wild
+
 JUMP = 10.0
 """Multiples of the usual large step by which a quantity jumps where written rows begin."""
 LARGE = 95
@@ -19,6 +22,12 @@ SELDOM = 0.2
 """Share of rows that repeat the force of the row before, below which LONG exact repeats are no reading."""
 LONGEST_WILD = 3
 """Rows of one value inside the record that count as wild, each by itself."""
+NEAR = 0.02
+"""Share of the range within which the record comes back to a place or a force."""
+AS_FAST = 0.4
+"""Share of a jump that one row elsewhere has, in place and force at once: a machine moves as fast there."""
+STANDS, LOADED = 0.05, 0.3
+"""Share of a jump by which the place moves behind it, and of the largest load that stays: a step's hold."""
 
 
 def reserved_ends(
@@ -33,7 +42,7 @@ def reserved_ends(
 
 
 def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarray, " t"]:
-    """Rows inside the record in blocks of one value, at both ends of which every quantity jumps."""
+    """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
     rows = len(columns[0])
     inside = np.zeros(rows, dtype=bool)
     same = np.all([_same(one[1:], one[:-1]) for one in columns], axis=0)
@@ -46,23 +55,27 @@ def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarr
                 min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
                 for one, limit in zip(columns, limits, strict=True)
             ]
-            inside[first:end] = all(jumps)
+            rest = [np.delete(one, np.s_[first:end]) for one in columns]
+            inside[first:end] = all(jumps) and _is_fill([one[first] for one in columns], rest)
     return inside
 
 
 def _at_start(time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarray, " t"]]) -> int:
-    """Rows in the block at the start; 0 where it was measured. Blocks of several values follow each other."""
+    """Rows in the blocks at the start that were never written; 0 where they were measured."""
     done, rows = 0, len(time_s)
     while done < rows - 1:
         each = [one[done:] for one in columns]
-        differs = np.any([~_same(one, one[0]) for one in each], axis=0)
-        length = int(np.argmax(differs)) if differs.any() else rows - done
-        if length < rows - done and not _never_written(time_s[done:], each, length):
-            break
-        if length == rows - done:
+        length = _block(each)
+        if length == rows - done or not _never_written(time_s[done:], each, length):
             break
         done += length
     return done
+
+
+def _block(columns: Sequence[Float[np.ndarray, " t"]]) -> int:
+    """How many rows at the start hold one value of each quantity."""
+    differs = np.any([~_same(one, one[0]) for one in columns], axis=0)
+    return int(np.argmax(differs)) if differs.any() else len(differs)
 
 
 def _never_written(
@@ -70,27 +83,78 @@ def _never_written(
 ) -> bool:
     """Whether the first `length` rows, all of one value, were not measured."""
     nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
-    stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
-    back = time_s[length] < time_s[length - 1]
-    whole_behind = np.isfinite([one[length] for one in columns]).all()
-    if nothing[0] or stands or back or all(nothing[1:]) or (length == 1 and any(nothing) and whole_behind):
+    rest = [one[length:] for one in columns]
+    if nothing[0] or all(nothing[1:]):
         return True
     if any(nothing):
-        return False
-    rest = [one[length:] for one in columns]
+        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
+    fill = _is_fill([one[0] for one in columns], rest)
+    stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
+    back = time_s[length] < time_s[length - 1]
+    if stands or (back and (length > 1 or fill)):
+        return True
     alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
-    if alone or len(rest[0]) < FEWEST:
+    if alone or not fill or len(rest[0]) < FEWEST:
         return False
-    jumps = [
-        abs(np.median(after[np.isfinite(after)][:FIRST]) - one[0]) > JUMP * _large_step(after)
-        for one, after in zip(columns, rest, strict=True)
+    jumps = _jumps([one[0] for one in columns], rest)
+    if (all(jumps) or (any(jumps) and length > 1)) and not _was_measured([one[0] for one in columns], rest):
+        return True
+    noisy = [_is_noise_about(one[0], after) for one, after in zip(columns[1:], rest[1:], strict=True)]
+    return length >= LONG and any(noisy)
+
+
+def _is_fill(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
+    """Whether all quantities hold one number, or each a number that is far beyond the record's range."""
+    beyond = []
+    for value, values in zip(held, rest, strict=True):
+        known = values[np.isfinite(values)]
+        low, high = np.percentile(known, [2, 98]) if len(known) else (value, value)
+        beyond.append(not low - (high - low) <= value <= high + (high - low))
+    return len(set(held)) == 1 or all(beyond)
+
+
+def _jumps(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> list[bool]:
+    """Of each quantity, whether it jumps where the rows of one value end."""
+    return [
+        bool(abs(np.median(after[np.isfinite(after)][:FIRST]) - value) > JUMP * _large_step(after))
+        for value, after in zip(held, rest, strict=True)
         if np.isfinite(after).any()
     ]
-    if any(jumps) and (length > 1 or all(jumps)):
-        return True
-    repeats = [float(_same(one[1:], one[:-1]).mean()) if len(one) > 1 else 1.0 for one in rest[1:]]
-    noisy = bool(repeats) and max(repeats) < SELDOM
-    return length >= LONG and noisy and all(one[0] == columns[0][0] for one in columns)
+
+
+def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
+    """Whether place and force of a block can be a machine's that stands in the air: the record comes back to
+    both, moves as fast elsewhere, or stays loaded at one place behind the block.
+    """
+    if len(rest) == 1:
+        return False
+    place, force = rest
+    known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force) & ~reserved_inside(rest)
+    other = _block([place[::-1], force[::-1]])
+    if (place[-1], force[-1]) == tuple(held) and other < len(place):  # the same block at the other end
+        inner = [one[: len(one) - other][::-1] for one in rest]
+        if any(_jumps(held, inner)):
+            known[len(known) - other :] = False
+    place, force = place[known], force[known]
+    if len(place) < FEWEST:
+        return False
+    gone_mm, gone_N = np.abs(place - held[0]), np.abs(force - held[1])
+    near = max(NEAR * float(np.ptp(force)), 6 * noise_sd(force))
+    returns = (gone_mm <= NEAR * np.ptp(place)) & (gone_N <= near)
+    steps_mm, steps_N = np.abs(np.diff(place)), np.abs(np.diff(force))
+    as_fast = (steps_mm >= AS_FAST * gone_mm[0]) & (steps_N >= AS_FAST * gone_N[0])
+    stays = np.ptp(place) <= STANDS * gone_mm[0] and gone_N.min() >= LOADED * gone_N.max()
+    less = abs(held[1]) < np.abs(force).min()
+    return bool(returns.any() or (gone_mm[0] > 0 and as_fast.any()) or (stays and less))
+
+
+def _is_noise_about(value: float, after: Float[np.ndarray, " r"]) -> bool:
+    """Whether readings that hardly ever repeat themselves scatter about this value, which a sensor that shows
+    exactly this value in the air does not do.
+    """
+    repeats = float(_same(after[1:], after[:-1]).mean()) if len(after) > 1 else 1.0
+    near = after[: 2 * LONG]
+    return repeats < SELDOM and bool((near < value).any() and (near > value).any())
 
 
 def _large_step(values: Float[np.ndarray, " t"]) -> float:

@@ -36,10 +36,10 @@ class Reset:
 
 class Ambiguous(Exception):
     """A step of the force that may be a reset or the specimen's: behind which row, its size, and the shift of
-    the force in the air (N).
+    the force in the air (N; None: no air was recorded afterwards).
     """
 
-    def __init__(self, row: int, step_N: float, shift_N: float) -> None:
+    def __init__(self, row: int, step_N: float, shift_N: float | None) -> None:
         super().__init__(row, step_N, shift_N)
         self.row, self.step_N, self.shift_N = row, step_N, shift_N
 
@@ -61,7 +61,7 @@ def resets(
 ) -> list[Reset]:
     """Resets of the travel and of the force, in this order.
 
-    Raises Ambiguous for a step of the force of which the air afterwards shows some part.
+    Raises Ambiguous for a step of the force of which the air afterwards shows some part, or is not recorded.
     """
     if len(time_s) < 4 * NEIGHBOURS:
         return []
@@ -188,8 +188,10 @@ def _of_force(
     force_N: Float[np.ndarray, " t"],
     steps: Int[np.ndarray, " k"],
 ) -> list[Reset]:
-    """Steps of the force that the air shows afterwards; without air, those to zero behind which the slope is
-    as before.
+    """Steps of the force that the air shows afterwards.
+
+    Raises Ambiguous where it shows some part, and for one to zero with the same slope behind it where no air
+    follows.
     """
     air, sd = air_levels(travel, force_N), noise_sd(force_N)
     sizes = np.array([_step_of(time_s, force_N, k) for k in steps.tolist()])
@@ -197,7 +199,10 @@ def _of_force(
     level = max(float(np.abs(sizes).max()), 1e-12)
     zeroed = _zeroed(travel, force_N, steps, sd)
     if air.after_N is None:
-        return _found(steps, sizes, zeroed)
+        if zeroed.any():
+            k = int(np.argmax(zeroed))
+            raise Ambiguous(int(steps[k]) + 1, float(sizes[k]), None)
+        return []
     shift = air.after_N - before
     if abs(shift) <= max(CLEAR * sd, NONE_LEFT * level):
         return []

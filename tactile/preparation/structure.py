@@ -1,6 +1,7 @@
 """Rows as the logger wrote them: which were never written, which times are wild, and where runs begin."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,30 +22,43 @@ def written(
     """Which rows were written, and a note on each block at the start or the end that was not."""
     start, end = reserved_ends(time_s, list(columns.values()))
     keep = np.ones(len(time_s), dtype=bool)
-    notes, units = [], dict(words.units)
-    for place, part in (("start", slice(0, start)), ("end", slice(len(time_s) - end, None))):
-        if not len(rows[part]):
-            continue
-        keep[part] = False
-        held = {name: float(values[part][0]) for name, values in columns.items()}
-        whole = not any(np.isnan(value) for value in held.values())
-        kept = ", ".join(
-            f"{name} {words.value(name, value)}" for name, value in held.items() if name in units
-        )
-        how = "all hold" if len(rows[part]) > 1 else "it holds"
-        why = f"never written ({how} {kept})" if whole else "not whole"
-        count = words.count(len(rows[part]))
-        says = f"{count} at the {place}, from {words.row} {rows[part][0]} on, {why}; left out."
-        notes.append(
-            LoggerCorrection(
-                fault=LoggerFault.RESERVED,
-                quantity=", ".join(held),
-                rows=tuple(rows[part].tolist()),
-                values=tuple(held.values()),
-                says=says,
-            )
-        )
+    keep[:start] = keep[len(time_s) - end :] = False
+    notes = [
+        _reserved_note(words, place, {name: values[part] for name, values in columns.items()}, rows[part])
+        for place, ends in (("start", slice(0, start)), ("end", slice(len(time_s) - end, len(time_s))))
+        for part in _blocks(columns, ends)
+    ]
     return keep, notes
+
+
+def _blocks(columns: Columns, part: slice) -> list[slice]:
+    """The blocks of one value of each quantity; rows that are not whole are one block."""
+    if part.start == part.stop:
+        return []
+    held = np.stack([values[part] for values in columns.values()], axis=1)
+    spoilt = np.isnan(held).any(axis=1)
+    differs = (held[1:] != held[:-1]).any(axis=1) & ~(spoilt[1:] & spoilt[:-1])
+    edges = [part.start, *(part.start + 1 + np.flatnonzero(differs)).tolist(), part.stop]
+    return [slice(first, end) for first, end in pairwise(edges)]
+
+
+def _reserved_note(
+    words: Words, place: str, columns: Columns, rows: Int[np.ndarray, " k"]
+) -> LoggerCorrection:
+    held = {name: float(values[0]) for name, values in columns.items()}
+    whole = not any(np.isnan(value) for value in held.values())
+    units = dict(words.units)
+    kept = ", ".join(f"{name} {words.value(name, value)}" for name, value in held.items() if name in units)
+    how = "all hold" if len(rows) > 1 else "it holds"
+    why = f"never written ({how} {kept})" if whole else "not whole"
+    count = words.count(len(rows))
+    return LoggerCorrection(
+        fault=LoggerFault.RESERVED,
+        quantity=", ".join(held),
+        rows=tuple(rows.tolist()),
+        values=tuple(held.values()),
+        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; left out.",
+    )
 
 
 def runs(

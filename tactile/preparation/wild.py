@@ -19,6 +19,8 @@ OUTSIDE = 0.5
 NEIGHBOURS, STEP_PERCENTILE = 31, 70
 """Rows over which the usual step is taken, and its percentile: one that several wild values do not reach, but
 the changes of a value that is repeated up to three times do."""
+IN_PART = 0.1
+"""Share of the load that a crack leaves; below it the force is as good as gone, and does not come back."""
 ROUNDS = 3
 """Wild values near each other hide each other at first."""
 FEWEST = 8
@@ -46,10 +48,70 @@ def wild(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     return found
 
 
-def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+def of_specimen(
+    off: Bool[np.ndarray, " t"],
+    values: Float[np.ndarray, " t"],
+    other: Float[np.ndarray, " t"],
+    *,
+    of_force: bool,
+) -> Bool[np.ndarray, " t"]:
+    """Which values off their course the specimen and the machine can have caused, none of a NaN.
+
+    Of place and force (`other`: the one that `values` are not): both leave together, as they do over the rest
+    of the record and within its range (a tap). Of the force alone: a crack unloads it in part while the
+    machine presses on. A value of exactly zero is neither.
+    """
+    caused = np.zeros(len(values), dtype=bool)
+    both = np.flatnonzero(np.isfinite(values) & np.isfinite(other))
+    sound = both[~off[both] & ~wild(other)[both]]
+    if len(sound) < FEWEST or not off.any():
+        return caused
+    every = np.arange(len(values))
+    gone = values - np.interp(every, sound, values[sound])
+    there = np.interp(every, sound, other[sound])
+    follows = float(np.sign(np.cov(values[sound], other[sound])[0, 1]))
+    least = np.interp(every, both, _least(other[both]))
+    together = (follows * gone * (other - there) > 0) & (np.abs(other - there) > least)
+    together &= _within(values, values[sound]) & _within(other, other[sound])
+    for block in np.split(np.flatnonzero(off), np.flatnonzero(np.diff(np.flatnonzero(off)) > 1) + 1):
+        caused[block] = together[block].any()
+    if of_force:
+        onward = follows * (there - there[np.maximum(every - NEIGHBOURS // 2, 0)])
+        caused |= _unloaded_in_part(values, gone, sound, onward)
+    return caused & off & (values != 0)
+
+
+def _within(values: Float[np.ndarray, " t"], sound: Float[np.ndarray, " s"]) -> Bool[np.ndarray, " t"]:
+    beyond = OUTSIDE * float(np.ptp(sound))
+    return np.asarray((values >= sound.min() - beyond) & (values <= sound.max() + beyond))
+
+
+def _unloaded_in_part(
+    force_N: Float[np.ndarray, " t"],
+    gone: Float[np.ndarray, " t"],
+    sound: Int[np.ndarray, " s"],
+    onward: Float[np.ndarray, " t"],
+) -> Bool[np.ndarray, " t"]:
+    """Forces below their course that keep a clear part of its load while the machine presses on (`onward`: by
+    how much the place changes, positive where the force grows with it).
+    """
+    known = force_N[sound]
+    air = min(float(np.median(known[:FEWEST])), float(np.median(known[-FEWEST:])), key=abs)
+    sign = 1.0 if known.max() - air >= air - known.min() else -1.0
+    load, course = sign * (force_N - air), sign * (force_N - gone - air)
+    clear = np.maximum(ABOVE_NOISE * noise_sd(known), IN_PART * course)
+    return np.asarray((load > clear) & (load < course) & (sign * onward > 0))
+
+
+def _least(values: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+    """How far off its course a wild value is at least."""
     steps = np.abs(np.diff(values))
     usual = percentile_filter(steps, STEP_PERCENTILE, size=min(NEIGHBOURS, len(steps)), mode="nearest")
-    least = np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_STEPS * np.r_[usual[0], usual])
+    return np.asarray(np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_STEPS * np.r_[usual[0], usual]))
+
+
+def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+    least = _least(values)
     off = np.zeros(len(values), dtype=bool)
     low, high = np.percentile(values, [2, 98])
     low, high = low - OUTSIDE * (high - low), high + OUTSIDE * (high - low)

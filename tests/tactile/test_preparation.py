@@ -10,11 +10,13 @@ import pytest
 
 from tactile.io.grasp_log import read_log
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
-from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare
+from tactile.io.recording_fields import GroupReader
+from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.tactile_failure import TactileFailure
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from drawn_traces import FAULTS, SOUND
+from drawn_sound import SOUND
+from drawn_traces import FAULTS
 from trace_faults import outcome, read
 
 FRAMES = 150
@@ -61,6 +63,43 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
     with pytest.raises(NotPrepared) as caught:
         prepare(lost(40))
     assert "40 of 600 rows (6.7%) wild or missing" in caught.value.found
+
+
+def test_each_block_of_rows_that_were_never_written_has_its_own_note():
+    travel = np.interp(np.arange(300), [0, 150, 299], [10, 13, 10.0])
+    force = 5 * np.maximum(travel - 11, 0) ** 1.5 + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(300)
+    blocks = np.repeat([-999.0, 0.0], 20)
+    time = np.arange(340) / 50
+    logged = LoggedTrace(
+        time_s=time, travel=np.r_[blocks, travel], force_N=np.r_[blocks, force], rows=np.arange(340) + 2
+    )
+    _, notes = written_runs(logged)
+    assert [(one.rows[0], len(one.rows), one.values) for one in notes] == [
+        (2, 20, (-999.0, -999.0)),
+        (22, 20, (0.0, 0.0)),
+    ]
+
+
+@pytest.mark.parametrize("row", [120, 200, 250])
+def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
+    travel = np.linspace(0, 3, 300)
+    force = 6 * np.maximum(travel - 0.5, 0)
+    force[row:] -= force[row]
+    force += 0.01 * np.random.default_rng(0).standard_normal(300)
+    logged = LoggedTrace(time_s=np.arange(300) / 50, travel=travel, force_N=force, rows=np.arange(300) + 2)
+    with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
+        prepare(logged)
+    assert f"at row {row + 2}, and no air" in caught.value.found
+
+
+def test_a_field_that_is_read_twice_counts_once(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["pads/left/force_N"] = np.zeros((10, 3))
+        file["pads/right/force_N"] = np.zeros((10, 3))
+        root = GroupReader(path=tmp_path / "a.h5", group=file)
+        for name in ("left", "right", "left"):
+            root.child("pads").child(name).array("force_N", (10, 3))
+    assert root.budget.used == 2 * 10 * 3 * 8
 
 
 def recording() -> Recording:
