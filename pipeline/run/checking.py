@@ -145,7 +145,8 @@ def fruit_problems(
     `quick`: photos are read, but not looked at.
     """
     kind = kind_of(category_of(row, batch.category))
-    for sentence in row_doubts(row, columns or batch.rows or (), kind):
+    implausible = list(row_doubts(row, columns or batch.rows or (), kind))
+    for sentence in implausible:
         named = f"{row.fruit_id}: {sentence}"
         yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
     folder = batch.folder.fruit(row.fruit_id)
@@ -157,6 +158,8 @@ def fruit_problems(
     yield from broken
     if mesh is not None:
         yield from _ready_mesh_problems(batch, row, folder, kind, mesh)
+        if not implausible and not any(_size_doubt(mesh, row, kind)):
+            yield from _contradicted(batch, row, folder.fruit_ply, kind, mesh)
     elif not broken and folder.without_shape():
         yield from _pressed_problems(batch, row, folder, read)
         return
@@ -334,8 +337,6 @@ def _ready_mesh_problems(
         Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
         for doubt in _size_doubt(mesh, row, kind)
     ]
-    if not broken:
-        yield from _contradicted(batch, row, folder.fruit_ply, kind, mesh)
     pit, wrong = _closed_mesh(row, folder.pit_ply)
     broken += wrong
     if pit is not None and not broken:

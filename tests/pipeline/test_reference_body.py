@@ -131,4 +131,4 @@ def test_a_reference_without_a_ratio_or_with_a_pit_is_refused(made):
 def test_check_has_nothing_against_a_reference_but_that_it_was_not_grasped(made):
     found = [str(one) for one in check(made()) if "ball" in str(one)]
     assert len(found) == 1
-    assert "needs at least one .h5 recording" in found[0]
+    assert "needs at least one recording (.h5" in found[0]
