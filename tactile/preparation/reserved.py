@@ -86,13 +86,13 @@ def _never_written(
     rest = [one[length:] for one in columns]
     if nothing[0] or all(nothing[1:]):
         return True
-    if any(nothing):
-        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
     fill = _is_fill([one[0] for one in columns], rest)
     stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
     back = time_s[length] < time_s[length - 1]
     if stands or (back and (length > 1 or fill)):
         return True
+    if any(nothing):
+        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
     alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
     if alone or not fill or len(rest[0]) < FEWEST:
         return False
