@@ -18,6 +18,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
 SUFFIXES = (".ply", ".stl", ".obj", ".glb")
 MM_IN_A_METRE = 1000.0
+"""By definition; lengths in glTF are in metres."""
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """glTF 2.0 has metres and +Y up (3.4): (x, y, z) there is (x, -z, y) here."""
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)

@@ -40,7 +40,7 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     """
     brackets = list(_IN_BRACKETS.finditer(name))
     if not brackets:
-        return factor_beside(name) or _at_end(name, quantity)
+        return unit_with_factor(name) or _at_end(name, quantity)
     found = [(read_unit(one[1], quantity), one.end()) for one in brackets]
     unit, end = min(found, key=lambda one: (not isinstance(one[0], Unit), not _of_another(one[0])))
     if _of_another(unit):
@@ -51,10 +51,10 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     over = re.match(r"\s*(?:/|per\b)\s*([^\W\d_]+)", name[end:])
     if over is not None and is_unit(over[1]):
         return _open(name, "is divided by another unit")
-    return factor_beside(name) or _second_unit(name, quantity, units) or unit
+    return unit_with_factor(name) or _second_unit(name, quantity, units) or unit
 
 
-def factor_beside(text: str) -> NoUnit | None:
+def unit_with_factor(text: str) -> NoUnit | None:
     """An open unit where the text holds a factor: nobody can tell which way it was applied."""
     found = _FACTOR.search(text)
     return None if found is None else _open(text, f'has a factor beside it ("{found[0].strip()}")')
