@@ -168,7 +168,7 @@ BROKEN: dict[str, BrokenBatch] = {
         expects=r'batch\.toml: "reference\.chart": found .*; expected a file in the batch',
     ),
     "batch.toml: a link to /dev/zero": BrokenBatch(change=_device, expects=r"batch\.toml: is a device"),
-    "fruit.ply of B in metres": BrokenBatch(change=_metres, expects=r"is it in m \(61\.28 mm\)"),
+    "fruit.ply of B in metres": BrokenBatch(change=_metres, expects=r"is it in m \(57\.58 mm\)"),
     "recordings of B: rest_mm 1e300": BrokenBatch(
         change=_recordings("pads/left/rest_mm", 1e300, BOTH), expects=r"grasp-1\.h5: pads/left/rest_mm: found"
     ),
