@@ -78,7 +78,7 @@ def of_specimen(
     if of_force:
         onward = follows * (there - there[np.maximum(every - NEIGHBOURS // 2, 0)])
         caused |= _unloaded_in_part(values, gone, sound, onward)
-    return caused & off & (values != 0)
+    return np.asarray(caused & off & (values != 0))
 
 
 def _within(values: Float[np.ndarray, " t"], sound: Float[np.ndarray, " s"]) -> Bool[np.ndarray, " t"]:
