@@ -59,7 +59,8 @@ def record(folder: Path, name: str, fruit: str, force_of, *, seed: int, deepest_
     made = folder / "batch" / "fruits" / fruit / "grasps" / f"{name}.h5"
     made.parent.mkdir(parents=True, exist_ok=True)
     sizes = ("--diameters-mm", "60", "57", "60", "--axis", "b")
-    assert run("convert", source, made, *OF_A_FRUIT, *sizes, "--fruit", fruit)[0] == 0
+    status, _ = run("convert", source, made, *OF_A_FRUIT, *sizes, "--fruit", fruit)
+    assert status == (4 if fruit == "grams" else 0)  # an E that no fruit of the category has is doubted
     return made
 
 
