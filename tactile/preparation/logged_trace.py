@@ -1,7 +1,7 @@
 """The trace of a press as the specimen made it: what the logger did is put right, with a note on each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -142,9 +142,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     travel, force, found = _without_wild(words, logged)
     notes += found
     spoilt |= {row for one in found for row in one.rows}
-    logged = LoggedTrace(
-        time_s=logged.time_s, travel=travel, force_N=force, rows=logged.rows, quantity=logged.quantity
-    )
+    logged = replace(logged, travel=travel, force_N=force)
     logged, found = _on_readings(words, logged, known=spoilt)
     notes += found
     spoilt |= {row for one in found if one.fault is LoggerFault.MISSING for row in one.rows}
@@ -232,14 +230,7 @@ def _on_readings(
     timed = np.isfinite(logged.time_s)
     rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])
     at = np.flatnonzero(timed)[rows]
-    prepared = LoggedTrace(
-        time_s=logged.time_s[at],
-        travel=there,
-        force_N=force[at],
-        rows=logged.rows[at],
-        quantity=logged.quantity,
-    )
-    return prepared, notes
+    return replace(logged.part(at), travel=there, force_N=force[at]), notes
 
 
 def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
@@ -293,10 +284,7 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             "quantity goes on); the step was removed, on the scale of the rows before it."
         )
         notes.append(_note(LoggerFault.RESET, name, np.array([row]), step, says))
-    prepared = LoggedTrace(
-        time_s=logged.time_s, travel=travel, force_N=force, rows=logged.rows, quantity=logged.quantity
-    )
-    return prepared, notes
+    return replace(logged, travel=travel, force_N=force), notes
 
 
 def _too_many(notes: Sequence[LoggerCorrection], spoilt: int, total: int) -> NotPrepared:
