@@ -16,6 +16,7 @@ from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, meshes_named, names_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
 from recon.cameras.photos import SUFFIXES as PHOTOS
+from tactile.io.named_file import not_plain
 
 KINDS: dict[str, tuple[str, ...]] = {
     "recording": RECORDINGS,
@@ -170,10 +171,12 @@ _FOR_A_FRUIT = {
 
 
 def _among_grasps(folder: FruitFolder) -> Unused:
-    """Files in grasps/ that are no recordings."""
+    """Files in grasps/ that are no recordings, and what has a recording's name but is no file."""
     for path in _files_in(folder.grasps) if folder.grasps != folder.root else ():
         if (kind := kind_of(path)) and kind != "recording":
             yield path, _FOR_GRASPS.get(kind, _NO_RECORDING)
+        elif kind and (fault := not_plain(path)):
+            yield path, f"it {fault}; put the file itself there, or take it away"
 
 
 _NO_RECORDING = (

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
-from pipeline.batch.input_names import RECORDINGS, is_of_the_system
+from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
@@ -41,7 +41,6 @@ from pipeline.run.file_problems import doubted as _doubted
 from pipeline.run.file_problems import tried as _tried
 from pipeline.run.photo_checks import photo_problems
 from recon.pit.placement import embed_pit, place_pit, require_closed
-from recon.plain_file import named_in_utf8, not_plain
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding
@@ -153,7 +152,6 @@ def fruit_problems(
     if not folder.root.is_dir():
         yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
         return
-    yield from _no_files(row, folder)
     mesh, broken = _closed_mesh(row, folder.fruit_ply)
     yield from broken
     if mesh is not None:
@@ -284,18 +282,6 @@ def _owner(batch: Survey, row: FruitRow) -> Owner:
         category = batch.settings.category if batch.category is None else batch.category.category
     known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
     return Owner(fruit_id=row.fruit_id, category=category, batch_fruits=frozenset(known))
-
-
-def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    """What is named like a recording and is no file: links to nothing, pipes, devices, folders."""
-    place = folder.grasps
-    for path in sorted(place.iterdir()) if place.is_dir() else ():
-        if path.suffix.lower() not in RECORDINGS or is_of_the_system(path.name):
-            continue
-        if not named_in_utf8(path):
-            continue  # its reader says so
-        if wrong := not_plain(path):
-            yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 
 def _height_mm(row: FruitRow, kind: PlausibleRange) -> float | None:

@@ -1,6 +1,7 @@
 """Files that look like inputs and are not used: told by check, by grade, and in the fruit's record."""
 
 import io
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,6 +45,20 @@ def test_a_file_that_is_not_used_is_a_warning_of_the_fruits_record_and_makes_it_
     record = grade_fruit(replace(after, screen=False), lambda _: None)
     assert any(SAID in warning for warning in record.warnings)
     assert record.outcome == "unreadable-mesh"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (os.mkfifo, "it is a named pipe, not a file"),
+        (lambda path: path.symlink_to("/nowhere/grasp.h5"), "it is a link to nothing"),
+        (lambda path: path.symlink_to("/dev/zero"), "it is a device, not a file"),
+    ],
+)
+def test_what_has_a_recordings_name_and_is_no_file_is_said(batch, make, said):
+    make(batch / "fruits" / "A" / "grasps" / "grasp-1.h5")
+    (unused,) = unused_of_fruit(FruitFolder(batch / "fruits" / "A"))
+    assert unused.sentence.startswith(f"grasp-1.h5 is not used: {said}")
 
 
 def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, monkeypatch):
