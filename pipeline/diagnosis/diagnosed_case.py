@@ -114,8 +114,8 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
 
 
 _HOLDS = (
-    'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply, which a '
-    "load cell's traces go without"
+    'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply (not needed '
+    "for a load cell's traces)"
 )
 _NEITHER = f"there is no case.toml and no batch.toml; a case holds {_HOLDS}."
 _NO_CASE = f"case.toml: {_NEITHER}"

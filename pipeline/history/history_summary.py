@@ -11,7 +11,8 @@ from reports.history_entries import SeriesEntry
 def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
     """Lots first, then what calls for somebody, then what was fitted and written."""
     entry = made.entry
-    yield f"{entry.batches} batches ({made.new} new), {len(entry.series)} lots"
+    batches = _counted(entry.batches, "batch", "batches")
+    yield f"{batches} ({made.new} new), {_counted(len(entry.series), 'lot', 'lots')}"
     for one in entry.series:
         yield from _series_lines(one)
     for alarm in entry.alarms:
@@ -24,7 +25,7 @@ def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
 def _series_lines(one: SeriesEntry) -> Iterator[str]:
     last = one.days[-1]
     yield (
-        f"{printable(one.name)}: {_days(len(one.days))}, {last.fruit} fruit on {last.day}, "
+        f"{printable(one.name)}: {_counted(len(one.days), 'day', 'days')}, {last.fruit} fruit on {last.day}, "
         f"E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g})"
     )
     yield f"  {one.softening.words if one.softening else one.why_no_softening + '.'}"
@@ -34,5 +35,5 @@ def _series_lines(one: SeriesEntry) -> Iterator[str]:
         yield f"  note: {printable(note)}."
 
 
-def _days(count: int) -> str:
-    return "1 day" if count == 1 else f"{count} days"
+def _counted(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"

@@ -16,7 +16,7 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import as_toml
 from recon.plain_file import NotReadable, read_text
 from tactile.from_frames import recording_of
-from tactile.io.load_cell import TABLES, read_trace
+from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
 from tactile.io.named_file import read_bytes
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import MOST_BYTES, GelPad, IndenterPad, Recording, read_recording
@@ -108,7 +108,7 @@ def _read(path: Path, words: TraceWords, report: Callable[[str], None]) -> tuple
         return recording_of(read_raw_grasp(path), progress=report_pad).recording, ()
     if path.suffix.lower() in TABLES:
         found = read_trace(path, fruit_id="rig", category="rig", indenter="ball", radius_mm=1.0, words=words)
-        return found.recording, tuple(note for note in found.notes if not note.startswith("no pose"))
+        return found.recording, tuple(note for note in found.notes if note != NO_MARKERS)
     return read_recording(path), ()
 
 

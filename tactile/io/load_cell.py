@@ -29,6 +29,11 @@ LATEST_START_S = 1e6
 """s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
 UNLOADED_FRAMES = 5
 """First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
+NO_MARKERS = (
+    "a load cell's table has neither markers nor poses: `drupe explain` reads the recording, `drupe grade` "
+    "only where plates squeezed a fruit of three diameters."
+)
+"""Note on every recording of a load cell."""
 FEWEST_FRAMES = 2
 """A table with fewer rows is no recording."""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
@@ -128,7 +133,7 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
             f'one of them named: give --sheet "{found[0][0].name}"',
         )
     sheet, columns = found[0]
-    notes = ["no pose: written as no motion."]
+    notes = [NO_MARKERS]
     if sheet.encoding == "cp1252":
         notes.append(f"{path.name}: is not UTF-8; its letters were read as Windows-1252.")
     if words.columns or words.units or sheet.name:

@@ -185,7 +185,7 @@ def test_the_command_keeps_days_and_says_them_again(drupe, three_days, tmp_path)
     store, page, table = tmp_path / "lots.sqlite", tmp_path / "h.html", tmp_path / "h.csv"
     first = drupe("history", *three_days[:2], "--store", store)
     assert first.status == 0
-    assert "2 batches (2 new), 1 lots" in first.out
+    assert "2 batches (2 new), 1 lot\n" in first.out
     again = drupe("history", *three_days, "--store", store, "--html", page, "--csv", table)
     assert again.status == 4  # the ball reads half too much
     assert "3 batches (1 new)" in again.out
@@ -316,7 +316,7 @@ def test_a_batch_graded_again_is_counted_once(drupe, tmp_path, again, count, old
     done = drupe("history", out, "--store", store)
     if old and "moved" in str(out):
         return  # such a store kept no recordings
-    assert "1 batches (0 new), 1 lots" in done.out
+    assert "1 batch (0 new), 1 lot\n" in done.out
     assert f"1 day, {count} fruit on 2026-08-10" in done.out
     drupe("history", out, "--store", store)
     with history_store(store) as one:
@@ -429,7 +429,7 @@ def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe,
     later = renamed_day(tmp_path / place / "again", ids, day="2026-08-11")
     for outs in ((first, later), (later, first), (first,)):  # in either order, and once more
         done = drupe("history", *outs, "--store", store)
-        assert "1 batches" in done.out
+        assert "1 batch (" in done.out
         assert "4 fruit on 2026-08-1" in done.out
         assert "lack" not in done.out
         with history_store(store) as one:
