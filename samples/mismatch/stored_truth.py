@@ -1,4 +1,4 @@
-"""A simulated fruit on disk before any sensor: noise, scan errors and sensor effects are drawn from it afterwards.
+"""A simulated fruit on disk before any sensor: noise, scan errors and sensor effects are drawn afterwards.
 
 One .npz for a fruit with all its grasps; everything else follows from the seed of its plan
 (samples.mismatch.case_simulation.planned). Displacement and force in single precision (1e-7 of their size).

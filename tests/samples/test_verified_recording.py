@@ -1,7 +1,8 @@
 """The simulator of truth, coarsely meshed, against a recording of an independent simulator without noise.
 
-tests/data/verified-ball.npz: frames 29 to 33 of grasp 2 of the body `ball` (an ellipsoid of 0.23 MPa round a
-rigid pit, Neo-Hookean; pads as beds of springs), loaded to 1.6 N. benchmarks/truth_verification.py has the rest.
+tests/data/verified-ball.npz: frames 29 to 33 of grasp 2 of the body `ball` (an ellipsoid of 0.23 MPa round
+a rigid pit, Neo-Hookean; pads as beds of springs), loaded to 1.6 N. The other bodies and grasps:
+benchmarks/truth_verification.py.
 """
 
 import json
