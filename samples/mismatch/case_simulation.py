@@ -219,7 +219,7 @@ def body_of(
     at_rest = stiffness_at_rest(flesh, plain)
     if one is None or one.effect in MATERIAL_LAWS:
         law, firmer = flesh_law(plain, one)
-        whole = whole_fruit(flesh, stands.dofs, stiffness=at_rest, beside=skin_stiffness)
+        whole = whole_fruit(flesh, stands.dofs, stiffness=at_rest, support=skin_stiffness)
         return NonlinearBody(whole, law, firmer=firmer), None
     linear = at_rest if skin_stiffness is None else csr_array(at_rest + skin_stiffness)
     if one.effect == "loose_pit":

@@ -65,11 +65,11 @@ def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue)
     flesh, p = stands.flesh, out_of_catalogue.parameters
     if out_of_catalogue.name == "split_pit":
         return ElasticBody(skin_compliance(split_pit_stiffness(flesh), stands.dofs))
-    beside = on_a_palm(flesh, **p) if out_of_catalogue.name == "palm" else None
+    support = on_a_palm(flesh, **p) if out_of_catalogue.name == "palm" else None
     law: FleshLaw = plain_flesh(flesh)
     if out_of_catalogue.name == "drainage":
         law = Draining(plain=plain_flesh(flesh), volume_share=p["volume_share"], tau_s=p["tau_s"])
-    body = NonlinearBody(whole_fruit(flesh, stands.dofs, beside=beside), law)
+    body = NonlinearBody(whole_fruit(flesh, stands.dofs, support=support), law)
     if out_of_catalogue.name == "gel_softening":
         return SofteningGelBody(body, g=p["g"], tau_s=p["tau_s"])
     return body

@@ -19,16 +19,16 @@ PointStress = Callable[[Float[np.ndarray, "m 27 3 3"]], Float[np.ndarray, "m 27 
 class WholeFruit:
     """Flesh with its factorised stiffness, and its patches' compliance.
 
-    `stiffness`: the one that is factorised, near that of the flesh at rest; `beside`: of what holds the fruit
-    beside its flesh, linear in the unknowns (a skin, springs). `slopes`: gradients of the shape functions at
-    the integration points, three rows for each.
+    `stiffness`: the one that is factorised, near that of the flesh at rest. `support`: stiffness of a skin or
+    of springs, linear in the unknowns. `slopes`: gradients of the shape functions at the integration points,
+    three rows for each.
     """
 
     flesh: BrickFlesh
     factor: Factor
     compliance: SkinCompliance
     stiffness: csr_array
-    beside: csr_array | None
+    support: csr_array | None
     slopes: Float[np.ndarray, "m 81 27"]
     dofs: Int[np.ndarray, " d"]
 
@@ -38,7 +38,7 @@ class WholeFruit:
         """
         nodal = self._nodal_force(stress(self._gradients(self.flesh.displacement(q))))
         force = self.flesh.on_unknowns(nodal, q) - self.stiffness @ q
-        return np.asarray(force if self.beside is None else force + self.beside @ q)
+        return np.asarray(force if self.support is None else force + self.support @ q)
 
     def _gradients(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 27 3 3"]:
         """Displacement gradient du_i/dx_k at the integration points."""
@@ -71,15 +71,15 @@ def whole_fruit(
     dofs: Int[np.ndarray, " d"],
     *,
     stiffness: csr_array | None = None,
-    beside: csr_array | None = None,
+    support: csr_array | None = None,
 ) -> WholeFruit:
-    """Factorise the flesh's stiffness at rest (None: that of plain flesh) and of what else holds it."""
+    """Factorise the flesh's stiffness at rest (None: plain flesh's) plus that of a skin or springs."""
     whole = flesh.stiffness if stiffness is None else stiffness
-    if beside is not None:
-        whole = csr_array(whole + beside)
+    if support is not None:
+        whole = csr_array(whole + support)
     factor = factorise(whole)
     slopes = np.ascontiguousarray(flesh.slopes.transpose(0, 1, 3, 2)).reshape(-1, 81, 27)
     return WholeFruit(
-        flesh=flesh, factor=factor, compliance=compliance_of(factor, dofs), stiffness=whole, beside=beside,
+        flesh=flesh, factor=factor, compliance=compliance_of(factor, dofs), stiffness=whole, support=support,
         slopes=slopes, dofs=dofs,
     )  # fmt: skip
