@@ -7,6 +7,7 @@ benchmarks/truth_verification.py.
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ STORED = Path(__file__).parents[1] / "data" / "verified-ball.npz"
 COARSE = BrickGrading(cells=2, layers=2)
 
 
-def stored_ball(truth: dict) -> DrawnFruit:  # type: ignore[type-arg]
+def stored_ball(truth: dict[str, Any]) -> DrawnFruit:
     axes, pit, centre = (tuple(truth[k]) for k in ("axes", "pit", "pit_centre"))
     skin = Skin(
         centre_mm=(0.0, 0.0, 0.0), half_axes_mm=axes, stem_depth_mm=0.0, stem_width=0.3,
