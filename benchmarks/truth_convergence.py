@@ -1,13 +1,11 @@
-"""What the truth generator of mismatch cases leaves: one grasp of a soft and a firm fruit on several meshes.
+"""What the simulator of mismatch cases leaves: one grasp with a shear leg of a soft and a firm fruit.
 
-    python benchmarks/truth_convergence.py [--moduli 0.2 1.0] [--law linear | neo-hookean]
+    python benchmarks/truth_convergence.py [--moduli 0.2 1.0]
 
 For each fruit a table: unknowns, CPU-s, and at the end of the largest load the markers' displacement (um, rms
 and largest component over touched markers, both pads) and the pads' force (percent) against the finest mesh;
-then the gel points and the steps in time of the default. The last line of a fruit of linear flesh
-extrapolates the error of the default mesh to bricks of no size, with the order that the meshes of 4, 5 and 7
-bricks along a cube side show. Neo-Hookean flesh is sheared under the load, so that the fruit turns; it is
-held against bricks of 5 along a side, and computed with rounds that stop ten times earlier as well.
+then the default against itself with other gel points, with more steps in time and with rounds that stop ten
+times earlier.
 """
 
 import argparse
@@ -16,21 +14,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from samples.mismatch.bodies import ElasticBody
+from samples.graded_bricks import BrickGrading
 from samples.mismatch.drawn_fruit import DrawnFruit, drawn_fruit
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
-from samples.mismatch.meshed_fruit import CASE, EVEN, NONLINEAR_CASE, meshed_fruit
+from samples.mismatch.gel_bed import POINTS
+from samples.mismatch.meshed_fruit import CASE, meshed_fruit
 from samples.mismatch.nonlinear_body import CONVERGED_MM
-from samples.mismatch.nulls import LAWS, neo_hookean_body
-from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.nulls import sound_body
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
-FINEST = replace(CASE, cells=7)
 MESHES = {
-    "finest (7 along a side)": FINEST, "even, 3.3 mm (earlier cases)": EVEN,
-    "nonlinear flesh (4 along)": NONLINEAR_CASE, "default (5 along)": CASE,
-}  # fmt: skip
-
+    "5 along a side, 5 layers": replace(CASE, cells=5, layers=5),
+    "4 along, 4 layers, slower growth": replace(CASE, growth=0.5),
+    "4 along, 2 layers": replace(CASE, layers=2),
+    "3 along, 3 layers": replace(CASE, cells=3, layers=3),
+}
+"""The finest first, then what each differs by from the default (4 along a side, 4 layers)."""
 NEARLY = 0.97
 """Share of the largest load that counts as it: shear takes a hundredth of it away."""
 
@@ -41,63 +40,40 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--moduli", type=float, nargs="+", default=[0.2, 1.0], help="MPa")
-    parser.add_argument("--law", choices=LAWS, default=LAWS[0])
     asked = parser.parse_args()
     for modulus in asked.moduli:
         rng = np.random.default_rng(5)
         drawn = drawn_fruit("truth", category="plum", rng=rng)
         drawn = replace(drawn, fruit=replace(drawn.fruit, E_MPa=modulus))
-        grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
-        print(f"plum, E {modulus} MPa, {asked.law}: unknowns, CPU-s, um rms, um largest, force %", flush=True)
-        if asked.law == LAWS[0]:
-            linear_table(drawn, grasps[1])
-        else:
-            sheared_table(drawn, grasps[2])
+        grasp = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)[2]
+        print(f"plum, E {modulus} MPa: unknowns, CPU-s, um rms, um largest, force %", flush=True)
+        finest = None
+        for name, mesh in MESHES.items():
+            found = run(name, drawn, grasp, finest, mesh=mesh)
+            finest = found if finest is None else finest
+        default = run("default", drawn, grasp, finest)
+        run("default, 3 x 3 gel points", drawn, grasp, default, points=3)
+        run("default, two steps from frame to frame", drawn, grasp, default, steps=2)
+        early_mm = 10 * CONVERGED_MM
+        run(f"default, rounds to {early_mm:.0e} mm", drawn, grasp, default, stop_mm=early_mm)
 
 
-def linear_table(drawn: DrawnFruit, grasp: CaseGrasp) -> None:
-    """One fruit of linear flesh."""
-    reference = None
-    sizes = {}
-    for name, fineness in MESHES.items():
-        start = time.process_time()
-        stands = meshed_fruit(drawn, grasp, fineness=fineness)
-        compliance = skin_compliance(stands.flesh.stiffness, stands.dofs)
-        truth = grasped(grasp, grip_of(stands, gel=drawn.sensor.gel), ElasticBody(compliance))
-        spent = time.process_time() - start
-        reference = truth if reference is None else reference
-        sizes[name] = differences(truth, reference)
-        line(f"{name:30s} {stands.flesh.unknowns:7d} {spent:5.0f}", sizes[name])
-    for points, steps in ((3, 1), (6, 1), (4, 2)):
-        grip = grip_of(stands, gel=drawn.sensor.gel, points=points)
-        other = grasped(grasp, grip, ElasticBody(compliance), steps=steps)
-        line(f"default, {points}x{points} gel points, {steps} step(s)", differences(other, truth))
-    print(f"default, extrapolated: {extrapolated(sizes):.2f} um rms", flush=True)
-
-
-def sheared_table(drawn: DrawnFruit, grasp: CaseGrasp) -> None:
-    """One fruit of Neo-Hookean flesh."""
-    truth = None
-    early_mm = 10 * CONVERGED_MM
-    ways = {
-        "5 along": (CASE, CONVERGED_MM, 1),
-        "nonlinear flesh (4 along)": (NONLINEAR_CASE, CONVERGED_MM, 1),
-        f"4 along, rounds to {early_mm:.0e} mm": (NONLINEAR_CASE, early_mm, 1),
-        "4 along, two steps": (NONLINEAR_CASE, CONVERGED_MM, 2),
-    }
-    for name, (fineness, stop_mm, steps) in ways.items():
-        start = time.process_time()
-        stands = meshed_fruit(drawn, grasp, fineness=fineness)
-        body = neo_hookean_body(stands, stop_mm=stop_mm)
-        found = grasped(grasp, grip_of(stands, gel=drawn.sensor.gel), body, steps=steps)
-        spent = time.process_time() - start
-        truth = found if truth is None else truth
-        line(f"{name:30s} {stands.flesh.unknowns:7d} {spent:5.0f}", differences(found, truth))
-
-
-def line(name: str, found: tuple[float, float, float]) -> None:
-    """One row."""
-    print(f"  {name:46s} {found[0]:7.3f} {found[1]:7.2f} {found[2]:8.4f}", flush=True)
+def run(
+    name: str, drawn: DrawnFruit, grasp: CaseGrasp, reference: TrueRecording | None, *,
+    mesh: BrickGrading = CASE, points: int = POINTS, steps: int = 1, stop_mm: float = CONVERGED_MM,
+) -> TrueRecording:  # fmt: skip
+    """Simulate in one way and print its row."""
+    start = time.process_time()
+    stands = meshed_fruit(drawn, grasp, fineness=mesh)
+    body = sound_body(stands, stop_mm=stop_mm)
+    found = grasped(grasp, grip_of(stands, gel=drawn.sensor.gel, points=points), body, steps=steps)
+    spent = time.process_time() - start
+    away = differences(found, found if reference is None else reference)
+    print(
+        f"  {name:40s} {stands.flesh.unknowns:7d} {spent:5.0f} {away[0]:7.3f} {away[1]:7.2f} {away[2]:8.4f}",
+        flush=True,
+    )
+    return found
 
 
 def differences(truth: TrueRecording, reference: TrueRecording) -> tuple[float, float, float]:
@@ -111,15 +87,6 @@ def differences(truth: TrueRecording, reference: TrueRecording) -> tuple[float, 
         force.append(100 * (one.force_N[at, :, 2].sum() / other.force_N[at, :, 2].sum() - 1))
     away = np.concatenate(moved)
     return float(np.sqrt((away**2).mean())), float(np.abs(away).max()), float(max(force, key=abs))
-
-
-def extrapolated(sizes: dict[str, tuple[float, float, float]]) -> float:
-    """Error e = c h^p of the default from e(h) - e(h finest): p where the coarser mesh has the same c."""
-    rough, default = (sizes[name][0] for name in list(MESHES)[2:])
-    orders = np.linspace(0.5, 6.0, 221)
-    misfit = [rough / (4.0**-p - 7.0**-p) - default / (5.0**-p - 7.0**-p) for p in orders]
-    p = float(orders[int(np.argmin(np.abs(misfit)))])
-    return float(default / (5.0**-p - 7.0**-p) * 5.0**-p)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,9 @@
     python benchmarks/sealed/labelled_cases.py FOLDER --salt WORDS [--law linear|neo-hookean] [--count N]
     python benchmarks/sealed/labelled_cases.py FOLDER --revealed NUMBER...
 
-Writes the first N (10) sound cases of that law (both) from any words as salt, or the proof's own cases of
-these numbers by today's samples/, and answers.json, as benchmarks/mismatch.py reads them; those that are
-there are left alone. A case of linear flesh takes some minutes of one core, one of Neo-Hookean flesh four to
-eight.
+Writes the first N (10) sound cases whose label names that law (both) from any words as salt, or the proof's
+own cases of these numbers by today's samples/, and answers.json, as benchmarks/mismatch.py reads them; those
+that are there are left alone. All flesh is simulated as Neo-Hookean. A case takes some minutes of one core.
 """
 
 import argparse
@@ -18,12 +17,11 @@ from pathlib import Path
 from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-from sealed_draw import SOUND, SealedCase, drawn_cases, sound_draw, truth_of
+from sealed_draw import LAWS, SOUND, SealedCase, drawn_cases, sound_draw, truth_of
 from sealed_proof import PROOF
 from sealed_simulation import simulated
 from sealing import SALT, read_salt
 
-from samples.mismatch.nulls import LAWS
 from samples.sample_failure import NotInEquilibrium
 
 SOUND_COUNT = 10

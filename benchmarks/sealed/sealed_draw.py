@@ -16,11 +16,13 @@ from samples.mismatch.case_files import Label, answer
 from samples.mismatch.case_simulation import CasePlan, label_of_plan, planned
 from samples.mismatch.drawn_fruit import CATEGORIES, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_amplitude
-from samples.mismatch.nulls import LAWS, NOTHING, NullLaw
+from samples.mismatch.nulls import NOTHING
 
 SOUND, SINGLE, PAIR, OUTSIDE = "sound", "single", "pair", "outside"
 SHARES = {SOUND: 60, SINGLE: 100, PAIR: 20, OUTSIDE: 20}
 """Cases of each kind, of 200 (set by hand; the errors of the shares printed follow from them)."""
+LAWS = ("linear", "neo-hookean")
+"""Of sound fruit when the labels were sealed. All flesh is Neo-Hookean today, whatever a label says."""
 ATTEMPTS = 2
 """Draws of a case, of which the first that finds its balance counts; all of them are sealed."""
 PAIR_ABOVE = 0.6
@@ -97,7 +99,7 @@ def plan_of(case: SealedCase, attempt: int) -> CasePlan:
     return planned(case.case_id, case.effects, seed=case.seed(attempt), out_of_catalogue=case.physics)
 
 
-def sound_draw(case: SealedCase, attempt: int) -> tuple[DrawnFruit, NullLaw, np.random.Generator]:
+def sound_draw(case: SealedCase, attempt: int) -> tuple[DrawnFruit, str, np.random.Generator]:
     """The fruit of a sound case, its law, and the generator that its grasps are drawn from."""
     rng = np.random.default_rng(list(case.seed(attempt)))
     category = CATEGORIES[int(rng.integers(len(CATEGORIES)))]

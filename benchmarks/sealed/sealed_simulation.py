@@ -30,8 +30,8 @@ def simulated(case: SealedCase, folder: Path) -> tuple[int, tuple[float, ...]]:
 def _attempt(case: SealedCase, attempt: int, folder: Path) -> tuple[float, ...]:
     noise = np.random.default_rng([*case.seed(attempt), NOISE])
     if case.kind == SOUND:
-        drawn, law, rng = sound_draw(case, attempt)
-        truths = recordings = sound_truths(drawn, rng, law=law)
+        drawn, _, rng = sound_draw(case, attempt)
+        truths = recordings = sound_truths(drawn, rng)
     else:
         plan = plan_of(case, attempt)
         drawn, truths = plan.drawn, true_recordings(plan)

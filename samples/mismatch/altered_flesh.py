@@ -1,6 +1,7 @@
-"""Linear flesh with something of its own: uneven modulus, extra stiffness along the stem, a skin.
+"""Flesh with something of its own: uneven modulus, extra stiffness along the stem, a skin.
 
-Each returns stiffness to add to that of plain flesh, on the same unknowns (free nodes and the rigid pit).
+Ratios of the modulus are given at the integration points. Stiffnesses are to be added to that of plain flesh,
+on the same unknowns (free nodes and the rigid pit).
 """
 
 import numpy as np
@@ -8,21 +9,24 @@ from jaxtyping import Float
 from scipy.sparse import coo_array, csr_array
 
 from samples.brick_flesh import BrickFlesh, assembled, rigid_tie
-from samples.hexahedra import lagrange
+from samples.hexahedra import Bricks, lagrange
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 
-
-def graded(flesh: BrickFlesh, *, gamma: float) -> csr_array:
-    """E (1 + gamma (2 d - 1)), d the relative depth: 0 at the skin, 1 at the pit."""
-    return uneven(flesh, 1 + gamma * (2 * relative_depths(flesh.bricks) - 1))
+SPOT_EDGE_MM = 0.5
+"""Over which a soft spot's modulus changes: half of an element under the pads, so that no mesh cuts it."""
 
 
-def with_soft_spot(
-    flesh: BrickFlesh, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
-) -> csr_array:
-    """E times `ratio` inside a ball."""
-    away = np.linalg.norm(integration_points_mm(flesh.bricks) - centre_mm, axis=-1)
-    return uneven(flesh, np.where(away < radius_mm, ratio, 1.0))
+def graded(bricks: Bricks, *, gamma: float) -> Float[np.ndarray, "m 27"]:
+    """1 + gamma (2 d - 1), d the relative depth: 0 at the skin, 1 at the pit."""
+    return 1 + gamma * (2 * relative_depths(bricks) - 1)
+
+
+def soft_spot(
+    bricks: Bricks, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
+) -> Float[np.ndarray, "m 27"]:
+    """1 - (1 - ratio) / (1 + exp((r - radius) / 0.5 mm)), r the distance from the centre."""
+    away = np.linalg.norm(integration_points_mm(bricks) - centre_mm, axis=-1)
+    return np.asarray(1 - (1 - ratio) / (1 + np.exp(np.minimum((away - radius_mm) / SPOT_EDGE_MM, 50.0))))
 
 
 def uneven(flesh: BrickFlesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:

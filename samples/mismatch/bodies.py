@@ -1,4 +1,4 @@
-"""How the fruit behind its skin patches goes from one instant to the next: elastic, or relaxing."""
+"""How the fruit behind its skin patches goes from one instant to the next."""
 
 from typing import Protocol
 
@@ -29,7 +29,9 @@ class GrippedBody(Protocol):
 
 
 class ElasticBody:
-    """Linear flesh: always the same compliance, nothing to remember."""
+    """Linear flesh: always the same compliance, nothing to remember. Unknowns beside the skin's, if any, are
+    those of an inner contact.
+    """
 
     still = True
 
@@ -45,38 +47,3 @@ class ElasticBody:
     ) -> Instant:  # fmt: skip
         """Equilibrium with the pads."""
         return next_instant(grip, before, origins, self._compliance, self._nowhere)
-
-
-class RelaxingBody:
-    """Flesh whose modulus relaxes as 1 - sum g + sum g exp(-t/tau), Poisson's ratio constant.
-
-    With h' = -h/tau + (K u)' per arm, the forces are f = (1 - sum g) K u + sum g h (Simo and Hughes 1998,
-    section 10.3); K u is taken linear in time over a step, for which the update is exact. An arm is kept as
-    the displacement K^-1 h. Between two grasps it forgets everything.
-    """
-
-    still = False
-
-    def __init__(self, compliance: SkinCompliance, *, arms: tuple[tuple[float, float], ...]) -> None:
-        self._compliance = compliance
-        self._g = np.array([g for g, _ in arms])
-        self._tau = np.array([tau for _, tau in arms])
-        self.begin()
-
-    def begin(self) -> Float[np.ndarray, " d"]:
-        """All arms empty."""
-        count = len(self._compliance)
-        self._arms = np.zeros((len(self._g), count))
-        return np.zeros(count)
-
-    def advance(
-        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
-    ) -> Instant:
-        """f = a K u + K known over the step, hence compliance C / a, and unloaded skin at -known / a."""
-        decay = np.exp(-pause_s / self._tau)
-        ramp = -self._tau / pause_s * np.expm1(-pause_s / self._tau)
-        now = 1 - self._g.sum() + self._g @ ramp
-        known = (self._g * decay) @ self._arms - (self._g @ ramp) * before.u
-        instant = next_instant(grip, before, origins, self._compliance.scaled(1 / now), -known / now)
-        self._arms = decay[:, None] * self._arms + ramp[:, None] * (instant.u - before.u)
-        return instant

@@ -9,13 +9,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO, Skin
-from samples.graded_bricks import BrickGrading
-from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
+from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
-from samples.mismatch.freestone import LoosePitBody, loose_compliance, pit_contact
+from samples.mismatch.freestone import loose_compliance, pit_contact
 from samples.mismatch.gel_faults import (
     with_bent_reading,
     with_gel_creep,
@@ -26,13 +25,15 @@ from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
     InjectedEffect,
-    altered_stiffness,
     flesh_law,
     gel_of,
     joined_name,
     joined_parameters,
+    membrane,
     named,
+    plain_flesh,
     spot_under_pad,
+    stiffness_at_rest,
     touches_widely,
 )
 from samples.mismatch.lagged_motion import recorded_late, with_instants
@@ -42,7 +43,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, NONLINEAR_CASE, MeshedFruit, meshed_fruit
+from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
@@ -65,8 +66,8 @@ GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "thermal_drift": with_thermal_drift,
 }
 """What makes each fault of the gels, by its effect's name."""
-BODIES = ("viscoelastic", "loose_pit", "third_contact", "split_pit")
-"""Effects that make the fruit another body, of which there can be one beside the laws of the flesh's own."""
+BODIES = ("loose_pit", "third_contact", "split_pit")
+"""Effects that make the fruit another body, of linear flesh; at most one, and none with a law of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,9 +181,7 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(
-            plan.drawn, here[0], fineness=_fineness(plan), wide=touches_widely(plan.injected)
-        )
+        stands = meshed_fruit(plan.drawn, here[0], wide=touches_widely(plan.injected))
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
@@ -194,12 +193,6 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
             everything = grasped(with_instants(grasp, frames - lag_s), grip, body, progress)
             found[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
     return tuple(found[g.name] for g in plan.grasps)
-
-
-def _fineness(plan: CasePlan) -> BrickGrading:
-    nonlinear = any(p.effect in MATERIAL_LAWS for p in plan.injected)
-    foreign = plan.out_of_catalogue
-    return NONLINEAR_CASE if nonlinear or (foreign is not None and foreign.name == "drainage") else CASE
 
 
 def body_of(
@@ -217,35 +210,34 @@ def body_of(
     if out_of_catalogue is not None:
         return out_of_catalogue_body(stands, out_of_catalogue), None
     flesh = stands.flesh
-    stiffness = altered_stiffness(flesh, injected)
+    plain, skin_stiffness = plain_flesh(flesh, injected), membrane(flesh, injected)
     laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, *BODIES)]
     if len(laws) > 1:
         names = " and ".join(p.effect for p in laws)
         raise SampleFailure(f"{names} cannot be injected together: each needs a flesh of its own.")
-    if laws and laws[0].effect == "loose_pit":
-        loose = loose_compliance(flesh, stands.dofs, extra=csr_array(stiffness - flesh.stiffness))
-        return LoosePitBody(loose), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
-    if not laws:
-        return ElasticBody(skin_compliance(stiffness, stands.dofs)), None
-    if laws[0].effect == "split_pit":
+    one = laws[0] if laws else None
+    at_rest = stiffness_at_rest(flesh, plain)
+    if one is None or one.effect in MATERIAL_LAWS:
+        law, firmer = flesh_law(plain, one)
+        whole = whole_fruit(flesh, stands.dofs, stiffness=at_rest, support=skin_stiffness)
+        return NonlinearBody(whole, law, firmer=firmer), None
+    linear = at_rest if skin_stiffness is None else csr_array(at_rest + skin_stiffness)
+    if one.effect == "loose_pit":
+        loose = loose_compliance(flesh, stands.dofs, extra=csr_array(linear - flesh.stiffness))
+        return ElasticBody(loose), pit_contact(flesh, gap_mm=one.number("gap_mm"))
+    if one.effect == "split_pit":
         if len(injected) > 1:
             raise SampleFailure("split_pit is injected alone: no other flesh is made with two half pits.")
-        split = split_pit_stiffness(
-            flesh, angle_deg=laws[0].number("angle_deg"), share=laws[0].number("share")
-        )
+        split = split_pit_stiffness(flesh, angle_deg=one.number("angle_deg"), share=one.number("share"))
         return ElasticBody(skin_compliance(split, stands.dofs)), None
-    if laws[0].effect == "third_contact" and skin is not None:
-        place = np.array(laws[0].parameters["centre_mm"])
-        compliance, seat = with_third_contact(
-            flesh, stands.dofs, centre_mm=place, normal=inward_normal(skin, place),
-            N_per_mm=laws[0].number("N_per_mm"), stiffness=csr_array(stiffness),
-        )  # fmt: skip
-        return ElasticBody(compliance), seat
-    if laws[0].effect == "viscoelastic":
-        compliance = skin_compliance(stiffness, stands.dofs)
-        return RelaxingBody(compliance, arms=((laws[0].number("g"), laws[0].number("tau_s")),)), None
-    law, firmer = flesh_law(laws[0], flesh)
-    return NonlinearBody(whole_fruit(flesh, stiffness, stands.dofs), law, firmer=firmer), None
+    if skin is None:
+        raise SampleFailure("a third contact needs the fruit's skin, which says its normal.")
+    place = np.array(one.parameters["centre_mm"])
+    compliance, seat = with_third_contact(
+        flesh, stands.dofs, centre_mm=place, normal=inward_normal(skin, place),
+        N_per_mm=one.number("N_per_mm"), stiffness=linear,
+    )  # fmt: skip
+    return ElasticBody(compliance), seat
 
 
 def as_recorded(

@@ -1,7 +1,14 @@
-"""What flesh does beyond the small-strain law: stiffens, yields, is damaged. Stress less the linear stress.
+"""Laws of flesh at finite strain: Neo-Hookean, and what stiffens, relaxes, drains, is damaged or yields.
 
-H is the displacement gradient (H_ik = du_i/dx_k), eps its symmetric part, mu and lam Lame's constants, W an
-energy density. State is what a point of the flesh remembers.
+F = 1 + H is the deformation gradient, C = F'F, J = det F, E = (C - 1) / 2 Green's strain, mu and lam Lame's
+constants. Every law returns the first Piola stress P = F S. All start from one second Piola stress and
+energy,
+
+    S = mu (1 - C^-1) + lam ln J C^-1 + axial mu E_zz (z z'),     W = mu/2 (tr C - 3 - 2 ln J) + lam/2 ln^2 J
+                                                                      + axial mu/2 E_zz^2,
+
+that of Bonet and Wood 2008 (eq. 6.27, 6.28), times the modulus' ratio at each point, stiffer along the stem z
+where `axial` is not zero. A turn of the fruit is no strain to any of them. State is what a point remembers.
 """
 
 from dataclasses import dataclass
@@ -13,34 +20,23 @@ from jaxtyping import Float
 from samples.sample_failure import NotInEquilibrium
 
 State = tuple[np.ndarray, ...]
+Tensors = Float[np.ndarray, "*p 3 3"]
 
 
 class FleshLaw(Protocol):
-    """A law per point, with its constants `lame`."""
-
-    @property
-    def lame(self) -> "Lame":
-        """Of the linear law that it tends to."""
-        ...
-
-    @property
-    def objective(self) -> bool:
-        """Whether a turn of the flesh is no strain to it; a law of small strain takes it for one."""
-        ...
-
-    def at_first(self, points: tuple[int, ...]) -> State:
-        """The state of virgin flesh."""
-        ...
+    """A law per point."""
 
     @property
     def still(self) -> bool:
         """Whether it does not depend on time."""
         ...
 
-    def excess(
-        self, H: Float[np.ndarray, "*p 3 3"], state: State, pause_s: float
-    ) -> tuple[Float[np.ndarray, "*p 3 3"], State]:
-        """Stress less that of the linear law, and the state `pause_s` after `state`."""
+    def at_first(self, points: tuple[int, ...]) -> State:
+        """The state of virgin flesh."""
+        ...
+
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
+        """First Piola stress (MPa), and the state `pause_s` after `state`. Raises NotInEquilibrium."""
         ...
 
 
@@ -51,113 +47,201 @@ class Lame:
     mu: float
     lam: float
 
-    def linear(self, eps: Float[np.ndarray, "*p 3 3"]) -> Float[np.ndarray, "*p 3 3"]:
-        """sigma = 2 mu eps + lam tr(eps) I."""
-        trace = np.trace(eps, axis1=-2, axis2=-1)
-        return np.asarray(2 * self.mu * eps + self.lam * trace[..., None, None] * np.eye(3))
+    @property
+    def modulus(self) -> float:
+        """Young's modulus, MPa."""
+        return self.mu * (3 * self.lam + 2 * self.mu) / (self.lam + self.mu)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StiffeningFlesh:
-    """P = exp(b W/mu) (mu (F - F^-T) + lam ln J F^-T), W = mu/2 (tr F'F - 3 - 2 ln J) + lam/2 ln^2 J.
-
-    An exponential law as for soft tissue (Fung 1993, section 7.5) on the Neo-Hookean energy of Bonet and Wood
-    2008, eq. 6.27.
-    """
+class PlainFlesh:
+    """P = F S. `ratio`: of the modulus at each point over E; `axial`: how much stiffer along z, in mu."""
 
     lame: Lame
-    b: float
+    ratio: Float[np.ndarray, "*p"] | float = 1.0
+    axial: float = 0.0
     still: bool = True
-    objective: bool = True
 
     def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
         """Nothing is remembered."""
         return ()
 
-    def excess(
-        self, H: Float[np.ndarray, "*p 3 3"], state: State, pause_s: float  # noqa: ARG002
-    ) -> tuple[Float[np.ndarray, "*p 3 3"], State]:  # fmt: skip
-        """P less the linear stress."""
-        mu, lam = self.lame.mu, self.lame.lam
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
+        """F S."""
+        at = self.at(H)
+        return at.F @ self.second(at), state
+
+    def at(self, H: Tensors) -> "_Strained":
+        """What all laws need of H. Raises NotInEquilibrium where flesh is turned inside out."""
         F = H + np.eye(3)
         J = np.linalg.det(F)
-        if J.min() <= 0:
+        if not J.min() > 0:
             raise NotInEquilibrium("a brick of the sample's flesh was turned inside out: press less")
-        inverse_t = np.swapaxes(np.linalg.inv(F), -1, -2)
-        ln = np.log(J)
-        energy = mu / 2 * (np.einsum("...ik,...ik->...", F, F) - 3 - 2 * ln) + lam / 2 * ln**2
-        P = mu * (F - inverse_t) + lam * ln[..., None, None] * inverse_t
-        factor = np.exp(np.minimum(self.b * energy / mu, 30.0))
-        return factor[..., None, None] * P - linear_stress(self.lame, H), state
+        C = np.swapaxes(F, -1, -2) @ F
+        return _Strained(F, C, _inverse(C), np.log(J))
+
+    def second(self, at: "_Strained", ln: Float[np.ndarray, "*p"] | None = None) -> Tensors:
+        """S; `ln`: what stands for ln J in its volumetric part."""
+        mu, lam, ln = self.lame.mu, self.lame.lam, at.ln if ln is None else ln
+        S = mu * np.eye(3) + (lam * ln - mu)[..., None, None] * at.inverse
+        if self.axial:
+            S[..., 2, 2] += self.axial * mu * (at.C[..., 2, 2] - 1) / 2
+        return np.asarray(np.asarray(self.ratio)[..., None, None] * S)
+
+    def energy(self, at: "_Strained") -> Float[np.ndarray, "*p"]:
+        """W, MPa."""
+        mu, lam = self.lame.mu, self.lame.lam
+        W = mu / 2 * (np.trace(at.C, axis1=-2, axis2=-1) - 3 - 2 * at.ln) + lam / 2 * at.ln**2
+        return np.asarray(self.ratio * (W + self.axial * mu / 2 * ((at.C[..., 2, 2] - 1) / 2) ** 2))
+
+
+@dataclass(frozen=True)
+class _Strained:
+    """F, C, its inverse, ln J."""
+
+    F: Tensors
+    C: Tensors
+    inverse: Tensors
+    ln: Float[np.ndarray, "*p"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Yielding:
-    """J2 plasticity, linear isotropic hardening, backward Euler (Simo and Hughes 1998, box 3.1).
+class StiffeningFlesh:
+    """P = exp(b W/mu) F S, an exponential law as for soft tissue (Fung 1993, section 7.5)."""
 
-    Yields where the von Mises stress exceeds yield_MPa + hardening_MPa times the plastic strain. State:
-    plastic strain (tensor) and its equivalent so far.
+    plain: PlainFlesh
+    b: float
+    still: bool = True
+
+    def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
+        """Nothing is remembered."""
+        return ()
+
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
+        """The plain stress times a factor that grows with the energy."""
+        at = self.plain.at(H)
+        factor = np.exp(np.minimum(self.b * self.plain.energy(at) / self.plain.lame.mu, 30.0))
+        return factor[..., None, None] * (at.F @ self.plain.second(at)), state
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxing:
+    """P = F ((1 - g) S + h) with h' = g S' - h / tau (Simo and Hughes 1998, section 10.3). State: h, S.
+
+    S is taken linear in time over a step, for which the update is exact.
     """
 
-    lame: Lame
-    yield_MPa: float
-    hardening_MPa: float
-    still: bool = True
-    objective: bool = False
+    plain: PlainFlesh
+    g: float
+    tau_s: float
+    still: bool = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
-        """No plastic strain."""
-        return np.zeros((*points, 3, 3)), np.zeros(points)
+        """Rested."""
+        return np.zeros((*points, 3, 3)), np.zeros((*points, 3, 3))
 
-    def excess(
-        self, H: Float[np.ndarray, "*p 3 3"], state: State, pause_s: float  # noqa: ARG002
-    ) -> tuple[Float[np.ndarray, "*p 3 3"], State]:  # fmt: skip
-        """-2 mu times the plastic strain."""
-        mu = self.lame.mu
-        plastic, so_far = state
-        elastic = _sym(H) - plastic
-        deviator = elastic - np.trace(elastic, axis1=-2, axis2=-1)[..., None, None] / 3 * np.eye(3)
-        trial = 2 * mu * np.sqrt(1.5 * np.einsum("...ik,...ik->...", deviator, deviator))
-        over = trial - (self.yield_MPa + self.hardening_MPa * so_far)
-        grown = np.maximum(over, 0.0) / (3 * mu + self.hardening_MPa)
-        flow = 3 * mu * deviator / np.maximum(trial, 1e-12)[..., None, None]
-        now = plastic + grown[..., None, None] * flow
-        return -2 * mu * now, (now, so_far + grown)
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
+        """What has relaxed is missing."""
+        at = self.plain.at(H)
+        S = self.plain.second(at)
+        h = _faded(state[0], self.g * (S - state[1]), pause_s / self.tau_s)
+        return at.F @ ((1 - self.g) * S + h), (h, S)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draining:
+    """S with lam ((1 - s) ln J + s a) in the place of lam ln J,  a' = (ln J)' - a / tau. State: a, ln J.
+
+    One drainage time for all flesh, however far from the skin: poroelasticity without its length.
+    """
+
+    plain: PlainFlesh
+    volume_share: float
+    tau_s: float
+    still: bool = False
+
+    def at_first(self, points: tuple[int, ...]) -> State:
+        """Full of juice, unstrained."""
+        return np.zeros(points), np.zeros(points)
+
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
+        """What has drained away of the volumetric stress is missing; ln J is taken linear over the step."""
+        at = self.plain.at(H)
+        left = _faded(state[0], at.ln - state[1], pause_s / self.tau_s)
+        ln = (1 - self.volume_share) * at.ln + self.volume_share * left
+        return at.F @ self.plain.second(at, ln), (left, at.ln)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damaged:
-    """sigma = (1 - dmax (1 - exp(-Wmax/W0))) times the linear stress, Wmax the largest energy density so far.
+    """P = (1 - dmax (1 - exp(-Wmax/W0))) F S, Wmax the largest energy density so far.
 
     After Mullins (Ogden and Roxburgh 1999). State: Wmax.
     """
 
-    lame: Lame
+    plain: PlainFlesh
     dmax: float
     W0_MPa: float
     still: bool = True
-    objective: bool = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Never strained."""
         return (np.zeros(points),)
 
-    def excess(
-        self, H: Float[np.ndarray, "*p 3 3"], state: State, pause_s: float  # noqa: ARG002
-    ) -> tuple[Float[np.ndarray, "*p 3 3"], State]:  # fmt: skip
-        """Minus the lost share of the linear stress."""
-        eps = _sym(H)
-        sigma = self.lame.linear(eps)
-        energy = 0.5 * np.einsum("...ik,...ik->...", sigma, eps)
-        largest = np.maximum(state[0], energy)
-        lost = self.dmax * -np.expm1(-largest / self.W0_MPa)
-        return -lost[..., None, None] * sigma, (largest,)
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
+        """The lost share is missing."""
+        at = self.plain.at(H)
+        largest = np.maximum(state[0], self.plain.energy(at))
+        left = 1 + self.dmax * np.expm1(-largest / self.W0_MPa)
+        return left[..., None, None] * (at.F @ self.plain.second(at)), (largest,)
 
 
-def linear_stress(lame: Lame, H: Float[np.ndarray, "*p 3 3"]) -> Float[np.ndarray, "*p 3 3"]:
-    """The linear law's stress (MPa) of a displacement gradient."""
-    return lame.linear(_sym(H))
+@dataclass(frozen=True, kw_only=True)
+class Yielding:
+    """F = Fe Fp, the plain law for Fe; J2 flow, linear isotropic hardening, exponential map (Simo 1992).
+
+    Flows where the equivalent Mandel stress Ce Se exceeds yield_MPa + hardening_MPa times the plastic strain.
+    The flow of a step is that of small elastic strain (Simo and Hughes 1998, box 3.1), right to first order
+    in the elastic strain. State: Fp less 1, and the equivalent plastic strain so far.
+    """
+
+    plain: PlainFlesh
+    yield_MPa: float
+    hardening_MPa: float
+    still: bool = True
+
+    def at_first(self, points: tuple[int, ...]) -> State:
+        """No plastic strain."""
+        return np.zeros((*points, 3, 3)), np.zeros(points)
+
+    def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
+        """P of the elastic part, pulled back to the shape at rest."""
+        F, plastic, so_far = H + np.eye(3), state[0] + np.eye(3), state[1]
+        at = self.plain.at(F @ np.linalg.inv(plastic) - np.eye(3))
+        mandel = at.C @ self.plain.second(at)
+        deviator = mandel - np.trace(mandel, axis1=-2, axis2=-1)[..., None, None] / 3 * np.eye(3)
+        deviator = (deviator + np.swapaxes(deviator, -1, -2)) / 2
+        trial = np.sqrt(1.5 * np.einsum("...ik,...ik->...", deviator, deviator))
+        over = np.maximum(trial - (self.yield_MPa + self.hardening_MPa * so_far), 0.0)
+        grown = over / (3 * self.plain.ratio * self.plain.lame.mu + self.hardening_MPa)
+        flow = (1.5 * grown / np.maximum(trial, 1e-12))[..., None, None] * deviator
+        values, axes = np.linalg.eigh(flow)
+        plastic = (axes * np.exp(values)[..., None, :]) @ np.swapaxes(axes, -1, -2) @ plastic
+        inverse = np.linalg.inv(plastic)
+        at = self.plain.at(F @ inverse - np.eye(3))
+        P = at.F @ self.plain.second(at) @ np.swapaxes(inverse, -1, -2)
+        return P, (plastic - np.eye(3), so_far + grown)
 
 
-def _sym(H: Float[np.ndarray, "*p 3 3"]) -> Float[np.ndarray, "*p 3 3"]:
-    return np.asarray((H + np.swapaxes(H, -1, -2)) / 2)
+def _inverse(C: Tensors) -> Tensors:
+    """Of symmetric tensors, by their minors: ten times as fast as elimination."""
+    a, b, c, d, e, f = (C[..., i, k] for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    minors = (d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b)
+    size = a * minors[0] + b * minors[1] + c * minors[2]
+    found = np.stack([minors[k] for k in (0, 1, 2, 1, 3, 4, 2, 4, 5)], axis=-1) / size[..., None]
+    return np.asarray(found.reshape(C.shape))
+
+
+def _faded(memory: np.ndarray, change: np.ndarray, pauses: float) -> np.ndarray:
+    """m' = c' - m / tau over `pauses` times tau, c linear in time."""
+    return np.asarray(np.exp(-pauses) * memory - np.expm1(-pauses) / pauses * change)

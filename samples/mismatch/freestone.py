@@ -6,35 +6,13 @@ from scipy.sparse import coo_array, csr_array, diags_array, eye_array, hstack, k
 
 from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
 from samples.hexahedra import Bricks
-from samples.mismatch.grip import Grip, InnerContact, Instant, next_instant
+from samples.mismatch.grip import InnerContact
 from samples.mismatch.skin_compliance import SkinCompliance, skin_compliance
 
 THREADS_N_PER_MM = 0.05
 """All round, hair-fine threads hold the flesh to the pit; they keep it from floating off."""
 PENALTY_PER_MM = 25.0
 """Closed, the pit's surface gives way by the pressure over this many times E."""
-
-
-class LoosePitBody:
-    """Linear flesh round a pit that it touches without friction once a gap has closed.
-
-    Unknowns beside the skin's: how far the flesh stands off each pit node, along the pit's normal there.
-    """
-
-    still = True
-
-    def __init__(self, compliance: SkinCompliance) -> None:
-        self._compliance = compliance
-
-    def begin(self) -> Float[np.ndarray, " d"]:
-        """Centred, open all round."""
-        return np.zeros(len(self._compliance))
-
-    def advance(
-        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
-    ) -> Instant:  # fmt: skip
-        """Equilibrium with the pads and the pit."""
-        return next_instant(grip, before, origins, self._compliance, np.zeros(len(self._compliance)))
 
 
 def loose_compliance(

@@ -5,13 +5,22 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.sparse import csr_array
 
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import DEFAULT_GEL, Gel
-from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
-from samples.mismatch.draining import Draining
+from samples.mismatch.altered_flesh import graded, soft_spot, stiffer_along_stem, uneven, with_skin
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, StiffeningFlesh, Yielding
+from samples.mismatch.flesh_laws import (
+    Damaged,
+    Draining,
+    FleshLaw,
+    Lame,
+    PlainFlesh,
+    Relaxing,
+    StiffeningFlesh,
+    Yielding,
+)
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.sample_failure import SampleFailure
 
@@ -22,7 +31,7 @@ EFFECTS = (
     "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift", "third_contact",
     "drainage", "split_pit",
 )  # fmt: skip
-MATERIAL_LAWS = ("stiffening", "plastic_set", "damage", "drainage")
+MATERIAL_LAWS = ("stiffening", "viscoelastic", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
 """Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
 STIFFENING_IS_FIRMER = 3.0
@@ -75,38 +84,56 @@ def gel_of(injected: tuple[InjectedEffect, ...], gel: Gel = DEFAULT_GEL) -> Gel:
     return gel if adhesion is None else replace(gel, reach_mm=adhesion.number("reach_mm"))
 
 
-def altered_stiffness(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> Any:
-    """The flesh's stiffness with every injected effect that is linear in it."""
-    total = flesh.stiffness
+def plain_flesh(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...] = ()) -> PlainFlesh:
+    """The Neo-Hookean law of the flesh with every injected effect that changes its modulus or direction."""
+    ratio: Float[np.ndarray, "m 27"] | float = 1.0
+    axial = 0.0
     for one in injected:
         if one.effect == "graded_modulus":
-            total = total + graded(flesh, gamma=one.number("gamma"))
+            ratio = ratio * graded(flesh.bricks, gamma=one.number("gamma"))
         elif one.effect == "soft_spot":
-            total = total + with_soft_spot(
-                flesh, centre_mm=np.array(one.parameters["centre_mm"]), radius_mm=one.number("radius_mm"),
-                ratio=one.number("ratio"),
+            ratio = ratio * soft_spot(
+                flesh.bricks, centre_mm=np.array(one.parameters["centre_mm"]),
+                radius_mm=one.number("radius_mm"), ratio=one.number("ratio"),
             )  # fmt: skip
         elif one.effect == "anisotropy":
-            total = total + stiffer_along_stem(flesh, axial=one.number("axial"))
-        elif one.effect == "skin":
-            nu = flesh.lam_MPa / (2 * (flesh.lam_MPa + flesh.mu_MPa))
-            total = total + with_skin(flesh, Et_N_per_mm=one.number("Et_N_per_mm"), poisson_ratio=nu)
-    return total
+            axial = one.number("axial")
+    return PlainFlesh(lame=Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa), ratio=ratio, axial=axial)
 
 
-def flesh_law(one: InjectedEffect, flesh: BrickFlesh) -> tuple[FleshLaw, float]:
-    """The law of an injected effect, and how much firmer than linear the solver had better take the flesh."""
-    lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
-    modulus = lame.mu * (3 * lame.lam + 2 * lame.mu) / (lame.lam + lame.mu)
+def stiffness_at_rest(flesh: BrickFlesh, law: PlainFlesh) -> csr_array:
+    """The tangent of the law in the shape at rest."""
+    total = flesh.stiffness
+    if isinstance(law.ratio, np.ndarray):
+        total = total + uneven(flesh, law.ratio)
+    return csr_array(total + stiffer_along_stem(flesh, axial=law.axial)) if law.axial else csr_array(total)
+
+
+def membrane(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> csr_array | None:
+    """Stiffness of an injected skin."""
+    skin = named(injected, "skin")
+    if skin is None:
+        return None
+    nu = flesh.lam_MPa / (2 * (flesh.lam_MPa + flesh.mu_MPa))
+    return with_skin(flesh, Et_N_per_mm=skin.number("Et_N_per_mm"), poisson_ratio=nu)
+
+
+def flesh_law(plain: PlainFlesh, one: InjectedEffect | None) -> tuple[FleshLaw, float]:
+    """The law of an injected effect, and how much firmer than at rest the solver takes the flesh."""
+    if one is None or one.effect not in MATERIAL_LAWS:
+        return plain, 1.0
+    modulus = plain.lame.modulus
     if one.effect == "stiffening":
-        return StiffeningFlesh(lame=lame, b=one.number("b")), STIFFENING_IS_FIRMER
+        return StiffeningFlesh(plain=plain, b=one.number("b")), STIFFENING_IS_FIRMER
+    if one.effect == "viscoelastic":
+        return Relaxing(plain=plain, g=one.number("g"), tau_s=one.number("tau_s")), 1.0
     if one.effect == "plastic_set":
         limit, hardening = one.number("yield_over_E") * modulus, one.number("hardening") * modulus
-        return Yielding(lame=lame, yield_MPa=limit, hardening_MPa=hardening), 1.0
+        return Yielding(plain=plain, yield_MPa=limit, hardening_MPa=hardening), 1.0
     if one.effect == "drainage":
         share, tau_s = one.number("volume_share"), one.number("tau_s")
-        return Draining(lame=lame, volume_share=share, tau_s=tau_s), 1.0
-    return Damaged(lame=lame, dmax=one.number("dmax"), W0_MPa=one.number("W0_over_E") * modulus), 1.0
+        return Draining(plain=plain, volume_share=share, tau_s=tau_s), 1.0
+    return Damaged(plain=plain, dmax=one.number("dmax"), W0_MPa=one.number("W0_over_E") * modulus), 1.0
 
 
 def spot_under_pad(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.anderson_mixing import AndersonMixing
-from samples.mismatch.flesh_laws import FleshLaw, State, linear_stress
+from samples.mismatch.flesh_laws import FleshLaw, State
 from samples.mismatch.grip import Grip, Instant, before_touch, going_on, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
 from samples.sample_failure import NotInEquilibrium
@@ -130,16 +130,15 @@ class NonlinearBody:
 
     def _freely(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
         """Where the flesh would be without the pads if its stress beyond the linear one stayed that at q."""
-        law, found = self._law, self._state
+        found = self._state
 
-        def excess(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
+        def stress(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
             nonlocal found
-            stress, found = law.excess(H, self._state, pause_s)
-            return stress + linear_stress(law.lame, H) if law.objective else stress
+            P, found = self._law.stress(H, self._state, pause_s)
+            return P
 
-        whole = self._whole
-        force = whole.objective_excess(q, excess) if law.objective else whole.linear_excess(q, excess)
-        return ((self._firmer - 1) * q - whole.solve(force)) / self._firmer, found
+        force = self._whole.excess(q, stress)
+        return ((self._firmer - 1) * q - self._whole.solve(force)) / self._firmer, found
 
 
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:

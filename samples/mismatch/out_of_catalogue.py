@@ -18,8 +18,8 @@ from scipy.sparse import coo_array, csr_array
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import Gel
 from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.draining import Draining
-from samples.mismatch.flesh_laws import Lame
+from samples.mismatch.flesh_laws import Draining, FleshLaw
+from samples.mismatch.injected import plain_flesh
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.pit_halves import split_pit_stiffness
@@ -65,16 +65,14 @@ def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue)
     flesh, p = stands.flesh, out_of_catalogue.parameters
     if out_of_catalogue.name == "split_pit":
         return ElasticBody(skin_compliance(split_pit_stiffness(flesh), stands.dofs))
-    if out_of_catalogue.name == "palm":
-        return ElasticBody(skin_compliance(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
-    compliance = skin_compliance(flesh.stiffness, stands.dofs)
-    if out_of_catalogue.name == "gel_softening":
-        return SofteningGelBody(compliance, g=p["g"], tau_s=p["tau_s"])
+    support = on_a_palm(flesh, **p) if out_of_catalogue.name == "palm" else None
+    law: FleshLaw = plain_flesh(flesh)
     if out_of_catalogue.name == "drainage":
-        lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
-        law = Draining(lame=lame, volume_share=p["volume_share"], tau_s=p["tau_s"])
-        return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), law)
-    return ElasticBody(compliance)
+        law = Draining(plain=plain_flesh(flesh), volume_share=p["volume_share"], tau_s=p["tau_s"])
+    body = NonlinearBody(whole_fruit(flesh, stands.dofs, support=support), law)
+    if out_of_catalogue.name == "gel_softening":
+        return SofteningGelBody(body, g=p["g"], tau_s=p["tau_s"])
+    return body
 
 
 def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from fem.sparse.solver import Factor, factorise
-from samples.brick_flesh import BrickFlesh, rigid_tie
+from samples.brick_flesh import BrickFlesh
 from samples.mismatch.skin_compliance import SkinCompliance, compliance_of
 
 PointStress = Callable[[Float[np.ndarray, "m 27 3 3"]], Float[np.ndarray, "m 27 3 3"]]
@@ -19,30 +19,26 @@ PointStress = Callable[[Float[np.ndarray, "m 27 3 3"]], Float[np.ndarray, "m 27 
 class WholeFruit:
     """Flesh with its factorised stiffness, and its patches' compliance.
 
-    `tie`: nodal displacement of small unknowns, the pit turning by small rotations; `slopes`: gradients of
-    the shape functions at the integration points, three rows for each.
+    `stiffness`: the one that is factorised, near that of the flesh at rest. `support`: stiffness of a skin or
+    of springs, linear in the unknowns. `slopes`: gradients of the shape functions at the integration points,
+    three rows for each.
     """
 
     flesh: BrickFlesh
     factor: Factor
     compliance: SkinCompliance
-    tie: csr_array
+    stiffness: csr_array
+    support: csr_array | None
     slopes: Float[np.ndarray, "m 81 27"]
     dofs: Int[np.ndarray, " d"]
 
-    def linear_excess(self, q: Float[np.ndarray, " u"], excess: PointStress) -> Float[np.ndarray, " u"]:
-        """Internal forces on the unknowns of the stress `excess` of the displacement gradient, the pit
-        turning by small rotations: for laws of small strain.
-        """
-        u = np.asarray(self.tie @ q).reshape(-1, 3)
-        return np.asarray(self.tie.T @ self._nodal_force(excess(self._gradients(u))).ravel())
-
-    def objective_excess(self, q: Float[np.ndarray, " u"], stress: PointStress) -> Float[np.ndarray, " u"]:
-        """Internal forces on the unknowns of the whole `stress` of the displacement gradient, less the linear
-        stiffness's, the pit turning through any angle: for laws to which a turn of the fruit is no strain.
+    def excess(self, q: Float[np.ndarray, " u"], stress: PointStress) -> Float[np.ndarray, " u"]:
+        """Internal forces on the unknowns of the `stress` of the displacement gradient and of what else holds
+        the fruit, less those of the factorised stiffness; the pit turns through any angle.
         """
         nodal = self._nodal_force(stress(self._gradients(self.flesh.displacement(q))))
-        return np.asarray(self.flesh.on_unknowns(nodal, q) - self.flesh.stiffness @ q)
+        force = self.flesh.on_unknowns(nodal, q) - self.stiffness @ q
+        return np.asarray(force if self.support is None else force + self.support @ q)
 
     def _gradients(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 27 3 3"]:
         """Displacement gradient du_i/dx_k at the integration points."""
@@ -70,11 +66,20 @@ class WholeFruit:
         return full
 
 
-def whole_fruit(flesh: BrickFlesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
-    """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
-    tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
-    factor = factorise(stiffness)
+def whole_fruit(
+    flesh: BrickFlesh,
+    dofs: Int[np.ndarray, " d"],
+    *,
+    stiffness: csr_array | None = None,
+    support: csr_array | None = None,
+) -> WholeFruit:
+    """Factorise the flesh's stiffness at rest (None: plain flesh's) plus that of a skin or springs."""
+    whole = flesh.stiffness if stiffness is None else stiffness
+    if support is not None:
+        whole = csr_array(whole + support)
+    factor = factorise(whole)
     slopes = np.ascontiguousarray(flesh.slopes.transpose(0, 1, 3, 2)).reshape(-1, 81, 27)
     return WholeFruit(
-        flesh=flesh, factor=factor, compliance=compliance_of(factor, dofs), tie=tie, slopes=slopes, dofs=dofs
-    )
+        flesh=flesh, factor=factor, compliance=compliance_of(factor, dofs), stiffness=whole, support=support,
+        slopes=slopes, dofs=dofs,
+    )  # fmt: skip
