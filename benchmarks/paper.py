@@ -25,15 +25,16 @@ from paper_data import HERE, Forward, between_plates, forward, grasp_history
 from paper_shapes import box, core_surface
 
 from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.finite_response import with_finite_strain
 from fem.estimation.fruit_modulus import infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
-from fem.estimation.hyperelastic_grasp import with_large_deformation
 from fem.estimation.modulus import ModulusEstimate, estimate_modulus
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.closed_forms import hertz_sphere_force_N, s368_parallel_plates_modulus_MPa
+from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 
@@ -114,8 +115,8 @@ def _modulus(
     """The one place where an estimate is made; `finite`: with the Neo-Hookean model."""
     model = grasp_model(history, solid)
     if finite:
-        law = NeoHookean(poisson_ratio=POISSON_RATIO)
-        model = with_large_deformation(model, history, solid, law, scale_sd=budget.gel_scale_sd)
+        flesh = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=POISSON_RATIO))
+        model = with_finite_strain(model, history, flesh, recorded=history, scale_sd=budget.gel_scale_sd)
     return estimate_modulus(history, model, budget=budget)
 
 

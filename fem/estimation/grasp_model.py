@@ -32,7 +32,7 @@ class GraspModel:
     the recording's own loaded frames changes with what is not known exactly. `fruit_moves`: no base holds
     it. `displacement_correction`:
     what large deformation adds to the response, in every frame of the recording
-    (fem.estimation.hyperelastic_grasp); None:
+    (fem.estimation.finite_response); None:
     small strain.
     """
 

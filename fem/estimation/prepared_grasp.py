@@ -39,8 +39,9 @@ skin bends away there within a marker's width, a model is micrometres off, and t
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedGrasp:
-    """`history`: the recording with the forces of the patterns, all frames, the noise that is left in them
-    (`pattern_noise`), and contacts without rims. `used`: the frames that a model is fitted to.
+    """`recorded`: the recording as it was, whose contacts have their rims. `history`: with the forces of the
+    patterns, all frames, the noise that is left in them (`pattern_noise`), and contacts without rims. `used`:
+    the frames that a model is fitted to.
 
     `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
     `force_sd_N`: noise of one component in one frame of them, `coloured_sd_N` that of white noise which
@@ -48,6 +49,7 @@ class PreparedGrasp:
     each pad's forces were denoised.
     """
 
+    recorded: GraspHistory
     history: GraspHistory
     used: Bool[np.ndarray, " t"]
     force_N: Float[np.ndarray, "f n 3"]
@@ -92,6 +94,7 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     noise = [one.noise_of(own) for one, own in zip(felt, np.split(patterns, whose, axis=1), strict=True)]
     of_displacement, of_force = (np.concatenate(parts, axis=1) for parts in zip(*noise, strict=True))
     return PreparedGrasp(
+        recorded=history,
         history=replace(
             history,
             pads=pads,

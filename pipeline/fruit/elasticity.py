@@ -11,9 +11,9 @@ import numpy as np
 
 from fem.elements.assembly import Stiffness, assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
+from fem.estimation.finite_response import with_finite_strain
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
-from fem.estimation.hyperelastic_grasp import with_large_deformation
 from fem.estimation.joint_inference import FruitModulus
 from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
 from fem.estimation.sensitivity import POISSON_RATIO
@@ -23,6 +23,7 @@ from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.parallel_map import parallel_map
+from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadPlaces, pad_places
 from pipeline.batch.cache import cached, stage_key
@@ -296,25 +297,25 @@ def _models(
     deformation. Each grasp's compliance is that of its own contact nodes: what one grasp moves where another
     touches is of no use to either.
     """
-    histories: dict[int, tuple[GraspHistory, list[PadPlaces]]] = {}
+    placed: dict[int, tuple[PreparedGrasp, list[PadPlaces]]] = {}
     models: dict[int, GraspModel | FemFailure] = {}
     for k, grasp in enumerate(prepared):
         if isinstance(grasp, FemFailure):
             models[k] = grasp
             continue
         try:
-            histories[k] = grasp.history, [pad_places(pad, mesh) for pad in grasp.history.pads]
+            placed[k] = grasp, [pad_places(pad, mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
     try:
-        solid = factorised() if histories else None
+        solid = factorised() if placed else None
     except FemFailure as failure:
-        models |= dict.fromkeys(histories, failure)
+        models |= dict.fromkeys(placed, failure)
         solid = None
     if solid is None:
         return [models[k] for k in range(len(prepared))]
 
-    def model(own: GraspHistory, places: Sequence[PadPlaces]) -> GraspModel | FemFailure:
+    def model(own: PreparedGrasp, places: Sequence[PadPlaces]) -> GraspModel | FemFailure:
         nodes = np.unique(np.concatenate([at.nodes for at in places]))
         touched = replace(solid, contact_nodes=nodes)
         try:
@@ -322,13 +323,13 @@ def _models(
         except FemFailure as failure:
             return failure
 
-    found = parallel_map(lambda one: model(*one), histories.values(), workers=workers)
-    models |= dict(zip(histories, found, strict=True))
+    found = parallel_map(lambda one: model(*one), placed.values(), workers=workers)
+    models |= dict(zip(placed, found, strict=True))
     return [models[k] for k in range(len(prepared))]
 
 
 def _model(
-    history: GraspHistory,
+    grasp: PreparedGrasp,
     places: Sequence[PadPlaces],
     solid: UnitModulusSolid,
     *,
@@ -336,11 +337,11 @@ def _model(
     large: bool,
 ) -> GraspModel:
     """Raises FemFailure."""
-    small = grasp_model(history, solid, places=places)
+    small = grasp_model(grasp.history, solid, places=places)
     if not large:
         return small
-    law = NeoHookean(poisson_ratio=solid.poisson_ratio)
-    return with_large_deformation(small, history, solid, law, scale_sd=gel_scale_sd)
+    finite = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=solid.poisson_ratio))
+    return with_finite_strain(small, grasp.history, finite, recorded=grasp.recorded, scale_sd=gel_scale_sd)
 
 
 def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> str:
@@ -351,7 +352,7 @@ def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> 
         if isinstance(one, FemFailure):
             digest.update(one.detail.encode())
             continue
-        arrays += [one.history.time_s, one.used]
+        arrays += [one.history.time_s, one.used, *(pad.episode for pad in one.recorded.pads)]
         for pad in one.history.pads:
             arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
             arrays += [pad.force_N, pad.episode]

@@ -112,7 +112,7 @@ def test_a_pulled_bar_of_constant_volume_follows_the_closed_form(law, stretch):
 
 @pytest.mark.parametrize("law", FINITE, ids=name)
 def test_simple_shear_follows_the_closed_form(law):
-    """For F = I + g e1 e2' Cauchy stress is mu dev(F F'): s_12 = mu g, s_11 - s_22 = s_12 g."""
+    """For F = I + g e1 e2', J = 1, Cauchy stress is mu (F F' - I): s_12 = mu g, s_11 = mu g^2."""
     g = 0.4
     F = np.eye(3)[None].copy()
     F[0, 0, 1] = g
@@ -121,7 +121,17 @@ def test_simple_shear_follows_the_closed_form(law):
     assert cauchy[0, 1] == pytest.approx(mu * g, rel=1e-12)
     assert cauchy[0, 0] - cauchy[1, 1] == pytest.approx(mu * g**2, rel=1e-12)
     assert cauchy[1, 1] == pytest.approx(cauchy[2, 2], rel=1e-12)
-    assert np.trace(cauchy) == pytest.approx(0.0, abs=1e-14)
+    assert cauchy[1, 1] == pytest.approx(0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("stretch", [0.7, 0.95, 1.2])
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_stretch_in_all_directions_follows_the_closed_form(law, stretch):
+    """P = mu (l - 1/l) + 3 lambda ln(l) / l (Bonet and Wood 2008, eq. 6.28)."""
+    P = law.stress(stretch * np.eye(3)[None])[0]
+    mu, lam = 0.5 / (1 + NU), NU / ((1 + NU) * (1 - 2 * NU))
+    expected = mu * (stretch - 1 / stretch) + 3 * lam * np.log(stretch) / stretch
+    assert pytest.approx(expected * np.eye(3), rel=1e-12) == P
 
 
 @pytest.mark.parametrize("law", FINITE, ids=name)

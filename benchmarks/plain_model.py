@@ -1,0 +1,102 @@
+"""The plain model at finite strain against recordings of an independent simulator, with nothing unknown.
+
+    python benchmarks/plain_model.py FOLDER [--body ball ...] [--grasp 2 ...] [--dense]
+
+FOLDER holds bodies without mismatch, noise-free, with exact surfaces (`truth.json`, `fruit.ply`, `pit.ply`,
+`grasp-K.h5`, `dense/grasp-K.h5`). Each recording is read, placed and prepared as `drupe explain` does it.
+Printed for small and for finite strain: E over the true E, what the fit leaves of the markers' places (um rms
+per component), and CPU seconds.
+"""
+
+import argparse
+import json
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from fem.estimation.compliance_fit import fit_compliance
+from fem.estimation.finite_response import finite_response
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.estimation.unit_response import marker_tracks
+from fem.materials.neo_hookean import NeoHookean
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.solid.finite_strain import FiniteStrainSolid
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
+
+
+def opened(body: Path, recording: Path) -> MismatchCase:
+    """The body with this one recording, as the finder is handed it."""
+    with tempfile.TemporaryDirectory() as work:
+        folder = Path(work) / "case"
+        folder.mkdir()
+        for source in (body / "case.toml", body / "fruit.ply", body / "pit.ply", recording):
+            shutil.copy(source, folder / source.name)
+        case = open_case(folder, fruit_id=None, work=Path(work) / "work", out=None)
+        return mismatch_case(case, grasped_fruit(case.task, StageLog(lambda _: None)))
+
+
+def line(case: MismatchCase, true_MPa: float) -> str:
+    """A row of the table."""
+    (grasp,) = case.grasps
+    scale_sd = case.budget.gel_scale_sd
+    solid = UnitModulusSolid.factorise(
+        case.mesh,
+        poisson_ratio=case.poisson_ratio,
+        support="free",
+        contact_nodes=contact_nodes(case.mesh, [grasp.history]),
+    )
+    prepared = prepared_grasp(grasp.history, grasp.turns)
+    started = time.process_time()
+    tracks, _ = marker_tracks(prepared.history, grasp_model(prepared.history, solid), prepared.used)
+    small = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=True)
+    small_s, started = time.process_time() - started, time.process_time()
+    law = NeoHookean(poisson_ratio=case.poisson_ratio)
+    finite = finite_response(
+        prepared.history,
+        FiniteStrainSolid(solid=solid, law=law),
+        recorded=grasp.history,
+        modulus_MPa=1 / small.compliance,
+        scale_sd=scale_sd,
+    )
+    finite_s = time.process_time() - started
+    return (
+        f"{1 / small.compliance / true_MPa:.4f} | {1e3 * small.residual_rms_mm:.1f} | {small_s:.0f} | "
+        f"{finite.modulus_MPa / true_MPa:.4f} | {1e3 * finite.fit.residual_rms_mm:.2f} | {finite_s:.0f}"
+    )
+
+
+def main() -> None:
+    """A recording after the other."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--body", nargs="*", help="Only these.")
+    parser.add_argument("--grasp", nargs="*", type=int, default=[1, 2, 3, 4], help="Only these.")
+    parser.add_argument("--dense", action="store_true", help="Markers 0.5 mm apart.")
+    wanted = parser.parse_args()
+    print("| body | grasp | small strain: E / true | um | s | finite strain: E / true | um | s |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|", flush=True)
+    for truth in sorted(wanted.folder.glob("*/truth.json")):
+        body, true_MPa = truth.parent, float(json.loads(truth.read_text())["E"])
+        for k in wanted.grasp if not wanted.body or body.name in wanted.body else ():
+            recording = (body / "dense" if wanted.dense else body) / f"grasp-{k}.h5"
+            try:
+                found = line(opened(body, recording), true_MPa)
+            except Exception as error:  # noqa: BLE001 - a row says it, the others follow
+                found = f"{type(error).__name__}: {error}"
+            print(f"| {body.name} | {k} | {found} |", flush=True)
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

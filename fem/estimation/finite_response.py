@@ -1,0 +1,322 @@
+"""The response of flesh at finite strain to what a gel puts on it, frame by frame, and the fruit's motion.
+
+A fruit of modulus E in the frame t has turned and shifted, x = R (X + u) + c, and
+
+    u = U(f(t, u) / E),        E u = C f + [E U(f / E) - C f]
+
+with f the gel's traction over the deformed skin (fem.solid.gel_traction) in the fruit's own axes, and C the
+linear compliance. C f is solved for in every frame. The bracket is of second order: it is solved for in a few
+frames and predicted for the others by the kernel k(t, s) = a^2 + a^3, a(t, s) = f_t . C f_s (scaled), which
+is exact for maps of second and third degree where enough frames were computed. They are chosen greedily, each
+where the earlier ones predict least (pivoted Cholesky; Schaback and Wendland, "Kernel techniques", Acta
+Numerica 15, 2006, section 8).
+
+A marker's material point X is where it meets the deformed skin in the first frame of its contact. What the
+scan or a pose is off, each marker's own place takes up (fem.estimation.compliance_fit).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
+from fem.estimation.frame_thinning import loaded_frames
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.modulus import require_positive, tracks_compare
+from fem.estimation.unit_response import marker_tracks, tracks_of
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import SurfacePoints, locate
+from fem.solid.finite_strain import FiniteStrainSolid
+from fem.solid.gel_traction import GelField, GelFrame, nodal_force
+
+MOST_LEVELS = 8
+"""Frames in which large deformation is solved for, at most; UNPREDICTED ends the row before it."""
+UNPREDICTED = 0.01
+"""Frames are computed until what is left to predict is below this share of the largest correction."""
+TOLERANCE = 1e-4
+"""Forces out of balance, as a share of the load."""
+SOLUTIONS, SAME_MODULUS = 2, 3e-3
+"""Times at most that the bracket is solved for, and the relative change of E that needs no further one: the
+bracket is then off by this share of itself, and E by a tenth of that."""
+ROUNDS, AGREED = 6, 5e-4
+"""Rounds of traction, displacement, motion and modulus with one bracket, at most, and the relative change of
+E that ends them."""
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """x = R X + c of the fruit in each frame."""
+
+    turn: Float[np.ndarray, "f 3 3"]
+    shift_mm: Float[np.ndarray, "f 3"]
+
+    def into_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        return self.turned(x - self.shift_mm[:, None])
+
+    def out_of_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        return np.asarray(x @ self.turn.swapaxes(1, 2) + self.shift_mm[:, None])
+
+    def turned(self, v: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        return np.asarray(v @ self.turn)
+
+
+def with_finite_strain(
+    model: GraspModel,
+    history: GraspHistory,
+    finite: FiniteStrainSolid,
+    *,
+    recorded: GraspHistory,
+    scale_sd: float,
+) -> GraspModel:
+    """The model with what finite strain adds to its response in the frames used, at the E that it then gives.
+
+    `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
+    solid of `finite`. `recorded`: the same with the rims of its contacts. `scale_sd` as in
+    fem.estimation.compliance_fit. The fruit's own turn is part of what is added, since markers are compared
+    in the axes of the recording. A recording whose frames cannot be compared with each other gets the same
+    model back.
+
+    Raises FemFailure: NO_LOAD, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS, OFF_SURFACE.
+    """
+    used = loaded_frames(history)
+    tracks, force_N = marker_tracks(history, model, used)
+    if not tracks_compare(tracks):
+        return model
+    linear = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
+    response = finite_response(
+        history,
+        finite,
+        recorded=recorded,
+        modulus_MPa=require_positive(linear.compliance),
+        scale_sd=scale_sd,
+    )
+    correction = np.zeros((len(used), *model.place_mm.shape))
+    correction[used] = response.unit_displacement - model.unit_displacement(force_N)
+    return replace(model, displacement_correction=correction)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiniteResponse:
+    """`unit_displacement`: E times the markers' displacement in the frames used (mm MPa), in the axes of the
+    recording, with the fruit's own motion; zero out of contact. `fit`: that of 1/E, in the fruit's axes.
+    """
+
+    unit_displacement: Float[np.ndarray, "f n 3"]
+    modulus_MPa: float
+    fit: CompliantFit
+
+
+def finite_response(
+    driven: GraspHistory,
+    finite: FiniteStrainSolid,
+    *,
+    recorded: GraspHistory,
+    modulus_MPa: float,
+    scale_sd: float,
+) -> FiniteResponse:
+    """The response under the forces of `driven`; `modulus_MPa`: a first guess of E.
+
+    `recorded`, `scale_sd` and what it raises: as `with_finite_strain`.
+    """
+    solid, used = finite.solid, loaded_frames(driven)
+    skin = np.sort(solid.mesh.outer_nodes)
+    on_skin = replace(solid, contact_nodes=skin)
+    pads = [_PadFrames.of(*pair, used) for pair in zip(recorded.pads, driven.pads, strict=True)]
+    frames = int(used.sum())
+    motion = _Motion(np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)))
+    unit = np.zeros((frames, len(skin), 3))
+    beyond: _Beyond | None = None
+    for _ in range(SOLUTIONS + 1):
+        for _ in range(ROUNDS):
+            load = _loads(pads, solid.mesh, skin, motion, unit / modulus_MPa)
+            linear = on_skin.contact_displacement(load)
+            unit = linear if beyond is None else linear + beyond.at(modulus_MPa)
+            history = _in_fruit(driven, used, motion)
+            places, moved = _at_markers(solid.mesh, skin, history, used, unit, modulus_MPa)
+            tracks = tracks_of(history, used, normal=np.zeros_like(places), unit_displacement=moved)
+            tracks = replace(tracks, place_mm=places)
+            fit = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=solid.support == "free")
+            before, modulus_MPa = modulus_MPa, require_positive(fit.compliance)
+            if solid.support == "free":
+                motion = _motion(tracks, modulus_MPa, motion)
+            if abs(modulus_MPa / before - 1) < AGREED:
+                break
+        if beyond is not None and abs(modulus_MPa / beyond.modulus_MPa - 1) < SAME_MODULUS:
+            break
+        beyond = _beyond(finite, load, linear, skin, modulus_MPa, before=beyond)
+    else:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"found {before:.4f} and then {modulus_MPa:.4f} MPa at finite strain, expected them to agree to "
+            f"{SAME_MODULUS:.1%}: check the forces",
+        )
+    apart = motion.out_of_fruit(places + moved / modulus_MPa) - places
+    on = (tracks.episode >= 0)[..., None]
+    return FiniteResponse(
+        unit_displacement=np.where(on, modulus_MPa * apart, 0.0), modulus_MPa=modulus_MPa, fit=fit
+    )
+
+
+@dataclass(frozen=True)
+class _PadFrames:
+    """One pad in the frames used, its own axes (mm, N)."""
+
+    rest_mm: Float[np.ndarray, "n 3"]
+    turn: Float[np.ndarray, "f 3 3"]
+    origin_mm: Float[np.ndarray, "f 3"]
+    fields: tuple[GelField | None, ...]
+
+    @classmethod
+    def of(cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"]) -> "_PadFrames":
+        """Its pose is that which brings the markers at rest to where their gel stood."""
+        rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
+        middle = rest.mean(axis=0)
+        turn = np.stack(
+            [Rotation.align_vectors(x - x.mean(axis=0), rest - middle)[0].as_matrix() for x in at]
+        )
+        return cls(
+            rest_mm=rest,
+            turn=turn,
+            origin_mm=at.mean(axis=1) - turn @ middle,
+            fields=tuple(
+                GelField.of(GelFrame(rest_mm=rest[:, :2], shear_mm=moved[:, :2], force_N=force, touching=on))
+                for moved, force, on in zip(
+                    recorded.gel_displacement_mm[used] @ turn,
+                    driven.force_N[used] @ turn,
+                    recorded.episode[used] >= 0,
+                    strict=True,
+                )
+            ),
+        )
+
+
+def _loads(
+    pads: list[_PadFrames], mesh: FleshMesh, skin: Int[np.ndarray, " c"], motion: _Motion,
+    moved_mm: Float[np.ndarray, "f c 3"],
+) -> Float[np.ndarray, "f n 3"]:  # fmt: skip
+    """What all pads put on the nodes in each frame, N, in the fruit's axes."""
+    faces = np.searchsorted(skin, mesh.outer_faces)
+    load = np.zeros((len(moved_mm), *mesh.nodes_mm.shape))
+    for frame, moved in enumerate(moved_mm):
+        here = (mesh.nodes_mm[skin] + moved) @ motion.turn[frame].T + motion.shift_mm[frame]
+        for pad in pads:
+            field = pad.fields[frame]
+            if field is not None:
+                local = (here - pad.origin_mm[frame]) @ pad.turn[frame]
+                load[frame, skin] += nodal_force(field, local, faces) @ pad.turn[frame].T
+    return motion.turned(load)
+
+
+@dataclass(frozen=True)
+class _Beyond:
+    """E U(f / E) - C f on the skin in all frames for E = `modulus_MPa`; whole fields in the `computed`."""
+
+    modulus_MPa: float
+    in_all_frames: Float[np.ndarray, "f c 3"]
+    computed: Int[np.ndarray, " k"]
+    moved_mm: Float[np.ndarray, "k n 3"]
+
+    def at(self, modulus_MPa: float) -> Float[np.ndarray, "f c 3"]:
+        """For another E, to leading order."""
+        return self.in_all_frames * (self.modulus_MPa / modulus_MPa)
+
+
+def _beyond(
+    finite: FiniteStrainSolid, load: Float[np.ndarray, "f n 3"], linear: Float[np.ndarray, "f c 3"],
+    skin: Int[np.ndarray, " c"], modulus_MPa: float, *, before: _Beyond | None,
+) -> _Beyond:  # fmt: skip
+    work = np.einsum("tcx,scx->ts", load[:, skin], linear, optimize=True)
+    kernel = _kernel(work)
+    chosen = _chosen(kernel) if before is None else before.computed
+    chosen = chosen[np.argsort(np.diag(work)[chosen])]
+    start = None if before is None else before.moved_mm * (before.modulus_MPa / modulus_MPa)
+    found = finite.displacement(load[chosen] / modulus_MPa, start=start, tolerance=TOLERANCE)
+    moved_mm = found.require_equilibrium().displacement
+    own = kernel[np.ix_(chosen, chosen)]
+    weights = np.linalg.solve(own + 1e-10 * np.trace(own) * np.eye(len(chosen)), kernel[chosen])
+    added = modulus_MPa * moved_mm[:, skin] - linear[chosen]
+    return _Beyond(modulus_MPa, np.einsum("kt,kcx->tcx", weights, added, optimize=True), chosen, moved_mm)
+
+
+def _in_fruit(history: GraspHistory, used: Bool[np.ndarray, " t"], motion: _Motion) -> GraspHistory:
+    """The recording in the fruit's own axes; frames that are not used stay as they are."""
+    pads = []
+    for pad in history.pads:
+        position, gel, force = (
+            values.copy() for values in (pad.position_mm, pad.gel_displacement_mm, pad.force_N)
+        )
+        position[used] = motion.into_fruit(position[used])
+        gel[used], force[used] = motion.turned(gel[used]), motion.turned(force[used])
+        pads.append(replace(pad, position_mm=position, gel_displacement_mm=gel, force_N=force))
+    return replace(history, pads=tuple(pads))
+
+
+def _at_markers(
+    mesh: FleshMesh, skin: Int[np.ndarray, " c"], history: GraspHistory, used: Bool[np.ndarray, " t"],
+    unit: Float[np.ndarray, "f c 3"], modulus_MPa: float,
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "f n 3"]]:  # fmt: skip
+    """The markers' material points (of their last contact), and E u there; zero out of contact."""
+    episode = np.concatenate([pad.episode[used] for pad in history.pads], axis=1)
+    position = np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1)
+    places = np.concatenate([pad.surface_mm for pad in history.pads])
+    moved = np.zeros_like(position)
+    for contact in range(int(episode.max()) + 1):
+        during = episode == contact
+        first = during.argmax(axis=0)
+        for frame in np.unique(first[during.any(axis=0)]):
+            who = np.flatnonzero(during.any(axis=0) & (first == frame))
+            at = _on_deformed(mesh, skin, unit[frame] / modulus_MPa, position[frame, who])
+            places[who] = at.sample(mesh.nodes_mm[skin][None])[0]
+            moved[:, who] = np.where(during[:, who, None], at.sample(unit), moved[:, who])
+    return places, moved
+
+
+def _on_deformed(
+    mesh: FleshMesh, skin: Int[np.ndarray, " c"], moved_mm: Float[np.ndarray, "c 3"],
+    points_mm: Float[np.ndarray, "p 3"],
+) -> SurfacePoints:  # fmt: skip
+    """The points of the deformed skin closest to the given ones, as points among the skin's nodes."""
+    nodes = mesh.nodes_mm.copy()
+    nodes[skin] += moved_mm
+    return locate(FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes), points_mm).among(skin)
+
+
+def _motion(tracks: MarkerTracks, modulus_MPa: float, motion: _Motion) -> _Motion:
+    """The fruit's motion by which the modelled markers come nearest to the measured ones, frame by frame.
+
+    `tracks`: in the axes of `motion`, which this refines. Source: Kabsch, Acta Crystallographica A 32, 1976.
+    """
+    modelled = tracks.place_mm + tracks.unit_displacement / modulus_MPa
+    turn, shift = motion.turn.copy(), motion.shift_mm.copy()
+    for frame, on in enumerate(tracks.episode >= 0):
+        if on.sum() < 3:
+            continue
+        here, there = modelled[frame, on], tracks.position_mm[frame, on]
+        more = Rotation.align_vectors(there - there.mean(axis=0), here - here.mean(axis=0))[0].as_matrix()
+        shift[frame] += turn[frame] @ (there.mean(axis=0) - more @ here.mean(axis=0))
+        turn[frame] = turn[frame] @ more
+    return _Motion(turn, shift)
+
+
+def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:
+    """a^2 + a^3, a the work of the frames on each other as a share of the greatest frame's own."""
+    a = (work + work.T) / (2 * np.diag(work).max())
+    return np.asarray(a**2 + a**3)
+
+
+def _chosen(kernel: Float[np.ndarray, "t t"]) -> Int[np.ndarray, " k"]:
+    """Frames by pivoted Cholesky, until the others are predicted to UNPREDICTED."""
+    left, columns, chosen = np.diag(kernel).copy(), np.zeros((len(kernel), 0)), list[int]()
+    greatest = left.max()
+    while len(chosen) < min(MOST_LEVELS, len(kernel)) and np.sqrt(left.max() / greatest) > UNPREDICTED:
+        pivot = int(left.argmax())
+        column = (kernel[:, pivot] - columns @ columns[pivot]) / np.sqrt(left[pivot])
+        columns = np.column_stack([columns, column])
+        left = np.maximum(left - column**2, 0.0)
+        left[[*chosen, pivot]] = 0.0
+        chosen.append(pivot)
+    return np.array(chosen)

@@ -1,0 +1,106 @@
+"""The gel's load on the skin: total force, place and moment of a pressure whose integral is known."""
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from fem.solid.gel_traction import GelField, GelFrame, nodal_force, skin_rule
+from fem.solid.traction import cell_areas
+
+RADIUS_MM, PEAK_MPA, KT = 5.3, 0.2, 0.055
+
+
+def grid(pitch_mm: float, half_mm: float = 10.0) -> np.ndarray:
+    line = np.arange(-half_mm, half_mm + pitch_mm / 2, pitch_mm) + 0.13 * pitch_mm
+    return np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def pressure(places: np.ndarray) -> np.ndarray:
+    """A paraboloid: on springs a ball presses so. Its integral is pi a^2 p / 2."""
+    return PEAK_MPA * np.maximum(1 - (places**2).sum(axis=1) / RADIUS_MM**2, 0)
+
+
+def gel(rest_mm: np.ndarray, cell_mm2: float, shear=(0.0, 0.0)) -> GelFrame:
+    on = pressure(rest_mm) > 0
+    force = np.column_stack([np.zeros((len(rest_mm), 2)), pressure(rest_mm)]) * cell_mm2
+    moved = on[:, None] * np.array(shear)
+    force[:, :2] = KT * moved * cell_mm2
+    return GelFrame(rest_mm=rest_mm, shear_mm=moved, force_N=force, touching=on)
+
+
+def flat_skin(edge_mm: float, way=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+    """A plane of T6 faces that look towards the pad (-z), moved by `way`."""
+    corners = grid(edge_mm, 9.0)
+    triangles = Delaunay(corners).simplices
+    middles = (corners[triangles] + corners[np.roll(triangles, -1, axis=1)]) / 2
+    nodes = np.vstack([corners, middles.reshape(-1, 2)])
+    faces = np.column_stack([triangles, len(corners) + np.arange(middles.size // 2).reshape(-1, 3)])
+    faces = faces[:, [0, 2, 1, 5, 4, 3]]
+    return np.column_stack([nodes + np.array(way), np.zeros(len(nodes))]), faces
+
+
+def load(frame: GelFrame, nodes: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    field = GelField.of(frame)
+    assert field is not None
+    return nodal_force(field, nodes, faces)
+
+
+@pytest.mark.parametrize("edge_mm", [0.8, 2.1])
+def test_the_total_is_that_of_the_pressure_and_not_of_an_overshoot_at_the_rim(edge_mm):
+    true_N = np.pi * RADIUS_MM**2 * PEAK_MPA / 2
+    total = load(gel(grid(1.0), 1.0), *flat_skin(edge_mm))[:, 2].sum()
+    assert total == pytest.approx(true_N, rel=2e-3)
+
+
+def test_twice_the_markers_bring_a_quarter_of_the_error():
+    true_N = np.pi * RADIUS_MM**2 * PEAK_MPA / 2
+    off = [
+        abs(load(gel(grid(pitch), pitch**2), *flat_skin(0.8))[:, 2].sum() / true_N - 1)
+        for pitch in (2.0, 1.0)
+    ]
+    assert off[1] < 0.3 * off[0]
+
+
+def test_the_load_acts_where_shear_has_moved_the_gel():
+    """Skin and gel moved aside together: the same forces on the same nodes."""
+    way = (0.31, -0.22)
+    still = load(gel(grid(1.0), 1.0), *flat_skin(1.3))
+    moved = load(gel(grid(1.0), 1.0, shear=way), *flat_skin(1.3, way))
+    assert np.abs(moved[:, 2] - still[:, 2]).max() < 2e-3 * still[:, 2].max()
+    shear_N = moved[:, :2].sum(axis=0)
+    assert shear_N == pytest.approx(KT * np.pi * RADIUS_MM**2 * np.array(way), rel=0.06)
+
+
+def test_the_far_side_of_the_fruit_is_not_loaded():
+    nodes, faces = flat_skin(1.3)
+    behind = faces[:, [0, 2, 1, 5, 4, 3]]
+    both = np.vstack([nodes, nodes + np.array([0, 0, 40])])
+    force = load(gel(grid(1.0), 1.0), both, np.vstack([faces, behind + len(nodes)]))
+    assert not force[len(nodes) :].any()
+    assert force[: len(nodes), 2].sum() > 0
+
+
+def test_few_markers_load_the_skin_with_about_their_force():
+    rest = grid(1.0)
+    on = np.linalg.norm(rest - rest[len(rest) // 2], axis=1) < 1.1  # five of them
+    force = np.zeros((len(rest), 3))
+    force[on, 2] = 0.05
+    frame = GelFrame(rest_mm=rest, shear_mm=np.zeros((len(rest), 2)), force_N=force, touching=on)
+    assert load(frame, *flat_skin(0.8))[:, 2].sum() == pytest.approx(0.25, rel=0.1)
+
+
+def test_nothing_touches_is_no_field():
+    frame = gel(grid(1.0) + 50.0, 1.0)
+    assert GelField.of(frame) is None
+
+
+def test_cells_of_a_grid_are_whole_at_its_border_too():
+    assert cell_areas(grid(1.5)) == pytest.approx(2.25, rel=1e-9)
+
+
+def test_the_rule_integrates_squares():
+    points, weights = skin_rule()
+    assert weights.sum() == pytest.approx(0.5)
+    assert (points[:, 0] ** 2) @ weights == pytest.approx(1 / 12)
+    assert points.min() > 0
+    assert points.sum(axis=1).max() < 1
