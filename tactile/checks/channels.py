@@ -18,9 +18,9 @@ from tactile.checks.pressing import (
 )
 
 FIELDS: tuple[Field, Field] = ("displacement", "force")
-LIVELY, PRESSED_AROUND = 0.5, 0.5
+LIVELY, PRESSED_AROUND = 0.5, 0.75
 """A frame tells frozen markers where more than this share of all markers differ from the frame before; a
-marker is asked where half of its four neighbours are pressed."""
+marker is asked where three of its four neighbours are pressed: beside a round patch two may be."""
 FROZEN_FRAMES, FROZEN_SHARE = 3, 0.25
 """A marker counts as dead where it repeats itself exactly in so many frames, and in this share of those, in
 which it is asked. A marker with noise of 4 um in steps of 0.1 um does so by chance

@@ -22,12 +22,12 @@ from recording_mistakes import (
 )
 
 from samples.fruit import fruits_of_seed, scanned_mesh
-from tactile.checks.channels import noise_findings
+from tactile.checks.channels import dead_markers, noise_findings
 from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import noise_shares, pressing_of
 from tactile.checks.time_order import dropped_steps
-from tactile.io.recording import read_recording
+from tactile.io.recording import GelPad, read_recording
 
 
 def test_a_sound_recording_passes(nectarine_grasp):
@@ -143,6 +143,28 @@ def test_a_force_of_noise_alone_is_dead_and_a_pad_that_feels_nothing_is_left_to_
     assert "force is dead" in findings(dead, mesh)[0].sentence
     silent = on_pads(lambda p: replace(p, displacement_mm=rng.normal(0, 0.004, p.force_N.shape)))(dead)
     assert findings(silent, mesh) == []
+
+
+def test_markers_beside_a_patch_are_not_dead_where_nothing_is_noisy():
+    """Their zeros repeat exactly, frame by frame, while two of their four neighbours are pressed."""
+    line = np.arange(20) - 9.5
+    rest = np.stack([*np.meshgrid(line, line, indexing="ij"), np.zeros((20, 20))], axis=-1).reshape(-1, 3)
+    depth = np.concatenate([np.zeros(10), 1.2 * -np.expm1(-np.arange(1, 61) / 8)])[:, None]
+    held = np.maximum(depth - (rest[:, :2] ** 2).sum(axis=1) / 80, 0)
+    normal = held[..., None] * np.array([0.0, 0.0, 1.0])
+    pad = GelPad(
+        name="left",
+        pose=np.tile(np.eye(4), (70, 1, 1)),
+        rest_mm=rest,
+        displacement_mm=-normal,
+        force_N=0.22 * normal,
+        gel_kn_MPa_per_mm=0.22,
+        gel_kt_MPa_per_mm=0.055,
+    )
+    assert not dead_markers(pressing_of(pad))[0].any()
+    stuck = pad.displacement_mm.copy()
+    stuck[:, 210] = 0.0  # in the middle of the patch
+    assert dead_markers(pressing_of(replace(pad, displacement_mm=stuck)))[0].nonzero()[0].tolist() == [210]
 
 
 def test_a_gain_widens_the_error_by_what_it_may_do(nectarine_grasp):
