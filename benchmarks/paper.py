@@ -31,7 +31,7 @@ from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.modulus import ModulusEstimate, estimate_modulus
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory
-from fem.materials.neo_hookean import NeoHookean
+from fem.materials.decoupled_neo_hookean import DecoupledNeoHookean
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.closed_forms import hertz_sphere_force_N, s368_parallel_plates_modulus_MPa
 from fem.solid.finite_strain import FiniteStrainSolid
@@ -115,7 +115,7 @@ def _modulus(
     """The one place where an estimate is made; `finite`: with the Neo-Hookean model."""
     model = grasp_model(history, solid)
     if finite:
-        flesh = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=POISSON_RATIO))
+        flesh = FiniteStrainSolid(solid=solid, law=DecoupledNeoHookean(poisson_ratio=POISSON_RATIO))
         model = with_finite_strain(model, history, flesh, recorded=history, scale_sd=budget.gel_scale_sd)
     return estimate_modulus(history, model, budget=budget)
 

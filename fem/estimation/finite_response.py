@@ -11,8 +11,8 @@ is exact for maps of second and third degree where enough frames were computed. 
 where the earlier ones predict least (pivoted Cholesky; Schaback and Wendland, "Kernel techniques", Acta
 Numerica 15, 2006, section 8).
 
-A marker's material point X is where it meets the deformed skin in the first frame of its contact. What the
-scan or a pose is off, each marker's own place takes up (fem.estimation.compliance_fit).
+A marker's material point X is where it meets the deformed skin in the first frame of its contact. Each
+marker's fitted place absorbs errors of scan and pose (fem.estimation.compliance_fit).
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
+from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance, rigid_motion
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import require_positive, tracks_compare
@@ -34,14 +34,16 @@ from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.gel_traction import GelField, GelFrame, nodal_force
 
 MOST_LEVELS = 8
-"""Frames in which large deformation is solved for, at most; UNPREDICTED ends the row before it."""
+"""Frames in which large deformation is solved for, at most; usually UNPREDICTED stops the choice earlier."""
 UNPREDICTED = 0.01
-"""Frames are computed until what is left to predict is below this share of the largest correction."""
+"""Frames are computed until the prediction error is below this share of the largest correction."""
 TOLERANCE = 1e-4
 """Forces out of balance, as a share of the load."""
 SOLUTIONS, SAME_MODULUS = 2, 3e-3
 """Times at most that the bracket is solved for, and the relative change of E that needs no further one: the
 bracket is then off by this share of itself, and E by a tenth of that."""
+JITTER = 1e-10
+"""Of the kernel's trace, added to its diagonal: chosen frames may be nearly alike."""
 ROUNDS, AGREED = 6, 5e-4
 """Rounds of traction, displacement, motion and modulus with one bracket, at most, and the relative change of
 E that ends them."""
@@ -80,7 +82,7 @@ def with_finite_strain(
     in the axes of the recording. A recording whose frames cannot be compared with each other gets the same
     model back.
 
-    Raises FemFailure: NO_LOAD, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS, OFF_SURFACE.
+    Raises FemFailure: NO_LOAD, TOO_FEW_MARKERS, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS.
     """
     used = loaded_frames(history)
     tracks, force_N = marker_tracks(history, model, used)
@@ -102,7 +104,8 @@ def with_finite_strain(
 @dataclass(frozen=True, kw_only=True)
 class FiniteResponse:
     """`unit_displacement`: E times the markers' displacement in the frames used (mm MPa), in the axes of the
-    recording, with the fruit's own motion; zero out of contact. `fit`: that of 1/E, in the fruit's axes.
+    recording, less a small rigid motion in each frame; zero out of contact. `fit`: that of 1/E, in the axes of
+    the fruit.
     """
 
     unit_displacement: Float[np.ndarray, "f n 3"]
@@ -130,35 +133,65 @@ def finite_response(
     motion = _Motion(np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)))
     unit = np.zeros((frames, len(skin), 3))
     beyond: _Beyond | None = None
-    for _ in range(SOLUTIONS + 1):
+    solved_MPa = modulus_MPa
+    for solutions in range(SOLUTIONS + 1):
         for _ in range(ROUNDS):
             load = _loads(pads, solid.mesh, skin, motion, unit / modulus_MPa)
+            if not load.any():
+                raise FemFailure(
+                    FemProblem.NO_LOAD,
+                    "no force of a pad reaches the mesh, expected a pad that faces its skin: check poses",
+                )
             linear = on_skin.contact_displacement(load)
             unit = linear if beyond is None else linear + beyond.at(modulus_MPa)
             history = _in_fruit(driven, used, motion)
             places, moved = _at_markers(solid.mesh, skin, history, used, unit, modulus_MPa)
-            tracks = tracks_of(history, used, normal=np.zeros_like(places), unit_displacement=moved)
-            tracks = replace(tracks, place_mm=places)
+            tracks = tracks_of(history, used, normal=np.zeros_like(places[0]), unit_displacement=moved)
             fit = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=solid.support == "free")
             before, modulus_MPa = modulus_MPa, require_positive(fit.compliance)
             if solid.support == "free":
-                motion = _motion(tracks, modulus_MPa, motion)
+                motion = _motion(tracks, places + moved / modulus_MPa, motion)
             if abs(modulus_MPa / before - 1) < AGREED:
                 break
-        if beyond is not None and abs(modulus_MPa / beyond.modulus_MPa - 1) < SAME_MODULUS:
+        if solutions and abs(modulus_MPa / solved_MPa - 1) < SAME_MODULUS:
             break
+        if solutions == SOLUTIONS:
+            raise FemFailure(
+                FemProblem.NOT_CONVERGED,
+                f"found {solved_MPa:.4f} and then {modulus_MPa:.4f} MPa after {SOLUTIONS} solutions at "
+                f"finite strain, expected them to agree to {SAME_MODULUS:.1%}: check the forces",
+            )
+        solved_MPa = modulus_MPa
         beyond = _beyond(finite, load, linear, skin, modulus_MPa, before=beyond)
-    else:
-        raise FemFailure(
-            FemProblem.NOT_CONVERGED,
-            f"found {before:.4f} and then {modulus_MPa:.4f} MPa at finite strain, expected them to agree to "
-            f"{SAME_MODULUS:.1%}: check the forces",
-        )
     apart = motion.out_of_fruit(places + moved / modulus_MPa) - places
+    if solid.support == "free":
+        apart = _without_rigid_motion(apart, tracks)
     on = (tracks.episode >= 0)[..., None]
     return FiniteResponse(
         unit_displacement=np.where(on, modulus_MPa * apart, 0.0), modulus_MPa=modulus_MPa, fit=fit
     )
+
+
+def _without_rigid_motion(
+    moved_mm: Float[np.ndarray, "f n 3"], tracks: MarkerTracks
+) -> Float[np.ndarray, "f n 3"]:
+    """Less each frame's own small rigid motion of the markers that touch: what is left of a turn is of second
+    order.
+    """
+    modes = rigid_motion(tracks.place_mm)
+    left = moved_mm.copy()
+    for frame, on in enumerate(tracks.episode >= 0):
+        if on.any():
+            own = modes[on].reshape(-1, 6)
+            amounts = np.linalg.lstsq(own, moved_mm[frame, on].ravel(), rcond=None)[0]
+            left[frame] -= modes @ amounts
+    return left
+
+
+ON_A_LINE = 1e-3
+"""Width over length below which markers tell no turn."""
+HALF_TURN = np.array([1.0, -1.0, -1.0])
+"""About the x axis."""
 
 
 @dataclass(frozen=True)
@@ -172,12 +205,19 @@ class _PadFrames:
 
     @classmethod
     def of(cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"]) -> "_PadFrames":
-        """Its pose is that which brings the markers at rest to where their gel stood."""
+        """Its pose brings the markers at rest to where their gel stood; z points into the fruit."""
         rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
+        if not _span_a_plane(rest):
+            raise FemFailure(
+                FemProblem.TOO_FEW_MARKERS,
+                f"the {len(rest)} markers of pad {recorded.name} lie on a line, expected some beside it too",
+            )
         middle = rest.mean(axis=0)
         turn = np.stack(
             [Rotation.align_vectors(x - x.mean(axis=0), rest - middle)[0].as_matrix() for x in at]
         )
+        if float((driven.force_N[used].sum(axis=1) * turn[:, :, 2]).sum()) < 0:
+            rest, middle, turn = rest * HALF_TURN, middle * HALF_TURN, turn * HALF_TURN
         return cls(
             rest_mm=rest,
             turn=turn,
@@ -231,15 +271,25 @@ def _beyond(
 ) -> _Beyond:  # fmt: skip
     work = np.einsum("tcx,scx->ts", load[:, skin], linear, optimize=True)
     kernel = _kernel(work)
-    chosen = _chosen(kernel) if before is None else before.computed
-    chosen = chosen[np.argsort(np.diag(work)[chosen])]
+    if before is None:
+        chosen = _chosen(kernel)
+        chosen = chosen[np.argsort(np.diag(work)[chosen])]
+    else:
+        chosen = before.computed
     start = None if before is None else before.moved_mm * (before.modulus_MPa / modulus_MPa)
     found = finite.displacement(load[chosen] / modulus_MPa, start=start, tolerance=TOLERANCE)
     moved_mm = found.require_equilibrium().displacement
-    own = kernel[np.ix_(chosen, chosen)]
-    weights = np.linalg.solve(own + 1e-10 * np.trace(own) * np.eye(len(chosen)), kernel[chosen])
     added = modulus_MPa * moved_mm[:, skin] - linear[chosen]
-    return _Beyond(modulus_MPa, np.einsum("kt,kcx->tcx", weights, added, optimize=True), chosen, moved_mm)
+    return _Beyond(modulus_MPa, _predicted(kernel, chosen, added), chosen, moved_mm)
+
+
+def _predicted(
+    kernel: Float[np.ndarray, "f f"], chosen: Int[np.ndarray, " k"], values: Float[np.ndarray, "k c 3"]
+) -> Float[np.ndarray, "f c 3"]:
+    """Of all frames, from the values of the chosen ones."""
+    among = kernel[np.ix_(chosen, chosen)]
+    weights = np.linalg.solve(among + JITTER * np.trace(among) * np.eye(len(chosen)), kernel[chosen])
+    return np.asarray(np.einsum("kt,kcx->tcx", weights, values, optimize=True))
 
 
 def _in_fruit(history: GraspHistory, used: Bool[np.ndarray, " t"], motion: _Motion) -> GraspHistory:
@@ -256,22 +306,26 @@ def _in_fruit(history: GraspHistory, used: Bool[np.ndarray, " t"], motion: _Moti
 
 
 def _at_markers(
-    mesh: FleshMesh, skin: Int[np.ndarray, " c"], history: GraspHistory, used: Bool[np.ndarray, " t"],
-    unit: Float[np.ndarray, "f c 3"], modulus_MPa: float,
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "f n 3"]]:  # fmt: skip
-    """The markers' material points (of their last contact), and E u there; zero out of contact."""
+    mesh: FleshMesh,
+    skin: Int[np.ndarray, " c"],
+    history: GraspHistory,
+    used: Bool[np.ndarray, " t"],
+    unit: Float[np.ndarray, "f c 3"],
+    modulus_MPa: float,
+) -> tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f n 3"]]:
+    """The markers' material points in each frame (one a contact), and E u there; zero out of contact."""
     episode = np.concatenate([pad.episode[used] for pad in history.pads], axis=1)
     position = np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1)
-    places = np.concatenate([pad.surface_mm for pad in history.pads])
-    moved = np.zeros_like(position)
+    places, moved = position.copy(), np.zeros_like(position)
     for contact in range(int(episode.max()) + 1):
         during = episode == contact
         first = during.argmax(axis=0)
         for frame in np.unique(first[during.any(axis=0)]):
             who = np.flatnonzero(during.any(axis=0) & (first == frame))
             at = _on_deformed(mesh, skin, unit[frame] / modulus_MPa, position[frame, who])
-            places[who] = at.sample(mesh.nodes_mm[skin][None])[0]
-            moved[:, who] = np.where(during[:, who, None], at.sample(unit), moved[:, who])
+            here = during[:, who, None]
+            places[:, who] = np.where(here, at.sample(mesh.nodes_mm[skin][None]), places[:, who])
+            moved[:, who] = np.where(here, at.sample(unit), moved[:, who])
     return places, moved
 
 
@@ -285,21 +339,31 @@ def _on_deformed(
     return locate(FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes), points_mm).among(skin)
 
 
-def _motion(tracks: MarkerTracks, modulus_MPa: float, motion: _Motion) -> _Motion:
+def _motion(tracks: MarkerTracks, modelled_mm: Float[np.ndarray, "f n 3"], motion: _Motion) -> _Motion:
     """The fruit's motion by which the modelled markers come nearest to the measured ones, frame by frame.
 
-    `tracks`: in the axes of `motion`, which this refines. Source: Kabsch, Acta Crystallographica A 32, 1976.
+    `tracks`: in the axes of `motion`, which this refines. A frame whose markers tell no turn moves like the
+    nearest that has one. Source: Kabsch, Acta Crystallographica A 32, 1976.
     """
-    modelled = tracks.place_mm + tracks.unit_displacement / modulus_MPa
     turn, shift = motion.turn.copy(), motion.shift_mm.copy()
-    for frame, on in enumerate(tracks.episode >= 0):
-        if on.sum() < 3:
-            continue
-        here, there = modelled[frame, on], tracks.position_mm[frame, on]
+    told = [frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])]
+    for frame in told:
+        on = tracks.episode[frame] >= 0
+        here, there = modelled_mm[frame, on], tracks.position_mm[frame, on]
         more = Rotation.align_vectors(there - there.mean(axis=0), here - here.mean(axis=0))[0].as_matrix()
         shift[frame] += turn[frame] @ (there.mean(axis=0) - more @ here.mean(axis=0))
         turn[frame] = turn[frame] @ more
+    for frame in np.setdiff1d(np.arange(len(turn)), told) if told else ():
+        nearest = told[int(np.abs(np.array(told) - frame).argmin())]
+        turn[frame], shift[frame] = turn[nearest], shift[nearest]
     return _Motion(turn, shift)
+
+
+def _span_a_plane(places: Float[np.ndarray, "n 3"]) -> bool:
+    if len(places) < 3:
+        return False
+    size = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return bool(size[1] > ON_A_LINE * size[0])
 
 
 def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:

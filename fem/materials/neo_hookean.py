@@ -1,4 +1,4 @@
-"""The compressible Neo-Hookean law: the shear modulus never changes, geometry does all the rest.
+"""The compressible Neo-Hookean law of the flesh, in the form of Bonet and Wood.
 
 With J = det F, G = F^-T and Lame's constants mu and lambda:
 

@@ -12,7 +12,7 @@ The pressure ends with a kink at the rim of the contact. A smooth interpolant th
 overshoots there: clipped at zero, bicubic splines carry 0.3 to 1 % more than the pad's force. So the field is
 interpolated through the markers that touch (polyharmonic spline r^3 with a plane; Wendland, "Scattered Data
 Approximation", 2005, section 8.3) and continued to the place where its pressure vanishes. A marker that does
-not touch bounds it: its pressure is set to zero where the continuation is positive.
+not touch bounds it: its pressure is set to zero where the continuation has the sign of the next that touches.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import RBFInterpolator, RectBivariateSpline
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from fem.elements.shape_functions import t6_gradient, t6_shape
+from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.traction import cell_areas
 
 FEWEST = 6
@@ -32,11 +33,14 @@ BEYOND = 1.5
 """Pitches beyond the touching markers at which the field ends: the rim lies less than one diagonal of a cell
 (1.42) from the last marker that touches."""
 BOUNDS = 4
-"""Times that markers without contact are added as bounds; the second already finds hardly any."""
+"""Times that markers without contact are added as bounds; the second pass adds almost none."""
 FIXED_POINT = 4
 """Steps of a = y - s(a); shear strain of the gel is a tenth, so that each takes nine tenths of the error."""
+LONE = 0.5
+"""Share of a pad's markers without a cell of gel above which no traction is made of their forces."""
 GRID = 2.0
-"""Values a pitch between which the field is bicubic: it knows markers alone, and is smooth over a pitch."""
+"""Values a pitch between which the field is bicubic: its data are the markers, so that it is smooth over a
+pitch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,28 +58,52 @@ class GelFrame:
 
 
 @dataclass(frozen=True)
+class MarkerGrid:
+    """All markers of a pad, touching or not: their hull, and `pitch_mm`, the distance to the next."""
+
+    hull: Delaunay
+    near: cKDTree
+    pitch_mm: float
+
+    def covers(self, a: Float[np.ndarray, "q 2"]) -> Bool[np.ndarray, " q"]:
+        """Whether a place belongs to a marker's cell: no force is known beyond the cells of the border."""
+        beside = self.near.query(a, p=np.inf)[0] <= self.pitch_mm / 2
+        return np.asarray(beside | (self.hull.find_simplex(a) >= 0))
+
+
+@dataclass(frozen=True)
 class GelField:
     """Traction (MPa) and shear displacement (mm) over the gel of one frame, pad frame, beyond its rim too.
 
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
-    `reach_mm` from the markers that touch (`near`). `shear_mm`: the greatest component of theirs.
+    `reach_mm` from the markers that touch (`near`). `signs`: of their normal force, as gel that sticks may
+    pull. `shear_mm`: their greatest.
     """
 
     components: tuple[RectBivariateSpline, ...]
+    grid: MarkerGrid
     near: cKDTree
+    signs: Float[np.ndarray, " k"]
     reach_mm: float
     shear_mm: float
 
     @classmethod
     def of(cls, gel: GelFrame) -> "GelField | None":
-        """None where nothing touches."""
+        """None where nothing touches. Raises TOO_FEW_MARKERS where the markers are no grid."""
         on = gel.touching
         if not on.any():
             return None
-        pitch = float(np.median(np.asarray(cKDTree(gel.rest_mm).query(gel.rest_mm, k=[2])[0])))
-        areas = np.nan_to_num(cell_areas(gel.rest_mm), nan=pitch**2)
+        areas = cell_areas(gel.rest_mm)
+        if np.isnan(areas).mean() > LONE:
+            raise FemFailure(
+                FemProblem.TOO_FEW_MARKERS,
+                f"{int(np.isnan(areas).sum())} of {len(areas)} markers of a pad have no neighbours that span "
+                "an area with them, expected a grid: without it the gel of each marker is not known",
+            )
+        pitch = float(np.sqrt(np.nanmedian(areas)))
+        areas = np.nan_to_num(areas, nan=pitch**2)
         values = np.column_stack([gel.force_N / areas[:, None], gel.shear_mm])
-        shear = float(np.abs(gel.shear_mm[on]).max())
+        shear = float(np.linalg.norm(gel.shear_mm[on], axis=1).max())
         margin = BEYOND * pitch + shear
         low, high = gel.rest_mm[on].min(axis=0) - margin, gel.rest_mm[on].max(axis=0) + margin
         x, y = (
@@ -86,7 +114,14 @@ class GelField:
         known = _continued(gel.rest_mm, values, on, pitch)(places.reshape(-1, 2))
         known = known.reshape(*places.shape[:2], 5)
         components = tuple(RectBivariateSpline(x, y, known[..., k]) for k in range(5))
-        return cls(components, cKDTree(gel.rest_mm[on]), BEYOND * pitch, shear)
+        return cls(
+            components=components,
+            grid=MarkerGrid(Delaunay(gel.rest_mm), cKDTree(gel.rest_mm), pitch),
+            near=cKDTree(gel.rest_mm[on]),
+            signs=np.sign(gel.force_N[on, 2]),
+            reach_mm=BEYOND * pitch,
+            shear_mm=shear,
+        )
 
     def gel_points(self, y: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 2"]:
         """a = y - s(a)."""
@@ -96,10 +131,12 @@ class GelField:
         return np.asarray(a)
 
     def traction(self, a: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 3"]:
-        """On the fruit; zero where the continued pressure is not positive."""
+        """On the fruit; zero where the normal part has another sign than at the next marker that touches."""
         found = np.column_stack([t.ev(*a.T) for t in self.components[:3]])
-        away = self.near.query(a, distance_upper_bound=self.reach_mm)[0]
-        inside = (found[:, 2] > 0) & np.isfinite(away)
+        away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
+        sign = np.append(self.signs, 0.0)[who]
+        inside = (found[:, 2] * sign > 0) & np.isfinite(away)
+        inside[inside] = self.grid.covers(a[inside])
         return np.asarray(found * inside[:, None])
 
 
@@ -147,10 +184,11 @@ def _continued(
     near = cKDTree(rest_mm[on])
     spline = _spline(rest_mm[on], values[on])
     beyond = np.flatnonzero(~on & (near.query(rest_mm)[0] < 2 * BEYOND * pitch))
+    sign = np.sign(values[on, 2])[near.query(rest_mm[beyond])[1]]
     bounds = np.zeros(0, dtype=np.int64)
     for _ in range(BOUNDS):
         continued = spline(rest_mm[beyond]) if len(beyond) else np.zeros((0, 5))
-        more = np.setdiff1d(beyond[continued[:, 2] > 0], bounds)
+        more = np.setdiff1d(beyond[continued[:, 2] * sign > 0], bounds)
         if not len(more):
             break
         bounds = np.concatenate([bounds, more])

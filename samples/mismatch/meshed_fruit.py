@@ -17,8 +17,6 @@ CASE = BrickGrading(cells=4, layers=4)
 """Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
 leaves is measured by benchmarks/truth_verification.py (docs/validation.md, Mismatch finder). Fewer
 layers are too stiff between skin and pit: with two, a pad's force is 0.25 % too large."""
-EVEN = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3, 0.6, 1))
-"""Cells of 3.3 mm under the pads of a 60 mm fruit: of earlier cases."""
 RIGID_SHARE, HALF, FIRMNESS_MM, SPARE_MM = 1.2, 0.5, 2.4, 0.1
 """Skin touches a pad where its height above the first touch is below a share of the travel: half of it for
 flesh much softer than the gel (Hertz), all of it for flesh much firmer. In between about 1 - 0.5 / (1 + E /

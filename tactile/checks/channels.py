@@ -18,9 +18,10 @@ from tactile.checks.pressing import (
 )
 
 FIELDS: tuple[Field, Field] = ("displacement", "force")
-LIVELY, PRESSED_AROUND = 0.5, 0.75
+LIVELY, PRESSED_AROUND, PRESSED_WITHOUT_NOISE = 0.5, 0.5, 0.75
 """A frame tells frozen markers where more than this share of all markers differ from the frame before; a
-marker is asked where three of its four neighbours are pressed: beside a round patch two may be."""
+marker is asked where half of its four neighbours are pressed. Without noise the zeros of a marker beside a
+patch repeat exactly too, and two of its neighbours may be pressed: there three must be."""
 FROZEN_FRAMES, FROZEN_SHARE = 3, 0.25
 """A marker counts as dead where it repeats itself exactly in so many frames, and in this share of those, in
 which it is asked. A marker with noise of 4 um in steps of 0.1 um does so by chance
@@ -121,7 +122,8 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
     """Markers in the contact that give nothing, or nothing new, and in which words."""
     fields = {"displacement": one.pad.displacement_mm, "force": one.pad.force_N}
-    around = one.pressed[:, one.near].mean(axis=2) >= PRESSED_AROUND
+    least = PRESSED_AROUND if one.felt_sd_mm > 0 else PRESSED_WITHOUT_NOISE
+    around = one.pressed[:, one.near].mean(axis=2) >= least
     dead, words = np.zeros(len(one.touched), dtype=bool), []
     for name, values in fields.items():
         repeats = (values[1:] == values[:-1]).all(axis=2)

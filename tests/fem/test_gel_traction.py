@@ -80,6 +80,37 @@ def test_the_far_side_of_the_fruit_is_not_loaded():
     assert force[: len(nodes), 2].sum() > 0
 
 
+def test_a_rim_that_sticks_pulls():
+    """Springs that hold on up to a ring of tension: the total is that of both parts."""
+    rest = grid(0.5)
+    r2 = (rest**2).sum(axis=1)
+    normal = np.where(r2 < 7.1**2, PEAK_MPA * (1 - r2 / RADIUS_MM**2), 0.0)
+    frame = GelFrame(
+        rest_mm=rest,
+        shear_mm=np.zeros((len(rest), 2)),
+        force_N=np.column_stack([np.zeros((len(rest), 2)), normal]) * 0.25,
+        touching=r2 < 7.1**2,
+    )
+    force = load(frame, *flat_skin(0.8))[:, 2]
+    assert force[force < 0].sum() == pytest.approx(frame.force_N[frame.force_N[:, 2] < 0, 2].sum(), rel=0.1)
+    assert force.sum() == pytest.approx(frame.force_N[:, 2].sum(), abs=0.03 * force[force > 0].sum())
+
+
+@pytest.mark.parametrize("pitch", [1.0, 0.6])
+def test_a_contact_that_reaches_the_border_of_the_grid_ends_with_its_cells(pitch):
+    """A flat pad whose pressure grows towards its edge: nothing is added beyond."""
+    line = (np.arange(-4, 4.5) * 2 + 0) * pitch / 2
+    rest = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    normal = PEAK_MPA * (1 + (rest**2).sum(axis=1) / 20) * pitch**2
+    frame = GelFrame(
+        rest_mm=rest,
+        shear_mm=np.zeros((len(rest), 2)),
+        force_N=np.column_stack([np.zeros((len(rest), 2)), normal]),
+        touching=np.ones(len(rest), dtype=bool),
+    )
+    assert load(frame, *flat_skin(0.8))[:, 2].sum() == pytest.approx(normal.sum(), rel=0.02)
+
+
 def test_few_markers_load_the_skin_with_about_their_force():
     rest = grid(1.0)
     on = np.linalg.norm(rest - rest[len(rest) // 2], axis=1) < 1.1  # five of them

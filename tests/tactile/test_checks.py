@@ -167,6 +167,18 @@ def test_markers_beside_a_patch_are_not_dead_where_nothing_is_noisy():
     assert dead_markers(pressing_of(replace(pad, displacement_mm=stuck)))[0].nonzero()[0].tolist() == [210]
 
 
+def test_a_block_of_dead_markers_is_found_where_there_is_noise(nectarine_grasp):
+    recording, _ = nectarine_grasp
+    pad = recording.pads[0]
+    middle = int(np.abs(pad.force_N[:, :, 2]).max(axis=0).argmax())
+    block = np.argsort(np.linalg.norm(pad.rest_mm - pad.rest_mm[middle], axis=1))[:4]
+    moved = pad.displacement_mm.copy()
+    moved[:, block] = 0.0
+    found = dead_markers(pressing_of(replace(pad, displacement_mm=moved)))[0]
+    assert set(block) >= set(found.nonzero()[0])
+    assert found.sum() >= 3
+
+
 def test_a_gain_widens_the_error_by_what_it_may_do(nectarine_grasp):
     recording, mesh = nectarine_grasp
     (one,) = findings(force(1.2, "left")(recording), mesh)
