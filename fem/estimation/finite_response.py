@@ -104,8 +104,8 @@ def with_finite_strain(
 @dataclass(frozen=True, kw_only=True)
 class FiniteResponse:
     """`unit_displacement`: E times the markers' displacement in the frames used (mm MPa), in the axes of the
-    recording, less a small rigid motion in each frame; zero out of contact. `fit`: that of 1/E, in the axes of
-    the fruit.
+    recording, less a small rigid motion in each frame; zero out of contact. `fit`: that of 1/E, in the axes
+    of the fruit.
     """
 
     unit_displacement: Float[np.ndarray, "f n 3"]

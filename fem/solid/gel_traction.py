@@ -58,34 +58,22 @@ class GelFrame:
 
 
 @dataclass(frozen=True)
-class MarkerGrid:
-    """All markers of a pad, touching or not: their hull, and `pitch_mm`, the distance to the next."""
-
-    hull: Delaunay
-    near: cKDTree
-    pitch_mm: float
-
-    def covers(self, a: Float[np.ndarray, "q 2"]) -> Bool[np.ndarray, " q"]:
-        """Whether a place belongs to a marker's cell: no force is known beyond the cells of the border."""
-        beside = self.near.query(a, p=np.inf)[0] <= self.pitch_mm / 2
-        return np.asarray(beside | (self.hull.find_simplex(a) >= 0))
-
-
-@dataclass(frozen=True)
 class GelField:
     """Traction (MPa) and shear displacement (mm) over the gel of one frame, pad frame, beyond its rim too.
 
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
-    `reach_mm` from the markers that touch (`near`). `signs`: of their normal force, as gel that sticks may
-    pull. `shear_mm`: their greatest.
+    `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
+    `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the sum
+    of the sizes of their normal forces, which the load on the skin keeps.
     """
 
     components: tuple[RectBivariateSpline, ...]
-    grid: MarkerGrid
+    hull: Delaunay
     near: cKDTree
     signs: Float[np.ndarray, " k"]
     reach_mm: float
     shear_mm: float
+    normal_N: float
 
     @classmethod
     def of(cls, gel: GelFrame) -> "GelField | None":
@@ -94,14 +82,14 @@ class GelField:
         if not on.any():
             return None
         areas = cell_areas(gel.rest_mm)
-        if np.isnan(areas).mean() > LONE:
+        if (areas == 0).mean() > LONE:
             raise FemFailure(
                 FemProblem.TOO_FEW_MARKERS,
-                f"{int(np.isnan(areas).sum())} of {len(areas)} markers of a pad have no neighbours that span "
-                "an area with them, expected a grid: without it the gel of each marker is not known",
+                f"{int((areas == 0).sum())} of {len(areas)} markers of a pad have no neighbours that span an "
+                "area with them, expected a grid: without it the gel of each marker is not known",
             )
-        pitch = float(np.sqrt(np.nanmedian(areas)))
-        areas = np.nan_to_num(areas, nan=pitch**2)
+        pitch = float(np.sqrt(np.median(areas[areas > 0])))
+        areas = np.where(areas > 0, areas, pitch**2)
         values = np.column_stack([gel.force_N / areas[:, None], gel.shear_mm])
         shear = float(np.linalg.norm(gel.shear_mm[on], axis=1).max())
         margin = BEYOND * pitch + shear
@@ -116,11 +104,12 @@ class GelField:
         components = tuple(RectBivariateSpline(x, y, known[..., k]) for k in range(5))
         return cls(
             components=components,
-            grid=MarkerGrid(Delaunay(gel.rest_mm), cKDTree(gel.rest_mm), pitch),
+            hull=Delaunay(gel.rest_mm),
             near=cKDTree(gel.rest_mm[on]),
             signs=np.sign(gel.force_N[on, 2]),
             reach_mm=BEYOND * pitch,
             shear_mm=shear,
+            normal_N=float(np.abs(gel.force_N[on, 2]).sum()),
         )
 
     def gel_points(self, y: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 2"]:
@@ -136,7 +125,7 @@ class GelField:
         away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
         sign = np.append(self.signs, 0.0)[who]
         inside = (found[:, 2] * sign > 0) & np.isfinite(away)
-        inside[inside] = self.grid.covers(a[inside])
+        inside[inside] = self.hull.find_simplex(a[inside]) >= 0
         return np.asarray(found * inside[:, None])
 
 
@@ -166,6 +155,10 @@ def nodal_force(
     first, second = np.moveaxis(np.einsum("qin,mnx->mqix", slope, a, optimize=True), 2, 0)
     area = np.abs(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]) * weights
     load = field.traction(places.reshape(-1, 2)) * area.reshape(-1, 1)
+    carried_N = float(np.abs(load[:, 2]).sum())
+    if carried_N == 0:
+        return found
+    load *= field.normal_N / carried_N
     nodal = np.einsum("qn,mqx->mnx", shape, load.reshape(*area.shape, 3), optimize=True).reshape(-1, 3)
     for x in range(3):
         found[:, x] = np.bincount(cells.ravel(), nodal[:, x], minlength=len(nodes_mm))

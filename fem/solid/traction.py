@@ -105,7 +105,7 @@ def marker_weights(
     too low where a patch is five markers wide and 0.2 % where it is eight. Total force and moment stay.
     """
     triangles, area = _cells(rest_mm[:, :2])
-    cell = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(rest_mm))
+    cell = cell_areas(rest_mm[:, :2])
     alone = np.flatnonzero(cell == 0)
     points = np.einsum("rk,mkx->mrx", RULE, surface_mm[triangles]).reshape(-1, 3)
     load = (area[:, None, None] / len(RULE) * RULE) / cell[triangles][:, None, :]
@@ -119,21 +119,9 @@ def marker_weights(
 
 
 def cell_areas(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-    """The area (mm2) of gel that each marker stands for; NaN of one that is in no triangle.
-
-    A third of the triangles round it, and as much again in the angle that they leave open: the cell of a
-    marker on the border of the grid reaches beyond it.
-    """
+    """The area (mm2) of gel that each marker stands for within the hull of all; zero without a triangle."""
     triangles, area = _cells(rest_mm)
-    corner = rest_mm[triangles]
-    one, other = (np.roll(corner, -k, axis=1) - corner for k in (1, 2))
-    sine = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    angle = np.arctan2(np.abs(sine), (one * other).sum(axis=2))
-    share, turn = (
-        np.bincount(triangles.ravel(), weights.ravel(), minlength=len(rest_mm))
-        for weights in (np.repeat(area[:, None] / 3, 3, axis=1), angle / 2)
-    )
-    return np.asarray(share * np.divide(2 * np.pi, turn, out=np.full(len(turn), np.nan), where=turn > 0))
+    return np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(rest_mm))
 
 
 def _differences(flat_mm: Float[np.ndarray, "n 2"], triangles: Int[np.ndarray, "m 3"]) -> csr_array:

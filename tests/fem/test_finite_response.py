@@ -33,8 +33,8 @@ HERE = Path(__file__).parents[1] / "data" / "verification"
 TRUE = json.loads((HERE / "ball.json").read_text())
 SCALE_SD = 0.004
 ABOVE = 1.011
-"""E of this model over the modulus that the simulator was given. Half of the difference is explained, the rest
-is open (docs/validation.md, "A grasp's model at finite strain")."""
+"""E of this model over the modulus that the simulator was given. Half of the difference is explained, the
+rest is open (docs/validation.md, "A grasp's model at finite strain")."""
 COUNTS = 0.1
 """Share of the frame's peak force from which on a marker is compared; the rim only loads the skin."""
 
