@@ -7,7 +7,8 @@ Every case (campaign_inputs.py, always the same) changes one file of a small sou
 gives it to `drupe check`, to the reader of `drupe explain` or to `drupe convert`, in a process of its own
 with limits of time and memory. The verdicts:
 
-- clear error: a sentence with the file's own name, with no traceback and no words of a library;
+- clear error: a sentence with the file's own name (or that of the folder that `convert` was given), with no
+  traceback and no words of a library;
 - same: accepted, and every number read is that of the sound input;
 - other: accepted, and what is read differs: a valid file with other content, its numbers within all limits;
 - FAILED: a hang, too much memory, an exception, an error that names no file or shows a library; and, for a
@@ -164,7 +165,10 @@ def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, 
         return "FAILED", f"expected the sound input's numbers, got {text!r}", cpu_s, memory_MB
     if broken.expects not in ("", "same") and not re.search(broken.expects, text):
         return "FAILED", f"expected {broken.expects!r}, got {text!r}", cpu_s, memory_MB
-    named = bool(broken.expects) or Path(broken.path).name in text  # what is stated names the file
+    # what is stated names the file; what is wrong with a source of several files names its folder
+    path = Path(broken.path)
+    names = {path.name, *(part for part in path.parts[1:2] if broken.command == "convert")}
+    named = bool(broken.expects) or any(name in text for name in names)
     shown = LIBRARY.search(text) or not text.isprintable() or any(len(line) > 1200 for line in lines)
     if named and not shown:
         return "clear error", text, cpu_s, memory_MB

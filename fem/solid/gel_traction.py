@@ -63,8 +63,8 @@ class GelField:
 
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
     `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
-    `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the sum
-    of the sizes of their normal forces, which the load on the skin keeps.
+    `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the
+    sum of the sizes of their normal forces, which the load on the skin keeps.
     """
 
     components: tuple[RectBivariateSpline, ...]
