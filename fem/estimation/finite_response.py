@@ -346,15 +346,15 @@ def _motion(tracks: MarkerTracks, modelled_mm: Float[np.ndarray, "f n 3"], motio
     nearest that has one. Source: Kabsch, Acta Crystallographica A 32, 1976.
     """
     turn, shift = motion.turn.copy(), motion.shift_mm.copy()
-    told = [frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])]
-    for frame in told:
+    turning = [frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])]
+    for frame in turning:
         on = tracks.episode[frame] >= 0
         here, there = modelled_mm[frame, on], tracks.position_mm[frame, on]
         more = Rotation.align_vectors(there - there.mean(axis=0), here - here.mean(axis=0))[0].as_matrix()
         shift[frame] += turn[frame] @ (there.mean(axis=0) - more @ here.mean(axis=0))
         turn[frame] = turn[frame] @ more
-    for frame in np.setdiff1d(np.arange(len(turn)), told) if told else ():
-        nearest = told[int(np.abs(np.array(told) - frame).argmin())]
+    for frame in np.setdiff1d(np.arange(len(turn)), turning) if turning else ():
+        nearest = turning[int(np.abs(np.array(turning) - frame).argmin())]
         turn[frame], shift[frame] = turn[nearest], shift[nearest]
     return _Motion(turn, shift)
 
