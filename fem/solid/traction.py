@@ -121,7 +121,8 @@ def marker_weights(
 def cell_areas(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     """The area (mm2) of gel that each marker stands for within the hull of all; zero without a triangle."""
     triangles, area = _cells(rest_mm)
-    return np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(rest_mm))
+    shares = np.repeat(area / 3, 3)
+    return np.bincount(triangles.ravel(), shares, minlength=len(rest_mm)).astype(float)
 
 
 def _differences(flat_mm: Float[np.ndarray, "n 2"], triangles: Int[np.ndarray, "m 3"]) -> csr_array:

@@ -32,9 +32,9 @@ from fem.solid.pad_link import contact_nodes
 HERE = Path(__file__).parents[1] / "data" / "verification"
 TRUE = json.loads((HERE / "ball.json").read_text())
 SCALE_SD = 0.004
-ABOVE = 1.011
-"""E of this model over the modulus that the simulator was given. Half of the difference is explained, the
-rest is open (docs/validation.md, "A grasp's model at finite strain")."""
+OFF = 0.011
+"""By which E may differ from the modulus that the simulator was given. The goal is 0.005: docs/validation.md, "A
+grasp's model at finite strain", says what of the difference is explained."""
 COUNTS = 0.1
 """Share of the frame's peak force from which on a marker is compared; the rim only loads the skin."""
 
@@ -135,7 +135,7 @@ def test_maps_of_second_and_third_degree_are_predicted_from_a_few_frames():
 
 
 def test_a_noise_free_grasp_is_explained_to_a_micrometre(found):
-    assert found.modulus_MPa == pytest.approx(ABOVE * TRUE["E"], rel=0.005)
+    assert found.modulus_MPa == pytest.approx(TRUE["E"], rel=OFF)
     assert found.fit.residual_rms_mm < 1.5e-3
 
 
