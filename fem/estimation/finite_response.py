@@ -34,11 +34,12 @@ from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.gel_traction import GelField, GelFrame, nodal_force
 
 MOST_LEVELS = 8
-"""Frames in which large deformation is solved for, at most; usually UNPREDICTED stops the choice earlier."""
+"""Frames in which large deformation is solved for, at most. Set by hand; UNPREDICTED mostly stops earlier."""
 UNPREDICTED = 0.01
-"""Frames are computed until the prediction error is below this share of the largest correction."""
+"""Frames are computed until the prediction error is below this share of the largest correction. Set by
+hand: the correction is about a tenth of the displacement, so that 0.1 % of that remains."""
 TOLERANCE = 1e-4
-"""Forces out of balance, as a share of the load."""
+"""Forces out of balance, as a share of the load. Set by hand."""
 SOLUTIONS, SAME_MODULUS = 2, 3e-3
 """Times at most that the bracket is solved for, and the relative change of E that needs no further one: the
 bracket is then off by this share of itself, and E by a tenth of that."""
@@ -175,9 +176,7 @@ def finite_response(
 def _without_rigid_motion(
     moved_mm: Float[np.ndarray, "f n 3"], tracks: MarkerTracks
 ) -> Float[np.ndarray, "f n 3"]:
-    """Less each frame's own small rigid motion of the markers that touch: what is left of a turn is of second
-    order.
-    """
+    """Less each frame's small rigid motion of the markers that touch. Of a turn its second order remains."""
     modes = rigid_motion(tracks.place_mm)
     left = moved_mm.copy()
     for frame, on in enumerate(tracks.episode >= 0):
@@ -346,15 +345,17 @@ def _motion(tracks: MarkerTracks, modelled_mm: Float[np.ndarray, "f n 3"], motio
     nearest that has one. Source: Kabsch, Acta Crystallographica A 32, 1976.
     """
     turn, shift = motion.turn.copy(), motion.shift_mm.copy()
-    turning = [frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])]
-    for frame in turning:
+    spanning = [
+        frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])
+    ]
+    for frame in spanning:
         on = tracks.episode[frame] >= 0
         here, there = modelled_mm[frame, on], tracks.position_mm[frame, on]
         more = Rotation.align_vectors(there - there.mean(axis=0), here - here.mean(axis=0))[0].as_matrix()
         shift[frame] += turn[frame] @ (there.mean(axis=0) - more @ here.mean(axis=0))
         turn[frame] = turn[frame] @ more
-    for frame in np.setdiff1d(np.arange(len(turn)), turning) if turning else ():
-        nearest = turning[int(np.abs(np.array(turning) - frame).argmin())]
+    for frame in np.setdiff1d(np.arange(len(turn)), spanning) if spanning else ():
+        nearest = spanning[int(np.abs(np.array(spanning) - frame).argmin())]
         turn[frame], shift[frame] = turn[nearest], shift[nearest]
     return _Motion(turn, shift)
 

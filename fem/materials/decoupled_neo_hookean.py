@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.law import unit_shear_and_bulk
+from fem.materials.neo_hookean import inverted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,20 +35,20 @@ class DecoupledNeoHookean:
     def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
         """W, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        f, J, _ = _inverted(F)
+        f, J, _ = inverted(F)
         return np.asarray(mu / 2 * (J ** (-2 / 3) * _squares(f) - 3) + bulk / 2 * (J - 1) ** 2)
 
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        f, J, G = _inverted(F)
+        f, J, G = inverted(F)
         m = mu * J ** (-2 / 3)
         return np.moveaxis(m * f + (bulk * (J - 1) * J - m * _squares(f) / 3) * G, -1, 0)
 
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """dP/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        f, J, G = _inverted(F)
+        f, J, G = inverted(F)
         m, third = mu * J ** (-2 / 3), _squares(f) / 3
         D = m * (f - third * G)
         A = np.einsum("ijq,klq->ijklq", -2 / 3 * G, D)
@@ -58,25 +59,6 @@ class DecoupledNeoHookean:
             for j in range(3):
                 A[i, j, i, j] += m
         return np.moveaxis(A, -1, 0)
-
-
-def _inverted(
-    F: Float[np.ndarray, "q 3 3"],
-) -> tuple[Float[np.ndarray, "3 3 q"], Float[np.ndarray, " q"], Float[np.ndarray, "3 3 q"]]:
-    """F, J and G = F^-T at each point, components first; NaN where J <= 0.
-
-    Quickest where F is a view of components stored one by one.
-    """
-    f = np.moveaxis(F, 0, -1)
-    cofactor = np.empty(f.shape)
-    for i in range(3):
-        a, b = f[(i + 1) % 3], f[(i + 2) % 3]
-        for j in range(3):
-            k, m = (j + 1) % 3, (j + 2) % 3
-            cofactor[i, j] = a[k] * b[m] - a[m] * b[k]
-    J = (f[0] * cofactor[0]).sum(axis=0)
-    J = np.where(J > 0, J, np.nan)
-    return f, J, cofactor / J
 
 
 def _squares(f: Float[np.ndarray, "3 3 q"]) -> Float[np.ndarray, " q"]:

@@ -27,20 +27,20 @@ class NeoHookean:
     def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
         """W, MPa."""
         mu, lam = unit_lame_constants(self.poisson_ratio)
-        f, J, _ = _inverted(F)
+        f, J, _ = inverted(F)
         ln = np.log(J)
         return np.asarray(mu / 2 * ((f * f).sum(axis=(0, 1)) - 3 - 2 * ln) + lam / 2 * ln**2)
 
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, lam = unit_lame_constants(self.poisson_ratio)
-        f, J, G = _inverted(F)
+        f, J, G = inverted(F)
         return np.moveaxis(mu * f + (lam * np.log(J) - mu) * G, -1, 0)
 
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """dP/dF, MPa."""
         mu, lam = unit_lame_constants(self.poisson_ratio)
-        _, J, G = _inverted(F)
+        _, J, G = inverted(F)
         A = np.einsum("ijq,klq->ijklq", lam * G, G)
         A += np.einsum("ilq,kjq->ijklq", (mu - lam * np.log(J)) * G, G)
         for i in range(3):
@@ -49,7 +49,7 @@ class NeoHookean:
         return np.moveaxis(A, -1, 0)
 
 
-def _inverted(
+def inverted(
     F: Float[np.ndarray, "q 3 3"],
 ) -> tuple[Float[np.ndarray, "3 3 q"], Float[np.ndarray, " q"], Float[np.ndarray, "3 3 q"]]:
     """F, J and G = F^-T at each point, components first; NaN where J <= 0.

@@ -37,7 +37,8 @@ BOUNDS = 4
 FIXED_POINT = 4
 """Steps of a = y - s(a); shear strain of the gel is a tenth, so that each takes nine tenths of the error."""
 LONE = 0.5
-"""Share of a pad's markers without a cell of gel above which no traction is made of their forces."""
+"""Share of a pad's markers without a cell of gel above which no traction is made of their
+forces. Set by hand."""
 GRID = 2.0
 """Values a pitch between which the field is bicubic: its data are the markers, so that it is smooth over a
 pitch."""
