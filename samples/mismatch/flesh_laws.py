@@ -74,7 +74,7 @@ class PlainFlesh:
     def at(self, H: Tensors) -> "_Strained":
         """What all laws need of H. Raises NotInEquilibrium where flesh is turned inside out."""
         F = H + np.eye(3)
-        J = np.linalg.det(F)
+        J = np.einsum("...i,...i->...", np.cross(F[..., 0], F[..., 1]), F[..., 2])
         if not J.min() > 0:
             raise NotInEquilibrium("a brick of the sample's flesh was turned inside out: press less")
         C = np.swapaxes(F, -1, -2) @ F

@@ -66,7 +66,8 @@ class NonlinearBody:
     def _unloaded(self, pause_s: float) -> Float[np.ndarray, " d"]:
         q, mixing = np.zeros_like(self._q), AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
-            mapped, state = self._freely(q, pause_s)
+            excess, state = self._excess(q, pause_s)
+            mapped = ((self._firmer - 1) * q - self._whole.solve(excess)) / self._firmer
             if np.abs(mapped - q).max() < self._stop_mm / 10:
                 break
             q = mixing.mixed(q, mapped)
@@ -113,13 +114,15 @@ class NonlinearBody:
         q, start = self._q + going_on(before, origins) * self._trend, None
         mixing = AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
-            freely, state = self._freely(q, pause_s)
+            excess, state = self._excess(q, pause_s)
+            freely = ((self._firmer - 1) * q[whole.dofs] - whole.solve_skin(excess)) / self._firmer
             instant = next_instant(
-                grip, before, origins, self._compliance, freely[whole.dofs], start=start, near=q[whole.dofs]
+                grip, before, origins, self._compliance, freely, start=start, near=q[whole.dofs]
             )
             if np.abs(instant.u - before.u).max() > most_mm:
                 raise NotInEquilibrium("the fruit slid between pads that hardly press")
-            mapped = freely + whole.solve(whole.spread(instant.force_N)) / self._firmer
+            balance = whole.spread(instant.force_N) - excess
+            mapped = ((self._firmer - 1) * q + whole.solve(balance)) / self._firmer
             start = instant.force_N
             if np.abs((mapped - q)[whole.dofs]).max() < self._stop_mm:
                 self._trend = (mapped - self._q) if np.any(instant.force_N) else np.zeros_like(mapped)
@@ -128,8 +131,8 @@ class NonlinearBody:
             q = mixing.mixed(q, mapped)
         raise NotInEquilibrium(f"flesh and contact found no balance in {ROUNDS} rounds: press less")
 
-    def _freely(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
-        """Where the flesh would be without the pads if its stress beyond the linear one stayed that at q."""
+    def _excess(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
+        """Forces of the flesh's stress beyond the linear one at q, and what the flesh then remembers."""
         found = self._state
 
         def stress(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
@@ -137,8 +140,7 @@ class NonlinearBody:
             P, found = self._law.stress(H, self._state, pause_s)
             return P
 
-        force = self._whole.excess(q, stress)
-        return ((self._firmer - 1) * q - self._whole.solve(force)) / self._firmer, found
+        return self._whole.excess(q, stress), found
 
 
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:
