@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from reports.explain_charts import (
 from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
 from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
-from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
+from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 _HATCHED = "cannot be seen from these grasps"
@@ -68,6 +69,7 @@ def explain_html(found: ExplainEntry) -> str:
         "with_sd": with_sd,
     }
     named = [one for one in found.ranking if one.effect in found.verdict]
+    sides = _sides(found)
     with_effect = _kind(found) not in (NOTHING, UNEXPLAINED)
     return environment.get_template("templates/explain.html.j2").render(
         blind_share=_blind_share(found),
@@ -75,11 +77,11 @@ def explain_html(found: ExplainEntry) -> str:
         cut=_cut(found),
         found=found,
         named=named,
-        maps=_maps(found),
+        maps=_maps(found, sides),
         meanings=_meanings(found),
         kind=_kind(found),
         modulus_charts=modulus_over_time(found, with_effect=with_effect),
-        next_picture=_next_picture(found),
+        next_picture=_next_picture(found, sides),
         evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
         rms=rms_chart(found.rms, with_effect=with_effect) if found.rms else None,
         traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in found.traces],
@@ -108,17 +110,23 @@ def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
     ]
 
 
-def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
-    """(PNG as base64, what it shows), the first the most telling."""
+def _sides(found: ExplainEntry) -> tuple[MapSide, ...]:
+    """The fruit from six sides, for all its maps; none where there is no map."""
     if found.maps is None:
-        return []
-    sides = sides_of(
+        return ()
+    return sides_of(
         found.maps.vertices_mm,
         found.maps.triangles,
         found.maps.visible,
         hatched_below=BLIND_BELOW,
         contacts_mm=found.contacts_mm,
     )
+
+
+def _maps(found: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]]:
+    """(PNG as base64, what it shows), the first the most telling."""
+    if found.maps is None:
+        return []
     seen = found.maps.visible >= BLIND_BELOW
     pictures = []
     for name, style, words in _MAPS:
@@ -137,17 +145,10 @@ def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
     return pictures
 
 
-def _next_picture(found: ExplainEntry) -> str:
+def _next_picture(found: ExplainEntry, sides: Sequence[MapSide]) -> str:
     """PNG as base64 of where the next grasp's pads go; empty where no grasp was planned."""
     if found.maps is None or found.next_grasp_plan is None or not found.next_grasp_plan.grasps:
         return ""
-    sides = sides_of(
-        found.maps.vertices_mm,
-        found.maps.triangles,
-        found.maps.visible,
-        hatched_below=BLIND_BELOW,
-        contacts_mm=found.contacts_mm,
-    )
     patches = {pad.pad: pad.patch_mm for pad in found.next_grasp_plan.grasps[0].pads}
     return base64.b64encode(next_grasp_picture(sides, patches)).decode("ascii")
 

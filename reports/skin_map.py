@@ -220,9 +220,8 @@ def _outline(front_surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) ->
         apart = np.asarray(tree.query(points, k=[2])[0])
         spacing = float(np.clip(np.quantile(apart, 0.9), 0.4, 2.5))
     inside = np.zeros(front_surface.hit.shape, dtype=bool)
-    inside[front_surface.hit] = (
-        np.asarray(tree.query(front_surface.points_mm[front_surface.hit])[0]) < spacing
-    )
+    skin_mm = front_surface.points_mm[front_surface.hit]
+    inside[front_surface.hit] = np.isfinite(tree.query(skin_mm, distance_upper_bound=spacing)[0])
     deep = inside.copy()
     for axis in (0, 1):
         for step in (-3, 3):

@@ -117,16 +117,17 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
         cells = Voronoi(rest_mm[:, :2])
     except QhullError:  # all on a line
         return None
+    regions = [cells.regions[region] for region in cells.point_region]
+    sizes = np.array([len(corners) if -1 not in corners else 0 for corners in regions])
     areas = []
-    for middle, region in zip(cells.points, cells.point_region, strict=True):
-        corners = cells.regions[region]
-        if corners and -1 not in corners:
-            x, y = (cells.vertices[corners] - middle).T
-            around = np.argsort(np.arctan2(y, x))
-            x, y = x[around], y[around]
-            next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
-            areas.append(0.5 * abs(x @ next_y - y @ next_x))
-    return float(np.median(areas)) if areas else None
+    for size in np.unique(sizes[sizes > 0]):
+        of_size = np.flatnonzero(sizes == size)
+        corners_mm = cells.vertices[[regions[k] for k in of_size]] - cells.points[of_size, None]
+        around = np.argsort(np.arctan2(corners_mm[..., 1], corners_mm[..., 0]), axis=1)
+        x, y = np.moveaxis(np.take_along_axis(corners_mm, around[..., None], axis=1), -1, 0)
+        next_x, next_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+        areas.append(0.5 * np.abs((x * next_y - y * next_x).sum(axis=1)))
+    return float(np.median(np.concatenate(areas))) if areas else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from functools import partial
 
 import pytest
 from explain_runs import DATA, GRADED, NO_MESH, SETTINGS, Ran, change, stronger
@@ -11,6 +12,8 @@ from threadpoolctl import threadpool_info
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
 from pipeline.cli import main
+from reports import explain_page
+from reports.skin_map import sides_of
 
 
 @pytest.fixture
@@ -32,7 +35,9 @@ def drupe(monkeypatch, capsys):
 
 @pytest.fixture
 def finder(monkeypatch):
-    """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
+    """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to, whose maps
+    are drawn small.
+    """
     handed = {}
 
     def find(case, graded, log, *, jobs):
@@ -48,6 +53,7 @@ def finder(monkeypatch):
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", graded_case)
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
+    monkeypatch.setattr(explain_page, "sides_of", partial(sides_of, view_px=50))
     return handed
 
 
