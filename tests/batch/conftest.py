@@ -71,10 +71,10 @@ def _in_this_process() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def _pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return ready_batch(tmp_path_factory.mktemp("pristine") / "batch", 3)
+    return ready_batch(tmp_path_factory.mktemp("pristine") / "batch", 2)
 
 
 @pytest.fixture
 def batch(_pristine: Path, tmp_path: Path) -> Path:
-    """A batch of three ready fruit that a test may break."""
+    """A batch of two ready fruit that a test may break."""
     return Path(shutil.copytree(_pristine, tmp_path / "batch"))
