@@ -120,8 +120,8 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
     regions = [cells.regions[region] for region in cells.point_region]
     sizes = np.array([len(corners) if -1 not in corners else 0 for corners in regions])
     areas = []
-    for size in np.unique(sizes[sizes > 0]):
-        of_size = np.flatnonzero(sizes == size)
+    for corner_count in np.unique(sizes[sizes > 0]):
+        of_size = np.flatnonzero(sizes == corner_count)
         corners_mm = cells.vertices[[regions[k] for k in of_size]] - cells.points[of_size, None]
         around = np.argsort(np.arctan2(corners_mm[..., 1], corners_mm[..., 0]), axis=1)
         x, y = np.moveaxis(np.take_along_axis(corners_mm, around[..., None], axis=1), -1, 0)

@@ -42,7 +42,7 @@ class Ran:
 
 
 def drupe(*arguments: object) -> Ran:
-    """Runs the command in this process, its fruit too (conftest.InThisProcess)."""
+    """Runs the command in this process, its fruit too (in_this_process)."""
     out, err = StringIO(), StringIO()
     status = 0
     with mock.patch.object(sys, "argv", ["drupe", *map(str, arguments)]):

@@ -1,6 +1,7 @@
 """A category is a file: a shipped one by name, the user's own by path; what it leaves, the batch must say."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import trimesh
 from rich.console import Console
 
+import pipeline.run.grading
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.task import fruit_task
@@ -18,6 +20,9 @@ from pipeline.run.grading import grade
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from recon.triangle_mesh import volume_mm3
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "batch"))
+from in_this_process import InThisProcess
 
 DIRECTIONS, FACES = ball(4)
 PHANTOM = 'category = "phantom"\npoisson_ratio = 0.47\n'
@@ -175,8 +180,8 @@ def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
     assert open_batch(made(none + effect.format("A"))).prior.category == "phantom"
 
 
-@pytest.mark.slow
-def test_own_files_are_among_the_inputs_of_the_results(made):
+def test_own_files_are_among_the_inputs_of_the_results(made, monkeypatch):
+    monkeypatch.setattr(pipeline.run.grading, "local_pool", lambda *_, **__: InThisProcess())
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
     status, _ = grade(root, None, jobs=1, time_limit_s=600, console=Console(quiet=True))
     assert status == 3  # no recordings
