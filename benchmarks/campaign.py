@@ -147,7 +147,8 @@ def _numbers(array: np.ndarray) -> str:
     """
     values = array
     if array.dtype.kind == "f":
-        mantissa, exponent = np.frexp(array.astype(float))
+        # times pi: numbers with few digits lie then nowhere near a power of two or half a digit
+        mantissa, exponent = np.frexp(np.pi * array.astype(float))
         values = np.stack([np.round(mantissa, 8), exponent])
     return f"{array.dtype}{array.shape}{hashlib.sha256(values.tobytes()).hexdigest()}"
 
