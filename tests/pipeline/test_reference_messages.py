@@ -3,16 +3,19 @@
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
+from pipeline.fruit import raw_grasps
 from pipeline.fruit.placed_grasp import Checked, place_grasp
 from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.recordings.conversion import ConvertRequest, convert
 from pipeline.run.checking import check
 from recon.surface.mesh_file import read_mesh
+from tactile.io.recording import read_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
@@ -99,7 +102,12 @@ def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Pa
     assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
 
 
-def test_the_named_clip_is_in_the_key_of_what_is_kept(batch: Path, tmp_path: Path) -> None:
+def test_the_named_clip_is_in_the_key_of_what_is_kept(
+    batch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is made of the pictures."""
+    made = SimpleNamespace(recording=read_recording(DATA / "grasp.h5"), notes=())
+    monkeypatch.setattr(raw_grasps, "recording_of", lambda *_, **__: made)
     new = 'sensor = "left.toml"\nreference = "../../../../empty"'
     replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
     first = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
