@@ -3,7 +3,7 @@
     python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write [--add]]
         [--without EFFECT ...] [--grasps K]
 
-FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py draw TRUTHS FOLDER`): several noisy
+FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py draw`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL,
 with its p-value by the reference as it stands and what the plain model leaves of the balance of the pads'
 forces ("balance", a share of its noise's variance); those that are there are left alone. --write replaces

@@ -30,7 +30,7 @@ from samples.sample_failure import SampleFailure
 SEED = 2028
 """Of fruit and cases; any number does. 2027 was the bank whose cases were stored with their noise."""
 MESH = BrickGrading(cells=3, layers=3)
-"""Of the bank's fruit, coarser than `CASE` (samples.mismatch.meshed_fruit): what that costs is in docs/validation.md."""
+"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md, Mismatch finder)."""
 MESHES = (0, 2, 1)
 """Each is stored alone. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
 DRAWN = (
@@ -73,18 +73,13 @@ class BankFruit:
         if self.effects and self.effects[0] in OUTSIDE:
             return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
         rng = np.random.default_rng([*self.seed, 1])
-        effects = tuple((effect, strength(effect, self.level, rng)) for effect in self.effects)
+        effects = tuple((effect, level_of(effect, self.level, rng)) for effect in self.effects)
         return planned(self.name, effects, seed=self.seed)
 
 
-def strength(effect: str, level: int, rng: np.random.Generator) -> int | Amplitude:
+def level_of(effect: str, level: int, rng: np.random.Generator) -> int | Amplitude:
     """The level itself, or a drawn amplitude in place of WIDE."""
     return drawn_amplitude(effect, rng) if level == WIDE else level
-
-
-def stored_file(folder: Path, fruit: BankFruit, mesh: int) -> Path:
-    """Where the grasps of one mesh of a fruit are stored."""
-    return folder / f"{fruit.name}-m{mesh}.npz"
 
 
 def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
@@ -92,7 +87,7 @@ def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
 
     Raises NotInEquilibrium where a grasp finds no balance.
     """
-    path = stored_file(folder, fruit, mesh)
+    path = folder / f"{fruit.name}-m{mesh}.npz"
     if path.exists():
         return
     plan = fruit.plan()
@@ -103,7 +98,7 @@ def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
 
 def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
     """The four stored grasps. Raises SampleFailure unless all meshes are there."""
-    paths = [stored_file(folder, fruit, mesh) for mesh in MESHES]
+    paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
     if not all(path.exists() for path in paths):
         raise SampleFailure(f"{fruit.name} is not simulated")
     return tuple(sorted((one for path in paths for one in stored_truths(path)), key=lambda one: one.name))
@@ -124,7 +119,11 @@ def draw_case(
         return case_id
     rng = np.random.default_rng([SEED, 2, *case_id.encode()])
     plan, peaks = fruit.plan(), tuple(truth.peak_force_N for truth in truths)
-    drawn, stated = as_stated(plan.drawn, tuple(_injected(effect, level, rng) for effect in added), rng)
+    extra = tuple(
+        InjectedEffect(effect=name, parameters=drawn_parameters(name, level_of(name, level, rng), rng))
+        for name in added
+    )
+    drawn, stated = as_stated(plan.drawn, extra, rng)
     injected = tuple(with_amount(one, max(peaks), truths) for one in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "level": level, "seed": SEED}
     entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
@@ -134,11 +133,6 @@ def draw_case(
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
     reveal(cases, case_id, entry, salt=salt)
     return case_id
-
-
-def _injected(effect: str, level: int, rng: np.random.Generator) -> InjectedEffect:
-    parameters = drawn_parameters(effect, strength(effect, level, rng), rng)
-    return InjectedEffect(effect=effect, parameters=parameters)
 
 
 def as_stated(
