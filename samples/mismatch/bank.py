@@ -30,7 +30,7 @@ from samples.sample_failure import SampleFailure
 SEED = 2028
 """Of fruit and cases; any number does. 2027 was the bank whose cases were stored with their noise."""
 MESH = BrickGrading(cells=3, layers=3)
-"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md, Mismatch finder)."""
+"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md)."""
 MESHES = (0, 2, 1)
 """Each is stored alone. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
 DRAWN = (
@@ -100,7 +100,7 @@ def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
     """The four stored grasps. Raises SampleFailure unless all meshes are there."""
     paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
     if not all(path.exists() for path in paths):
-        raise SampleFailure(f"{fruit.name} is not simulated")
+        raise SampleFailure(f"not every mesh of {fruit.name} is simulated: run `simulate` first")
     return tuple(sorted((one for path in paths for one in stored_truths(path)), key=lambda one: one.name))
 
 

@@ -81,7 +81,7 @@ def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(bank, "true_recordings", simulated)
     fruit = BankFruit(number=0)
     for mesh in MESHES:
-        with pytest.raises(SampleFailure, match="null-000 is not simulated"):
+        with pytest.raises(SampleFailure, match="not every mesh of null-000 is simulated"):
             bank.simulated(tmp_path, fruit)
         bank.simulate(tmp_path, fruit, mesh)
         bank.simulate(tmp_path, fruit, mesh)
@@ -164,3 +164,7 @@ def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
     draw_case(tmp_path, fruit, truths, record=1)
     assert not left.exists()
     assert answer_of(tmp_path, case_id)["effect"] == "none"
+
+
+def test_every_effect_of_the_catalogue_has_a_range_of_amplitudes() -> None:
+    assert set(AMPLITUDES) == set(EFFECTS)
