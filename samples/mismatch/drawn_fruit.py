@@ -126,24 +126,6 @@ def _pit_error(
     return centre, sizes if scale == 1.0 else np.full(3, scale)
 
 
-def with_new_prior(
-    drawn: DrawnFruit,
-    rng: np.random.Generator,
-    *,
-    pit_shift_mm: Float[np.ndarray, " 3"] | None = None,
-    pit_scale: float = 1.0,
-) -> DrawnFruit:
-    """The same truth seen with another draw of the prior's error, or with a prior from which the true pit is
-    moved by `pit_shift_mm` or scaled by `pit_scale`.
-    """
-    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
-    prior = SamplePit(
-        centre_mm=_triple(np.array(drawn.fruit.pit.centre_mm) - centre),
-        semi_axes_mm=_triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),
-    )
-    return replace(drawn, prior=prior)
-
-
 def seen_by_drawn_sensor(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
     """The same fruit pressed by sensors drawn wide, its mesh off by 0.05 to 0.12 mm."""
     radius = float(np.mean(drawn.fruit.skin.half_axes_mm))
@@ -158,9 +140,16 @@ def seen_anew(
     pit_shift_mm: Float[np.ndarray, " 3"] | None = None,
     pit_scale: float = 1.0,
 ) -> DrawnFruit:
-    """Another record of the same grasps: other noise, another scan, another prior (see with_new_prior)."""
-    seen = with_new_prior(drawn, rng, pit_shift_mm=pit_shift_mm, pit_scale=pit_scale)
-    return _with_error(replace(seen, sensor=with_drawn_noise(seen.sensor, rng)), rng)
+    """Another record of the same grasps: other noise, another scan, another prior.
+
+    The truth stays. The pit is off the new prior by the category's spread, or moved and scaled as stated.
+    """
+    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
+    prior = SamplePit(
+        centre_mm=_triple(np.array(drawn.fruit.pit.centre_mm) - centre),
+        semi_axes_mm=_triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),
+    )
+    return _with_error(replace(drawn, prior=prior, sensor=with_drawn_noise(drawn.sensor, rng)), rng)
 
 
 def _with_error(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:

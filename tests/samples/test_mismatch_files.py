@@ -11,7 +11,7 @@ from recon.surface.mesh_file import read_mesh
 from samples.gel_contact import Gel
 from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
 from samples.mismatch.case_simulation import planned
-from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
+from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.protocol import four_manners, motion_of
 from samples.mismatch.true_recording import PadTruth, TrueRecording
@@ -45,7 +45,7 @@ def test_the_true_pit_is_off_its_prior_by_the_spread_that_cases_state() -> None:
     offsets, sizes = [], []
     for k in range(60):
         drawn = drawn_fruit("x", category="plum", rng=np.random.default_rng(k))
-        seen = with_new_prior(drawn, np.random.default_rng([k, 1]))
+        seen = seen_anew(drawn, np.random.default_rng([k, 1]))
         offsets.append(np.subtract(drawn.fruit.pit.centre_mm, seen.prior.centre_mm))
         sizes.append(np.divide(drawn.fruit.pit.semi_axes_mm, seen.prior.semi_axes_mm))
     assert np.std(offsets) == pytest.approx(0.3, rel=0.15)
