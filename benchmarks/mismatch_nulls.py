@@ -3,7 +3,7 @@
     python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write [--add]]
         [--without EFFECT ...] [--grasps K]
 
-FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
+FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py draw`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL,
 with its p-value by the reference as it stands and what the plain model leaves of the balance of the pads'
 forces ("balance", a share of its noise's variance); those that are there are left alone. --write replaces
@@ -51,7 +51,7 @@ SELECTION = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "selectio
 ORIGIN = """\
 # Detection statistics of sound recordings, four grasps a case: noise, surfaces, pits and places are
 # drawn anew and nothing is left out on purpose. {cases} cases of {fruits} fruits.
-# Pressed by the samples' own contact solver on hexahedra: python benchmarks/mismatch_bank.py FOLDER null
+# Pressed by the samples' own contact solver on hexahedra: benchmarks/mismatch_bank.py
 # Written by: python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
 """
 ADDED = """\

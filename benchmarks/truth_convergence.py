@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from samples.graded_bricks import BrickGrading
+from samples.mismatch.case_simulation import sound_body
 from samples.mismatch.drawn_fruit import DrawnFruit, drawn_fruit
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.gel_bed import POINTS
 from samples.mismatch.meshed_fruit import CASE, meshed_fruit
 from samples.mismatch.nonlinear_body import CONVERGED_MM
-from samples.mismatch.nulls import sound_body
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
 MESHES = {

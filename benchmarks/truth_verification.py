@@ -24,12 +24,12 @@ from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import Hold
+from samples.mismatch.case_simulation import sound_body
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.gel_bed import POINTS
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import CASE, meshed_fruit
-from samples.mismatch.nulls import sound_body
 from samples.mismatch.protocol import CLEARANCE_MM, Motion
 from samples.mismatch.true_recording import PadTruth, grasped, grip_of
 from tactile.io.recording import GelPad, Recording, read_recording

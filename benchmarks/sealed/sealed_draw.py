@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from sealing import seed_of
 
-from samples.mismatch.case_files import Label, answer
+from samples.mismatch.case_files import answer
 from samples.mismatch.case_simulation import CasePlan, label_of_plan, planned
 from samples.mismatch.drawn_fruit import CATEGORIES, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_amplitude
-from samples.mismatch.nulls import NOTHING
+from samples.mismatch.four_grasps import four_grasps
 
 SOUND, SINGLE, PAIR, OUTSIDE = "sound", "single", "pair", "outside"
 SHARES = {SOUND: 60, SINGLE: 100, PAIR: 20, OUTSIDE: 20}
@@ -95,7 +95,11 @@ def _in_turn(names: Sequence[str], count: int, rng: np.random.Generator) -> list
 
 
 def plan_of(case: SealedCase, attempt: int) -> CasePlan:
-    """What is simulated for a case with something to be found."""
+    """What is simulated for a case."""
+    if case.kind == SOUND:
+        drawn, _, rng = sound_draw(case, attempt)
+        grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
+        return CasePlan(case_id=case.case_id, drawn=drawn, grasps=grasps, injected=())
     return planned(case.case_id, case.effects, seed=case.seed(attempt), out_of_catalogue=case.physics)
 
 
@@ -112,14 +116,10 @@ def truth_of(case: SealedCase, attempt: int) -> dict[str, Any]:
 
     Drifts are shares of the peak force here, which only the simulation knows.
     """
-    if case.kind == SOUND:
-        drawn, law, _ = sound_draw(case, attempt)
-        return {**answer(drawn, NOTHING), "law": law, "amplitudes": {}, "sensor": drawn.sensor.name}
     plan = plan_of(case, attempt)
-    label: Label = label_of_plan(plan, plan.injected)
     return {
-        **answer(plan.drawn, label),
-        "law": "linear",
+        **answer(plan.drawn, label_of_plan(plan, plan.injected)),
+        "law": sound_draw(case, attempt)[1] if case.kind == SOUND else "linear",
         "amplitudes": {name: one.value for name, one in case.effects},
         "sensor": plan.drawn.sensor.name,
     }

@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-from sealed_draw import ATTEMPTS, SOUND, SealedCase, plan_of, sound_draw
+from sealed_draw import ATTEMPTS, SealedCase, plan_of
 
 from samples.mismatch.case_files import write_case_files
 from samples.mismatch.case_simulation import as_recorded, true_recordings, with_amount
-from samples.mismatch.nulls import sound_truths
 from samples.sample_failure import NotInEquilibrium
 
 NOISE = 99
@@ -29,15 +28,10 @@ def simulated(case: SealedCase, folder: Path) -> tuple[int, tuple[float, ...]]:
 
 def _attempt(case: SealedCase, attempt: int, folder: Path) -> tuple[float, ...]:
     noise = np.random.default_rng([*case.seed(attempt), NOISE])
-    if case.kind == SOUND:
-        drawn, _, rng = sound_draw(case, attempt)
-        truths = recordings = sound_truths(drawn, rng)
-    else:
-        plan = plan_of(case, attempt)
-        drawn, truths = plan.drawn, true_recordings(plan)
-        peak = max(truth.peak_force_N for truth in truths)
-        injected = tuple(with_amount(one, peak) for one in plan.injected)
-        recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
+    plan = plan_of(case, attempt)
+    truths = true_recordings(plan)
     peaks = tuple(truth.peak_force_N for truth in truths)
-    write_case_files(folder, drawn, recordings, peaks_N=peaks, rng=noise)
+    injected = tuple(with_amount(one, max(peaks)) for one in plan.injected)
+    recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
+    write_case_files(folder, plan.drawn, recordings, peaks_N=peaks, rng=noise)
     return peaks

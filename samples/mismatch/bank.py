@@ -1,83 +1,157 @@
-"""The bank of cases: which effects, how strong, in which order; everything follows from one seed."""
+"""The bank of cases: fruit are simulated once and stored without noise; cases are drawn from them.
 
-from dataclasses import dataclass
+A fruit has no effect, or effects that change the flesh or the contact (SIMULATED). A draw adds noise, the
+scan's error, the prior's error and effects of sensor, gripper and prior (DRAWN). All follows from one seed.
+"""
+
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from samples.mismatch.case_simulation import write_first_that_balances
-from samples.mismatch.injected import EFFECTS
-from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
+import numpy as np
 
-SEED = 2027
-"""Of all cases; any number does. 2026 was the series of even meshes and one sensor."""
-
-_MORE_SINGLES = (
-    ("viscoelastic", 1), ("soft_spot", 2), ("pit_offset", 1), ("damage", 1), ("skin", 1),
-    ("graded_modulus", 1),
-)  # fmt: skip
-"""Effects that come again with another fruit, and their level (set by hand)."""
-_LATER = (
-    ("adhesion",),
-    ("sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift"),
-    ("third_contact",),
-    ("drainage", "split_pit"),
+from samples.graded_bricks import BrickGrading
+from samples.mismatch.case_files import answer, is_written, reveal, seal, write_case_files
+from samples.mismatch.case_simulation import (
+    CasePlan,
+    as_recorded,
+    label_of_plan,
+    planned,
+    true_recordings,
+    with_amount,
 )
-"""Effects that came after the first bank, as they came: their cases stand last, so that the others keep their
-draws."""
-_PAIRS = (
-    ("pit_offset", "viscoelastic"), ("clock_lag", "skin"), ("graded_modulus", "sensor_gain"),
-    ("pose_error", "viscoelastic"), ("slip", "soft_spot"), ("gripper_compliance", "pit_size"),
-    ("damage", "sensor_drift"), ("anisotropy", "viscoelastic"), ("plastic_set", "sensor_gain"),
-    ("skin", "soft_spot"),
+from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
+from samples.mismatch.effect_levels import LEVELS, Amplitude, drawn_amplitude, drawn_parameters
+from samples.mismatch.injected import EFFECTS, InjectedEffect, named
+from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
+from samples.mismatch.stored_truth import store_truths, stored_truths
+from samples.mismatch.true_recording import TrueRecording
+from samples.sample_failure import SampleFailure
+
+SEED = 2028
+"""Of fruit and cases; any number does. 2027 was the bank whose cases were stored with their noise."""
+MESH = BrickGrading(cells=3, layers=3)
+"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md)."""
+MESHES = (0, 2, 1)
+"""Each is stored alone. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
+DRAWN = (
+    "poisson_ratio", "pit_offset", "pit_size", "sensor_gain", "sensor_drift", "gripper_compliance",
+    "pose_error", "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift",
 )  # fmt: skip
-
-
-_COME_IN = ("split_pit", "palm", "drainage")
-"""Physics that has come into the catalogue since: its number among the cases outside of it stays free."""
+"""Effects that need no fruit of their own: the recording or the prior is changed."""
+OUTSIDE = tuple(name for name in OUT_OF_CATALOGUE if name not in EFFECTS)
+"""Physics that the catalogue does not have."""
+SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUTSIDE)
+"""Effects and physics of which each case needs a fruit of its own."""
+WIDE = len(LEVELS)
+"""In place of a level: an amplitude drawn log-uniformly over the effect's whole range."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class BankCase:
-    """One case of the bank: its name, which says nothing, and its effects with their levels."""
+class BankFruit:
+    """One fruit of the bank: no effect, or simulated ones, all at one level; its number among its like."""
 
-    case_id: str
-    effects: tuple[tuple[str, int], ...]
-    seed: tuple[int, ...]
-    out_of_catalogue: str | None = None
+    number: int
+    effects: tuple[str, ...] = ()
+    level: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+        if not self.effects:
+            return f"null-{self.number:03d}"
+        return f"{'+'.join(self.effects)}-{self.level}-{self.number}"
+
+    @property
+    def seed(self) -> tuple[int, ...]:
+        """All that is drawn of the fruit follows from it."""
+        if not self.effects:
+            return (SEED, 0, self.number)
+        return (SEED, 1, sum(map(ord, "+".join(self.effects))), self.level, self.number)
+
+    def plan(self) -> CasePlan:
+        """The fruit, its grasps and its effects."""
+        if self.effects and self.effects[0] in OUTSIDE:
+            return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
+        rng = np.random.default_rng([*self.seed, 1])
+        effects = tuple((effect, level_of(effect, self.level, rng)) for effect in self.effects)
+        return planned(self.name, effects, seed=self.seed)
 
 
-def singles() -> tuple[BankCase, ...]:
-    """Every effect at three levels, then some again with other fruits."""
-    first = [effect for effect in EFFECTS if not any(effect in later for later in _LATER)]
-    wanted = [(effect, level) for level in (1, 2, 0) for effect in first]
-    wanted += list(_MORE_SINGLES)
-    wanted += [(effect, level) for later in _LATER for level in (1, 2, 0) for effect in later]
-    return tuple(
-        BankCase(case_id=f"single-{k + 1:02d}", effects=(one,), seed=(SEED, 1, k))
-        for k, one in enumerate(wanted)
+def level_of(effect: str, level: int, rng: np.random.Generator) -> int | Amplitude:
+    """The level itself, or a drawn amplitude in place of WIDE."""
+    return drawn_amplitude(effect, rng) if level == WIDE else level
+
+
+def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
+    """Store the grasps of one mesh of a fruit, unless they are there.
+
+    Raises NotInEquilibrium where a grasp finds no balance.
+    """
+    path = folder / f"{fruit.name}-m{mesh}.npz"
+    if path.exists():
+        return
+    plan = fruit.plan()
+    grasps = tuple(grasp for grasp in plan.grasps if grasp.mesh == mesh)
+    folder.mkdir(parents=True, exist_ok=True)
+    store_truths(path, true_recordings(replace(plan, grasps=grasps), fineness=MESH))
+
+
+def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
+    """The four stored grasps. Raises SampleFailure unless all meshes are there."""
+    paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
+    if not all(path.exists() for path in paths):
+        raise SampleFailure(f"not every mesh of {fruit.name} is simulated: run `simulate` first")
+    return tuple(sorted((one for path in paths for one in stored_truths(path)), key=lambda one: one.name))
+
+
+def draw_case(
+    cases: Path, fruit: BankFruit, truths: tuple[TrueRecording, ...], *, added: tuple[str, ...] = (),
+    level: int = 0, record: int,
+) -> str:  # fmt: skip
+    """Write one case below `cases`, unless it is there, and return its name; seal first, answer last.
+
+    `truths`: the fruit's grasps; `added`: effects of DRAWN, all at `level`. Another `record` has other
+    parameters of these, other noise, another scan and another prior.
+    """
+    effects = (*fruit.effects, *added)
+    case_id = f"{'+'.join(effects)}-{level}-{fruit.number}-{record}" if effects else f"{fruit.name}-{record}"
+    if is_written(cases, case_id):
+        return case_id
+    rng = np.random.default_rng([SEED, 2, *case_id.encode()])
+    plan, peaks = fruit.plan(), tuple(truth.peak_force_N for truth in truths)
+    extra = tuple(
+        InjectedEffect(effect=name, parameters=drawn_parameters(name, level_of(name, level, rng), rng))
+        for name in added
     )
+    drawn, stated = as_stated(plan.drawn, extra, rng)
+    injected = tuple(with_amount(one, max(peaks), truths) for one in (*plan.injected, *stated))
+    origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "level": level, "seed": SEED}
+    entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
+    salt = rng.bytes(16).hex()
+    seal(cases, case_id, entry, salt=salt)
+    recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
+    write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
+    reveal(cases, case_id, entry, salt=salt)
+    return case_id
 
 
-def pairs() -> tuple[BankCase, ...]:
-    """Two effects at work together, both at the middle level or above."""
-    return tuple(
-        BankCase(case_id=f"pair-{k + 1:02d}", effects=((a, 2), (b, 1)), seed=(SEED, 2, k))
-        for k, (a, b) in enumerate(_PAIRS)
+def as_stated(
+    drawn: DrawnFruit, added: tuple[InjectedEffect, ...], rng: np.random.Generator
+) -> tuple[DrawnFruit, tuple[InjectedEffect, ...]]:
+    """The fruit as another record states it, and the effects with the parameters of their labels.
+
+    The truth stays: the prior's pit is displaced or scaled the other way. The case states the Poisson's ratio
+    that was drawn, and its label is the true one.
+    """
+    offset, size, ratio = (named(added, effect) for effect in ("pit_offset", "pit_size", "poisson_ratio"))
+    seen = seen_anew(
+        drawn,
+        rng,
+        pit_shift_mm=None if offset is None else np.array(offset.parameters["offset_mm"]),
+        pit_scale=1.0 if size is None else size.number("scale"),
     )
-
-
-def outsiders() -> tuple[BankCase, ...]:
-    """One case of each physics that the catalogue does not have."""
-    return tuple(
-        BankCase(
-            case_id=f"outside-{number:02d}", effects=(), seed=(SEED, 3, number - 1), out_of_catalogue=name
-        )
-        for number, name in enumerate(OUT_OF_CATALOGUE, start=1)
-        if name not in _COME_IN
-    )
-
-
-def write_bank_case(folder: Path, case: BankCase) -> None:
-    """Write one case below `folder` with the first draw that balances."""
-    write_first_that_balances(
-        folder, case.case_id, case.effects, seed=case.seed, out_of_catalogue=case.out_of_catalogue
-    )
+    if ratio is None:
+        return seen, added
+    true = replace(ratio, parameters={"nu": drawn.fruit.poisson_ratio})
+    seen = replace(seen, stated_poisson_ratio=ratio.number("nu"))
+    return seen, tuple(true if one is ratio else one for one in added)

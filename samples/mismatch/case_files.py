@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import POISSON_RATIO
 from samples.mismatch.drawn_fruit import DrawnFruit, scanned_skin
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.mismatch.true_recording import TrueRecording
@@ -62,7 +61,7 @@ def write_case_files(
     write_mesh(partial / "fruit.ply", vertices - origin, triangles)
     sphere = even_sphere(MESH_CELLS)
     write_mesh(partial / "pit.ply", drawn.prior.points_mm(sphere.directions) - origin, sphere.triangles())
-    settings = _SETTINGS.format(category=drawn.category, nu=POISSON_RATIO)
+    settings = _SETTINGS.format(category=drawn.category, nu=drawn.stated_poisson_ratio)
     (partial / "case.toml").write_text(settings, encoding="utf-8")
     for truth, peak in zip(recordings, peaks_N, strict=True):
         recording = sensed(truth, drawn, fruit_id=folder.name, origin_mm=origin, peak_N=peak, rng=rng)
@@ -132,6 +131,13 @@ def seal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> Non
 def reveal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
     """Write one case's answer, with the salt that its seal was made with."""
     _update(folder / "answers.json", case_id, {**entry, "salt": salt})
+
+
+def is_written(folder: Path, case_id: str) -> bool:
+    """Whether a case is there with its answer."""
+    answers = folder / "answers.json"
+    known = json.loads(answers.read_text(encoding="utf-8")) if answers.exists() else {}
+    return case_id in known and (folder / case_id).exists()
 
 
 def sealed_as(entry: dict[str, Any]) -> str:

@@ -1,16 +1,16 @@
-"""One mismatch case from its plan: the truth simulated, the machine's faults added, the files written."""
+"""One mismatch case from its plan: the truth simulated, the machine's faults added."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO, Skin
+from samples.graded_bricks import BrickGrading
 from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
+from samples.mismatch.case_files import Label
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
@@ -43,8 +43,8 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
+from samples.mismatch.nonlinear_body import CONVERGED_MM, NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
@@ -56,9 +56,8 @@ from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
-from samples.sample_failure import NotInEquilibrium, SampleFailure
+from samples.sample_failure import SampleFailure
 
-Progress = Callable[[str], None]
 GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "sensor_nonlinear": with_bent_reading,
     "gel_creep": with_gel_creep,
@@ -132,26 +131,6 @@ def _placed(
     return replace(one, parameters={**one.parameters, **where})
 
 
-def write_case(
-    folder: Path, plan: CasePlan, *, seed: tuple[int, ...], progress: Progress | None = None
-) -> None:
-    """Seal the label, simulate, write the case below `folder`, reveal the answer.
-
-    Raises NotInEquilibrium where a grasp finds no balance.
-    """
-    rng = np.random.default_rng([*seed, 99])
-    salt = rng.bytes(16).hex()
-    truths = true_recordings(plan, progress=progress)
-    peaks = tuple(t.peak_force_N for t in truths)
-    labelled = tuple(with_amount(p, max(peaks), truths) for p in plan.injected)
-    label = label_of_plan(plan, labelled)
-    entry = answer(plan.drawn, label)
-    seal(folder, plan.case_id, entry, salt=salt)
-    recordings = tuple(as_recorded(t, labelled, plan.out_of_catalogue) for t in truths)
-    write_case_files(folder / plan.case_id, plan.drawn, recordings, peaks_N=peaks, rng=rng)
-    reveal(folder, plan.case_id, entry, salt=salt)
-
-
 def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
     """What a plan's label says; `labelled`: its effects, in newtons where the peak force is known."""
     if plan.out_of_catalogue is not None:
@@ -175,22 +154,25 @@ def with_amount(one: InjectedEffect, peak_N: float, truths: tuple[TrueRecording,
     return replace(one, parameters={"pad": one.parameters["pad"], "newton_per_s": amount})
 
 
-def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tuple[TrueRecording, ...]:
-    """The four grasps, mesh by mesh; what grasp 1 did to the flesh is there in grasp 4."""
+def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[TrueRecording, ...]:
+    """The plan's grasps, mesh by mesh; what grasp 1 did to the flesh is there in grasp 4.
+
+    Raises NotInEquilibrium where a grasp finds no balance.
+    """
     lag = named(plan.injected, "clock_lag")
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], wide=touches_widely(plan.injected))
+        stands = meshed_fruit(plan.drawn, here[0], fineness=fineness, wide=touches_widely(plan.injected))
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
-                found[grasp.name] = grasped(grasp, grip, body, progress)
+                found[grasp.name] = grasped(grasp, grip, body)
                 continue
             lag_s = lag.number("lag_s")
             frames = grasp.motion.time_s[grasp.motion.recorded]
-            everything = grasped(with_instants(grasp, frames - lag_s), grip, body, progress)
+            everything = grasped(with_instants(grasp, frames - lag_s), grip, body)
             found[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
     return tuple(found[g.name] for g in plan.grasps)
 
@@ -262,21 +244,7 @@ def as_recorded(
     return truth
 
 
-def write_first_that_balances(
-    folder: Path,
-    case_id: str,
-    effects: tuple[tuple[str, int], ...],
-    *,
-    seed: tuple[int, ...],
-    out_of_catalogue: str | None = None,
-    attempts: int = 4,
-) -> CasePlan:
-    """Write the case of the first draw whose grasps all find their balance."""
-    for attempt in range(attempts):
-        plan = planned(case_id, effects, seed=(*seed, attempt), out_of_catalogue=out_of_catalogue)
-        try:
-            write_case(folder, plan, seed=(*seed, attempt))
-        except NotInEquilibrium:
-            continue
-        return plan
-    raise NotInEquilibrium(f"{case_id} found no balance in {attempts} draws: take another seed")
+def sound_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
+    """Plain flesh of one mesh; `stop_mm`: see NonlinearBody."""
+    whole = whole_fruit(stands.flesh, stands.dofs)
+    return NonlinearBody(whole, plain_flesh(stands.flesh), stop_mm=stop_mm)

@@ -35,7 +35,8 @@ LARGEST_SHARE = 0.9
 class DrawnFruit:
     """The truth of one fruit, the pit that its category would have, and how deep its first grasp goes.
 
-    `sensor`: what presses and sees it; `mesh_error_mm`: RMS of its scanned mesh.
+    `sensor`: what presses and sees it; `mesh_error_mm`: RMS of its scanned mesh; `stated_poisson_ratio`: what
+    its case says.
     """
 
     category: Category
@@ -44,6 +45,7 @@ class DrawnFruit:
     depth_mm: float
     sensor: MarkerSensor = DEFAULT_SENSOR
     mesh_error_mm: float = MESH_ERROR_MM
+    stated_poisson_ratio: float = POISSON_RATIO
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +102,8 @@ def drawn_fruit(
         cubic=rng.normal(0.0, 0.005, (3, 3, 3)),
     )
     prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=_triple(np.array(kind.pit_share) * half))
-    pit = _true_pit(prior, rng, pit_shift_mm, pit_scale)
+    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
+    pit = SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(np.array(prior.semi_axes_mm) * sizes))
     modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
     fruit = SampleFruit(
         fruit_id=fruit_id, seed=0, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio,
@@ -110,27 +113,17 @@ def drawn_fruit(
     return DrawnFruit(category=category, fruit=fruit, prior=prior, depth_mm=depth)
 
 
-def _true_pit(
-    prior: SamplePit, rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
-) -> SamplePit:
-    """Off the prior by the category's spread; an injected shift or scale takes the place of that spread."""
-    centre = rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
-    sizes = rng.normal(1.0, PIT_SIZE_SD, 3)
+def _pit_error(
+    rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Shift (mm) and size ratios of the true pit to its prior.
+
+    Both have the category's spread; an injected shift or scale takes the place of that spread.
+    """
+    centre, sizes = rng.normal(0.0, PIT_OFFSET_SD_MM, 3), rng.normal(1.0, PIT_SIZE_SD, 3)
     if shift_mm is not None:
         centre = np.asarray(shift_mm, dtype=float)
-    if scale != 1.0:
-        sizes = np.full(3, scale)
-    return SamplePit(
-        centre_mm=_triple(np.array(prior.centre_mm) + centre),
-        semi_axes_mm=_triple(np.array(prior.semi_axes_mm) * sizes),
-    )
-
-
-def with_new_prior(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
-    """The same truth seen with another draw of the prior's error (for fruits without an injected pit)."""
-    centre = np.array(drawn.fruit.pit.centre_mm) - rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
-    sizes = np.array(drawn.fruit.pit.semi_axes_mm) / rng.normal(1.0, PIT_SIZE_SD, 3)
-    return replace(drawn, prior=SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))
+    return centre, sizes if scale == 1.0 else np.full(3, scale)
 
 
 def seen_by_drawn_sensor(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
@@ -140,10 +133,23 @@ def seen_by_drawn_sensor(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFr
     return _with_error(replace(drawn, sensor=drawn_sensor(rng, contact_mm=contact)), rng)
 
 
-def seen_anew(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
-    """Another record of the same grasps: other noise, another scan, another draw of the prior's error."""
-    drawn = replace(with_new_prior(drawn, rng), sensor=with_drawn_noise(drawn.sensor, rng))
-    return _with_error(drawn, rng)
+def seen_anew(
+    drawn: DrawnFruit,
+    rng: np.random.Generator,
+    *,
+    pit_shift_mm: Float[np.ndarray, " 3"] | None = None,
+    pit_scale: float = 1.0,
+) -> DrawnFruit:
+    """Another record of the same grasps: other noise, another scan, another prior.
+
+    The truth stays. The pit is off the new prior by the category's spread, or moved and scaled as stated.
+    """
+    centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
+    prior = SamplePit(
+        centre_mm=_triple(np.array(drawn.fruit.pit.centre_mm) - centre),
+        semi_axes_mm=_triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),
+    )
+    return _with_error(replace(drawn, prior=prior, sensor=with_drawn_noise(drawn.sensor, rng)), rng)
 
 
 def _with_error(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:

@@ -69,6 +69,9 @@ AMPLITUDES: dict[str, Range] = {
     "gel_hysteresis": (0.004, 0.14),
     "thermal_drift": (3e-5, 2.1e-3),
     "pose_error": (0.03, 1.0),
+    "third_contact": (0.2, 30.0),
+    "drainage": (0.01, 0.9),
+    "split_pit": (0.03, 1.0),
 }
 """Least and greatest amplitude of a wide draw, in the unit of the levels above, but counted from no effect:
 of a soft spot 1 - ratio, of Poisson's ratio how far it is from the fruit's, of slip 1/mu, of a plastic set E

@@ -7,13 +7,12 @@ from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough
 from samples.graded_bricks import BrickGrading
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.case_simulation import body_of
+from samples.mismatch.case_simulation import body_of, sound_body
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
-from samples.mismatch.nulls import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
 from samples.mismatch.skin_compliance import skin_compliance
 

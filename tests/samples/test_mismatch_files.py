@@ -9,12 +9,10 @@ from mismatch_ball import drawn_ball
 
 from recon.surface.mesh_file import read_mesh
 from samples.gel_contact import Gel
-from samples.mismatch.bank import outsiders, pairs, singles
 from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
 from samples.mismatch.case_simulation import planned
-from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
+from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.effect_levels import drawn_parameters
-from samples.mismatch.injected import EFFECTS
 from samples.mismatch.protocol import four_manners, motion_of
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.sample_failure import SampleFailure
@@ -47,7 +45,7 @@ def test_the_true_pit_is_off_its_prior_by_the_spread_that_cases_state() -> None:
     offsets, sizes = [], []
     for k in range(60):
         drawn = drawn_fruit("x", category="plum", rng=np.random.default_rng(k))
-        seen = with_new_prior(drawn, np.random.default_rng([k, 1]))
+        seen = seen_anew(drawn, np.random.default_rng([k, 1]))
         offsets.append(np.subtract(drawn.fruit.pit.centre_mm, seen.prior.centre_mm))
         sizes.append(np.divide(drawn.fruit.pit.semi_axes_mm, seen.prior.semi_axes_mm))
     assert np.std(offsets) == pytest.approx(0.3, rel=0.15)
@@ -67,16 +65,6 @@ def test_a_soft_spot_lies_in_the_flesh_under_a_pad() -> None:
     grasp = plan.grasps[p["grasp"] - 1]
     touch = grasp.hold.touch_mm[0 if p["pad"] == "left" else 1]
     assert np.linalg.norm(touch - np.array(p["centre_mm"])) < 14.0
-
-
-def test_the_bank_holds_every_effect_three_times_and_names_nothing() -> None:
-    cases = singles()
-    assert len(cases) >= 60
-    for effect in EFFECTS:
-        assert {level for c in cases for e, level in c.effects if e == effect} == {0, 1, 2}
-    assert len(pairs()) == 10
-    assert [case.case_id for case in outsiders()] == ["outside-03"]
-    assert not any(e in c.case_id for c in cases for e in EFFECTS)
 
 
 def test_an_effect_that_is_not_in_the_catalogue_is_refused() -> None:

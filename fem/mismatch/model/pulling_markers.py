@@ -23,7 +23,7 @@ numbers a recording. In 16 labelled cases without it, four recordings each, no m
 with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
 LEAST_EVIDENCE = 20.0
 """ln evidence, of all recordings together: 29 pulling markers, where none does before its touch. The sound
-cases of `benchmarks/mismatch_bank.py FOLDER null` have none."""
+cases of `benchmarks/mismatch_bank.py` have none."""
 FEWEST_APART = 4
 """Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
 fewer a pull cannot be told from a drift, and none is seen."""

@@ -1,0 +1,170 @@
+"""The bank: fruit stored without noise, and cases drawn from them."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import samples.mismatch.bank as bank
+from recon.surface.mesh_file import read_mesh
+from samples.gel_contact import Gel
+from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, WIDE, BankFruit, draw_case
+from samples.mismatch.case_files import sealed_as
+from samples.mismatch.case_simulation import CasePlan
+from samples.mismatch.effect_levels import AMPLITUDES, LEVELS
+from samples.mismatch.injected import EFFECTS
+from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.sample_failure import SampleFailure
+from samples.simulated_grasp import marker_grid
+from tactile.io.recording import GelPad, read_recording
+
+FRAMES = 40
+
+
+def true_recording(name: str = "grasp-1") -> TrueRecording:
+    """Nothing moves, and each marker bears 0.01 N in the second half."""
+    pose = np.broadcast_to(np.eye(4), (FRAMES, 4, 4)).copy()
+    force = np.zeros((FRAMES, 400, 3))
+    force[FRAMES // 2 :, :, 2] = 0.01
+    pad = PadTruth(pose=pose, displacement_mm=np.zeros((FRAMES, 400, 3)), force_N=force)
+    return TrueRecording(
+        name=name, time_s=0.1 * np.arange(FRAMES), aperture_mm=np.full(FRAMES, 50.0),
+        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
+    )  # fmt: skip
+
+
+def answer_of(cases: Path, case_id: str) -> dict:
+    return json.loads((cases / "answers.json").read_text())[case_id]
+
+
+def mean_force_N(cases: Path, case_id: str, side: int) -> float:
+    pad = read_recording(cases / case_id / "grasp-1.h5").pads[side]
+    assert isinstance(pad, GelPad)
+    return float(
+        (pad.force_N[FRAMES // 2 :].mean(axis=0) - pad.force_N[: FRAMES // 2].mean(axis=0)).mean(0)[2]
+    )
+
+
+def test_every_effect_is_simulated_or_drawn() -> None:
+    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
+    assert OUTSIDE == ("palm", "gel_softening")
+
+
+def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
+    sound, firm = BankFruit(number=3), BankFruit(number=1, effects=("skin",), level=2)
+    assert (sound.name, sound.seed) == ("null-003", (2028, 0, 3))
+    assert (firm.name, firm.seed) == ("skin-2-1", (2028, 1, 437, 2, 1))
+    assert sound.plan().drawn.fruit.E_MPa == pytest.approx(0.665084, abs=1e-6)
+
+
+def test_levels_amplitudes_and_physics_outside_are_planned() -> None:
+    wide = BankFruit(number=0, effects=("skin",), level=WIDE).plan().injected[0].number("Et_N_per_mm")
+    low, high = AMPLITUDES["skin"]
+    assert WIDE not in LEVELS
+    assert low <= wide <= high
+    both = BankFruit(number=0, effects=("skin", "slip"), level=1).plan()
+    assert [one.effect for one in both.injected] == ["skin", "slip"]
+    palm = BankFruit(number=0, effects=("palm",), level=1).plan()
+    assert palm.injected == ()
+    assert palm.out_of_catalogue is not None
+
+
+def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def simulated(plan: CasePlan, **_: object) -> tuple[TrueRecording, ...]:
+        asked.extend(grasp.name for grasp in plan.grasps)
+        return tuple(true_recording(grasp.name) for grasp in plan.grasps)
+
+    monkeypatch.setattr(bank, "true_recordings", simulated)
+    fruit = BankFruit(number=0)
+    for mesh in MESHES:
+        with pytest.raises(SampleFailure, match="not every mesh of null-000 is simulated"):
+            bank.simulated(tmp_path, fruit)
+        bank.simulate(tmp_path, fruit, mesh)
+        bank.simulate(tmp_path, fruit, mesh)
+    assert asked == ["grasp-1", "grasp-4", "grasp-3", "grasp-2"]
+    names = [truth.name for truth in bank.simulated(tmp_path, fruit)]
+    assert names == ["grasp-1", "grasp-2", "grasp-3", "grasp-4"]
+
+
+def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path) -> None:
+    fruit, truths = BankFruit(number=0), (true_recording(),)
+    one, other = (
+        draw_case(tmp_path / name, fruit, truths, added=("sensor_gain",), level=2, record=1) for name in "ab"
+    )
+    again = draw_case(tmp_path / "a", fruit, truths, added=("sensor_gain",), level=2, record=2)
+    assert (one, other, again) == ("sensor_gain-2-0-1", "sensor_gain-2-0-1", "sensor_gain-2-0-2")
+    assert answer_of(tmp_path / "a", one) == answer_of(tmp_path / "b", one)
+    first, second, third = (
+        read_mesh(tmp_path / where / "fruit.ply")[0] for where in (f"a/{one}", f"b/{one}", f"a/{again}")
+    )
+    np.testing.assert_array_equal(first, second)
+    assert np.abs(first - third).max() > 0.01
+    assert mean_force_N(tmp_path / "a", one, 0) == mean_force_N(tmp_path / "b", one, 0)
+
+
+def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Path) -> None:
+    case_id = draw_case(tmp_path, BankFruit(number=0), (true_recording(),), added=("sensor_gain",), record=1)
+    entry = answer_of(tmp_path, case_id)
+    assert entry["effect"] == "sensor_gain"
+    assert sealed_as(entry) == json.loads((tmp_path / "manifest.json").read_text())[case_id]
+    assert entry["drawn_from"] == {
+        "fruit": "null-000", "fruit_seed": [2028, 0, 0], "added": ["sensor_gain"], "level": 0, "seed": 2028,
+    }  # fmt: skip
+    side = ("left", "right").index(entry["parameters"]["pad"])
+    true = 0.01 * entry["parameters"]["gain"]
+    assert mean_force_N(tmp_path, case_id, side) == pytest.approx(true, rel=3e-3)
+    assert mean_force_N(tmp_path, case_id, 1 - side) == pytest.approx(0.01, rel=3e-3)
+
+
+def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> None:
+    fruit, truths = BankFruit(number=0), (true_recording(),)
+    pit = fruit.plan().drawn.fruit.pit
+    moved = answer_of(tmp_path, draw_case(tmp_path, fruit, truths, added=("pit_offset",), record=1))
+    assert moved["pit_centre_mm"] == pytest.approx(moved["parameters"]["offset_mm"])
+    assert moved["pit_semi_axes_mm"] == pytest.approx(pit.semi_axes_mm)
+    case_id = draw_case(tmp_path, fruit, truths, added=("pit_size",), record=1)
+    stated = np.abs(read_mesh(tmp_path / case_id / "pit.ply")[0]).max(axis=0)
+    ratio = np.array(pit.semi_axes_mm) / stated
+    assert ratio == pytest.approx(np.full(3, answer_of(tmp_path, case_id)["parameters"]["scale"]), rel=3e-3)
+
+
+def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_path: Path) -> None:
+    case_id = draw_case(
+        tmp_path, BankFruit(number=0), (true_recording(),), added=("poisson_ratio",), level=2, record=1
+    )
+    entry = answer_of(tmp_path, case_id)
+    assert entry["parameters"] == {"nu": 0.45}
+    assert entry["nu"] == 0.45
+    stated = tomllib.loads((tmp_path / case_id / "case.toml").read_text())["poisson_ratio"]
+    assert 0.28 <= stated <= 0.33
+
+
+def test_a_pair_of_a_simulated_and_a_drawn_effect_has_both_in_its_label(tmp_path: Path) -> None:
+    fruit = BankFruit(number=0, effects=("skin",), level=1)
+    case_id = draw_case(tmp_path, fruit, (true_recording(),), added=("sensor_drift",), level=1, record=1)
+    entry = answer_of(tmp_path, case_id)
+    assert case_id == "skin+sensor_drift-1-0-1"
+    assert entry["effect"] == "sensor_drift+skin"
+    assert set(entry["parameters"]["sensor_drift"]) == {"pad", "newton_per_s"}
+
+
+def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
+    fruit, truths = BankFruit(number=0), (true_recording(),)
+    case_id = draw_case(tmp_path, fruit, truths, record=1)
+    assert case_id == "null-000-1"
+    left = tmp_path / case_id / "left.txt"
+    left.write_text("")
+    draw_case(tmp_path, fruit, truths, record=1)
+    assert left.exists()
+    (tmp_path / "answers.json").write_text("{}")
+    draw_case(tmp_path, fruit, truths, record=1)
+    assert not left.exists()
+    assert answer_of(tmp_path, case_id)["effect"] == "none"
+
+
+def test_every_effect_of_the_catalogue_has_a_range_of_amplitudes() -> None:
+    assert set(AMPLITUDES) == set(EFFECTS)
