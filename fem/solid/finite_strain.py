@@ -17,8 +17,9 @@ from jaxtyping import Float
 from fem.cached_value import cached_value
 from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.law import UnitLaw
-from fem.solid.equilibrium import Ending, Tangent, Tangents, equilibrium
-from fem.solid.finite_strain_balance import FiniteBalance
+from fem.solid.anderson import Anderson
+from fem.solid.equilibrium import MEMORY, Ending, Tangent, Tangents, equilibrium
+from fem.solid.finite_strain_balance import FiniteBalance, FiniteState
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
 
@@ -28,6 +29,12 @@ ITERATIONS = 40
 """Steps of Newton's method under one load at most; hopeless ones are given up before. Set by hand."""
 SMALLEST_SHARE = 1 / 64
 """The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
+CHORDS = 15
+"""Chord steps that all loads take together at most: half of fem.solid.equilibrium.PATIENCE. A load that needs
+more is taken alone, where it may renew its tangent."""
+FARTHER = 2.0
+"""An accelerated step may make the residual larger before later ones make it smaller; beyond this many times
+the smallest so far the load is taken alone, with a line search. Set by hand."""
 SIMILAR = 0.9
 """Cosine between two loads from which on one's difference from the linear answer predicts the other's."""
 
@@ -92,17 +99,27 @@ class FiniteStrainSolid:
         start: Float[np.ndarray, "f n 3"] | None = None,
         tolerance: float = TOLERANCE,
         keep_factor: bool = True,
+        together: bool = False,
     ) -> FiniteResult:
         """The displacement under each of f loads: dead forces on the nodes, N per MPa of the modulus.
 
         Each search starts from `start`, or from the linear answer plus what the load before, if it was alike,
         has shown to lie beyond it. `keep_factor`: chord steps with the linear factor as long as they serve;
-        else a tangent at every step. A load that is not balanced at once is applied in smaller steps; the
-        result then holds the last displacement in balance (`share` < 1). Raises BAD_LOAD like the solid.
+        else a tangent at every step. `together`: chord steps of all loads at once first, from `start` or the
+        linear answer; only a load that they do not balance is searched for by itself. A load that is not
+        balanced at once is applied in smaller steps; the result then holds the last displacement in balance
+        (`share` < 1). Raises BAD_LOAD like the solid.
         """
-        linear = self.solid.displacement(nodal_force_over_E)
+        linear = self.solid.displacement(nodal_force_over_E) if start is None else start
+        at_once: list[_Loaded | None] = [None] * len(linear)
+        if together:
+            at_once = self._together(nodal_force_over_E, linear, tolerance=tolerance)
         found: list[_Loaded] = []
         for k, load in enumerate(nodal_force_over_E):
+            balanced = at_once[k]
+            if balanced is not None:
+                found.append(balanced)
+                continue
             last = found[-1] if found and _similar(nodal_force_over_E[k - 1], load) else None
             if start is not None:
                 first = start[k]
@@ -120,6 +137,44 @@ class FiniteStrainSolid:
             tangents=tuple(one.tangents for one in found),
             out_of_balance=np.array([one.out_of_balance for one in found]),
         )
+
+    def _together(
+        self,
+        loads: Float[np.ndarray, "f n 3"],
+        first: Float[np.ndarray, "f n 3"],
+        *,
+        tolerance: float,
+    ) -> "list[_Loaded | None]":
+        """All loads by accelerated chord steps with the linear factor; None for one that a step leads away
+        from balance (FARTHER), or that CHORDS steps do not bring to it.
+        """
+        rest, found = self.rest, list[_Loaded | None]([None] * len(loads))
+        open_ = {
+            k: _Chord(rest.under(load), rest.admissible(start))
+            for k, (load, start) in enumerate(zip(loads, first, strict=True))
+            if load.any()
+        }
+        for step in range(CHORDS + 1):
+            for k, chord in list(open_.items()):
+                size = chord.measured()
+                if size <= tolerance:
+                    found[k] = _Loaded(
+                        displacement_mm=chord.state.displacement_mm,
+                        share=1.0,
+                        ending=Ending.CONVERGED,
+                        iterations=step,
+                        tangents=0,
+                        out_of_balance=size,
+                        tangent=rest.linear_tangent,
+                    )
+                if size <= tolerance or not chord.comes_nearer:
+                    del open_[k]
+            if not open_ or step == CHORDS:
+                break
+            plain = rest.linear_tangent.solve(np.column_stack([one.residual for one in open_.values()]))
+            for chord, own in zip(open_.values(), plain.T, strict=True):
+                chord.step(-own)
+        return found
 
     def _loaded(
         self,
@@ -169,6 +224,27 @@ class FiniteStrainSolid:
             out_of_balance=left,
             tangent=tangent,
         )
+
+
+class _Chord:
+    """One load on its way to balance: its state, the residual there, and what earlier steps have taught."""
+
+    def __init__(self, balance: FiniteBalance, state: FiniteState) -> None:
+        self.balance, self.state = balance, state
+        self.learnt, self.smallest, self.comes_nearer = Anderson(MEMORY), np.inf, True
+
+    def measured(self) -> float:
+        """The residual's size; `comes_nearer`: whether it is less than FARTHER times the smallest so far."""
+        self.residual = self.balance.residual(self.state)
+        size = self.balance.size(self.residual)
+        self.comes_nearer, self.smallest = size < FARTHER * self.smallest, min(size, self.smallest)
+        return size
+
+    def step(self, plain: Float[np.ndarray, " d"]) -> None:
+        """Takes the accelerated step in the place of `plain`."""
+        step = self.learnt.step(plain)
+        self.state = self.balance.moved(self.state, step, 1.0)
+        self.learnt.took(step)
 
 
 @dataclass(frozen=True, kw_only=True)

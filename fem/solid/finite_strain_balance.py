@@ -49,10 +49,13 @@ class BorderedTangent:
         swept = factor.solve(border) if border.shape[1] else border
         return cls(factor, border, swept, corner - border.T @ swept)
 
-    def solve(self, residual: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
-        """The step that takes the residual away, were the problem linear; sign: K step = + residual."""
+    def solve(self, residual: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """The step that takes the residual away, were the problem linear; sign: K step = + residual.
+
+        Several residuals are the columns of one array: solved together they cost little more than one.
+        """
         k = len(self.border)
-        loose = self.factor.solve(residual[:k, None])[:, 0]
+        loose = self.factor.solve(residual[:k].reshape(k, -1)).reshape(residual[:k].shape)
         if not self.border.shape[1]:
             return loose
         rest = np.linalg.solve(self.schur, residual[k:] - self.border.T @ loose)
