@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import RBFInterpolator, RectBivariateSpline
+from scipy.interpolate import NdBSpline, RBFInterpolator, make_interp_spline
 from scipy.spatial import Delaunay, cKDTree
 
 from fem.elements.shape_functions import t6_gradient, t6_shape
@@ -68,7 +68,10 @@ class GelField:
     sum of the sizes of their normal forces, which the load on the skin keeps.
     """
 
-    components: tuple[RectBivariateSpline, ...]
+    force_per_area: NdBSpline
+    shear: NdBSpline
+    low_mm: Float[np.ndarray, "2"]
+    high_mm: Float[np.ndarray, "2"]
     hull: Delaunay
     near: cKDTree
     signs: Float[np.ndarray, " k"]
@@ -101,10 +104,14 @@ class GelField:
         )
         places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
         known = _continued(gel.rest_mm, values, on, pitch)(places.reshape(-1, 2))
-        known = known.reshape(*places.shape[:2], 5)
-        components = tuple(RectBivariateSpline(x, y, known[..., k]) for k in range(5))
+        across = make_interp_spline(x, known.reshape(*places.shape[:2], 5))
+        along = make_interp_spline(y, across.c.swapaxes(0, 1))
+        knots, values = (across.t, along.t), np.ascontiguousarray(along.c.swapaxes(0, 1))
         return cls(
-            components=components,
+            force_per_area=NdBSpline(knots, np.ascontiguousarray(values[..., :3]), 3),
+            shear=NdBSpline(knots, np.ascontiguousarray(values[..., 3:]), 3),
+            low_mm=low,
+            high_mm=high,
             hull=Delaunay(gel.rest_mm),
             near=cKDTree(gel.rest_mm[on]),
             signs=np.sign(gel.force_N[on, 2]),
@@ -117,12 +124,12 @@ class GelField:
         """a = y - s(a)."""
         a = y
         for _ in range(FIXED_POINT):
-            a = y - np.column_stack([s.ev(*a.T) for s in self.components[3:]])
+            a = y - self.shear(a.clip(self.low_mm, self.high_mm))
         return np.asarray(a)
 
     def traction(self, a: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 3"]:
         """On the fruit; zero where the normal part has another sign than at the next marker that touches."""
-        found = np.column_stack([t.ev(*a.T) for t in self.components[:3]])
+        found = self.force_per_area(a.clip(self.low_mm, self.high_mm))
         away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
         sign = np.append(self.signs, 0.0)[who]
         inside = (found[:, 2] * sign > 0) & np.isfinite(away)
