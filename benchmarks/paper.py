@@ -116,7 +116,9 @@ def _modulus(
     model = grasp_model(history, solid)
     if finite:
         flesh = FiniteStrainSolid(solid=solid, law=DecoupledNeoHookean(poisson_ratio=POISSON_RATIO))
-        model = with_finite_strain(model, history, flesh, recorded=history, scale_sd=budget.gel_scale_sd)
+        model = with_finite_strain(
+            model, history, flesh, recorded=history, force_sd_N=0.0, scale_sd=budget.gel_scale_sd
+        )
     return estimate_modulus(history, model, budget=budget)
 
 

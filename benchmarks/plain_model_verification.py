@@ -64,6 +64,7 @@ def line(case: MismatchCase, true_MPa: float) -> str:
         prepared.history,
         FiniteStrainSolid(solid=solid, law=law),
         recorded=grasp.history,
+        force_sd_N=prepared.force_sd_N,
         modulus_MPa=1 / small.compliance,
         scale_sd=scale_sd,
     )

@@ -75,12 +75,14 @@ def with_finite_strain(
     finite: FiniteStrainSolid,
     *,
     recorded: GraspHistory,
+    force_sd_N: float,
     scale_sd: float,
 ) -> GraspModel:
     """The model with what finite strain adds to its response in the frames used, at the E that it then gives.
 
     `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
-    solid of `finite`. `recorded`: the same with the rims of its contacts. `scale_sd` as in
+    solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component of
+    a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in
     fem.estimation.compliance_fit. The fruit's own turn is part of what is added, since markers are compared
     in the axes of the recording. A recording whose frames cannot be compared with each other gets the same
     model back.
@@ -96,6 +98,7 @@ def with_finite_strain(
         history,
         finite,
         recorded=recorded,
+        force_sd_N=force_sd_N,
         modulus_MPa=require_positive(linear.compliance),
         scale_sd=scale_sd,
     )
@@ -121,17 +124,18 @@ def finite_response(
     finite: FiniteStrainSolid,
     *,
     recorded: GraspHistory,
+    force_sd_N: float,
     modulus_MPa: float,
     scale_sd: float,
 ) -> FiniteResponse:
     """The response under the forces of `driven`; `modulus_MPa`: a first guess of E.
 
-    `recorded`, `scale_sd` and what it raises: as `with_finite_strain`.
+    `recorded`, `force_sd_N`, `scale_sd` and what it raises: as `with_finite_strain`.
     """
     solid, used = finite.solid, loaded_frames(driven)
     skin = np.sort(solid.mesh.outer_nodes)
     on_skin = replace(solid, contact_nodes=skin)
-    pads = [_PadFrames.of(*pair, used) for pair in zip(recorded.pads, driven.pads, strict=True)]
+    pads = [_PadFrames.of(*pair, used, force_sd_N) for pair in zip(recorded.pads, driven.pads, strict=True)]
     every = np.arange(int(used.sum()))
     motion = _Motion(np.tile(np.eye(3), (len(every), 1, 1)), np.zeros((len(every), 3)))
     unit = np.zeros((len(every), len(skin), 3))
@@ -217,6 +221,8 @@ def _without_rigid_motion(
     return left
 
 
+CLEAR = 3.0
+"""Standard deviations of its noise from which on a force is one."""
 ON_A_LINE = 1e-3
 """Width over length below which markers tell no turn."""
 HALF_TURN = np.array([1.0, -1.0, -1.0])
@@ -233,8 +239,14 @@ class _PadFrames:
     fields: tuple[GelField | None, ...]
 
     @classmethod
-    def of(cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"]) -> "_PadFrames":
-        """Its pose brings the markers at rest to where their gel stood; z points into the fruit."""
+    def of(
+        cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"], force_sd_N: float
+    ) -> "_PadFrames":
+        """Its pose brings the markers at rest to where their gel stood; z points into the fruit.
+
+        Noise hides the rim of the contact in what is recorded; a marker that a driving force clearly pushes
+        touches too.
+        """
         rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
         if not _span_a_plane(rest):
             raise FemFailure(
@@ -247,6 +259,8 @@ class _PadFrames:
         )
         if float((driven.force_N[used].sum(axis=1) * turn[:, :, 2]).sum()) < 0:
             rest, middle, turn = rest * HALF_TURN, middle * HALF_TURN, turn * HALF_TURN
+        forces = driven.force_N[used] @ turn
+        touching = (recorded.episode[used] >= 0) | (forces[:, :, 2] > CLEAR * force_sd_N)
         return cls(
             rest_mm=rest,
             turn=turn,
@@ -254,10 +268,7 @@ class _PadFrames:
             fields=tuple(
                 GelField.of(GelFrame(rest_mm=rest[:, :2], shear_mm=moved[:, :2], force_N=force, touching=on))
                 for moved, force, on in zip(
-                    recorded.gel_displacement_mm[used] @ turn,
-                    driven.force_N[used] @ turn,
-                    recorded.episode[used] >= 0,
-                    strict=True,
+                    recorded.gel_displacement_mm[used] @ turn, forces, touching, strict=True
                 )
             ),
         )

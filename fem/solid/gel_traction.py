@@ -65,7 +65,8 @@ class GelField:
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
     `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
     `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the
-    sum of the sizes of their normal forces, which the load on the skin keeps.
+    sum of the sizes of their normal forces and the force of the others, in which noise hides the rim of the
+    contact; the load on the skin keeps it.
     """
 
     force_per_area: NdBSpline
@@ -85,7 +86,7 @@ class GelField:
         on = gel.touching
         if not on.any():
             return None
-        areas = cell_areas(gel.rest_mm)
+        normal, areas = gel.force_N[on, 2], cell_areas(gel.rest_mm)
         if (areas == 0).mean() > LONE:
             raise FemFailure(
                 FemProblem.TOO_FEW_MARKERS,
@@ -114,10 +115,12 @@ class GelField:
             high_mm=high,
             hull=Delaunay(gel.rest_mm),
             near=cKDTree(gel.rest_mm[on]),
-            signs=np.sign(gel.force_N[on, 2]),
+            signs=np.sign(normal),
             reach_mm=BEYOND * pitch,
             shear_mm=shear,
-            normal_N=float(np.abs(gel.force_N[on, 2]).sum()),
+            normal_N=max(
+                float(np.abs(normal).sum() + np.sign(normal.sum()) * gel.force_N[~on, 2].sum()), 0.0
+            ),
         )
 
     def gel_points(self, y: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 2"]:

@@ -341,7 +341,14 @@ def _model(
     if not large:
         return small
     finite = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=solid.poisson_ratio))
-    return with_finite_strain(small, grasp.history, finite, recorded=grasp.recorded, scale_sd=gel_scale_sd)
+    return with_finite_strain(
+        small,
+        grasp.history,
+        finite,
+        recorded=grasp.recorded,
+        force_sd_N=grasp.force_sd_N,
+        scale_sd=gel_scale_sd,
+    )
 
 
 def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> str:
