@@ -81,9 +81,9 @@ def with_finite_strain(
     """The model with what finite strain adds to its response in the frames used, at the E that it then gives.
 
     `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
-    solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component of
-    a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in
-    fem.estimation.compliance_fit. The fruit's own turn is part of what is added, since markers are compared
+    solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component
+    of a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in fem.estimation.compliance_fit. The
+    fruit's own turn is part of what is added, since markers are compared
     in the axes of the recording. A recording whose frames cannot be compared with each other gets the same
     model back.
 

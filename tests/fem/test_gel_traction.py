@@ -1,5 +1,7 @@
 """The gel's load on the skin: total force, place and moment of a pressure whose integral is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
@@ -146,3 +148,10 @@ def test_the_rule_integrates_squares():
     assert (points[:, 0] ** 2) @ weights == pytest.approx(1 / 12)
     assert points.min() > 0
     assert points.sum(axis=1).max() < 1
+
+
+def test_the_force_of_a_rim_that_noise_hides_is_kept():
+    frame = gel(grid(1.0), 1.0)
+    hidden = frame.force_N[:, 2] < 0.3 * PEAK_MPA
+    force = load(replace(frame, touching=frame.touching & ~hidden), *flat_skin(0.8))[:, 2]
+    assert force.sum() == pytest.approx(frame.force_N[:, 2].sum(), rel=1e-9)
