@@ -244,8 +244,8 @@ class _PadFrames:
     ) -> "_PadFrames":
         """Its pose brings the markers at rest to where their gel stood; z points into the fruit.
 
-        Noise hides the rim of the contact in what is recorded; a marker that a driving force clearly pushes
-        touches too.
+        Noise hides the rim of the contact in what is recorded: a marker with a recorded force that a driving
+        force clearly pushes touches too.
         """
         rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
         if not _span_a_plane(rest):
@@ -260,7 +260,8 @@ class _PadFrames:
         if float((driven.force_N[used].sum(axis=1) * turn[:, :, 2]).sum()) < 0:
             rest, middle, turn = rest * HALF_TURN, middle * HALF_TURN, turn * HALF_TURN
         forces = driven.force_N[used] @ turn
-        touching = (recorded.episode[used] >= 0) | (forces[:, :, 2] > CLEAR * force_sd_N)
+        pushes = (forces[:, :, 2] > CLEAR * force_sd_N) & recorded.force_N[used].any(axis=2)
+        touching = (recorded.episode[used] >= 0) | pushes
         return cls(
             rest_mm=rest,
             turn=turn,
