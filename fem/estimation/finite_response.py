@@ -83,9 +83,8 @@ def with_finite_strain(
     `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
     solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component
     of a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in fem.estimation.compliance_fit. The
-    fruit's own turn is part of what is added, since markers are compared
-    in the axes of the recording. A recording whose frames cannot be compared with each other gets the same
-    model back.
+    fruit's own turn is part of what is added, since markers are compared in the axes of the recording. A
+    recording whose frames cannot be compared with each other gets the same model back.
 
     Raises FemFailure: NO_LOAD, TOO_FEW_MARKERS, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS.
     """
