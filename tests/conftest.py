@@ -4,7 +4,6 @@ The hook holds for what this process imports; workers that tests start as proces
 checked.
 """
 
-import ctypes
 import gc
 import os
 import sys
@@ -21,9 +20,6 @@ from threadpoolctl import threadpool_limits
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
 threadpool_limits(1)  # numpy and scipy: two workers share two cores
-if hasattr(ctypes.CDLL(None), "mallopt"):  # glibc: memory of an array is kept for the next, not mapped anew
-    ctypes.CDLL(None).mallopt(-3, 2**25)  # M_MMAP_THRESHOLD, the largest that there is
-    ctypes.CDLL(None).mallopt(-1, 2**30)  # M_TRIM_THRESHOLD
 if "PYTEST_XDIST_WORKER" in os.environ:
     gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
 ROOT = Path(__file__).parents[1]
