@@ -41,7 +41,7 @@ DRAWN = (
 OUTSIDE = tuple(name for name in OUT_OF_CATALOGUE if name not in EFFECTS)
 """Physics that the catalogue does not have."""
 SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUTSIDE)
-"""Effects and physics of which each case needs a fruit of its own."""
+"""Effects and physics that change what is simulated: they cannot be added to a stored fruit."""
 WIDE = len(LEVELS)
 """In place of a level: an amplitude drawn log-uniformly over the effect's whole range."""
 

@@ -1,6 +1,5 @@
 """The recording of one grasp before any sensor: instants at the frames, and what the machine knows."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,10 +67,7 @@ def grip_of(
     )
 
 
-def grasped(
-    grasp: CaseGrasp, grip: Grip, body: GrippedBody, progress: Callable[[str], None] | None = None,
-    *, steps: int = 1,
-) -> TrueRecording:  # fmt: skip
+def grasped(grasp: CaseGrasp, grip: Grip, body: GrippedBody, *, steps: int = 1) -> TrueRecording:
     """Go through the motion, from corner to corner in `steps`; keep the recorded corners.
 
     Raises NotInEquilibrium where a step finds no balance.
@@ -89,8 +85,6 @@ def grasped(
                 instant = body.advance(grip, instant, first + step / steps * (origins - first), pause / steps)
         if motion.recorded[k]:
             frames.append(instant)
-        if progress is not None:
-            progress(f"{grasp.name}: {k + 1} of {len(motion.time_s)}")
     return _at_frames(grasp, grip, frames, _markers_mm(grip))
 
 

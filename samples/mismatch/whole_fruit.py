@@ -60,7 +60,7 @@ class WholeFruit:
         return self.factor.solve(force_N[:, None])[:, 0]
 
     def solve_skin(self, force_N: Float[np.ndarray, " u"]) -> Float[np.ndarray, " d"]:
-        """Displacement of the patches' unknowns alone under forces on all: two thirds of the time."""
+        """Displacement of the patches' unknowns alone, under forces on all unknowns."""
         return self.factor.solve_at(force_N[:, None], self.dofs)[:, 0]
 
     def spread(self, force_N: Float[np.ndarray, " d"]) -> Float[np.ndarray, " u"]:

@@ -29,7 +29,7 @@ def mesh():
     pit = trimesh.creation.icosphere(subdivisions=3, radius=6.0)
     surfaces = (np.asarray(fruit.vertices), np.asarray(fruit.faces, dtype=np.int64))
     inner = (np.asarray(pit.vertices), np.asarray(pit.faces, dtype=np.int64))
-    return tetrahedralise(*surfaces, *inner, edge_mm=7.5)
+    return tetrahedralise(*surfaces, *inner, edge_mm=5.0)
 
 
 def placed(axis, side):
