@@ -65,8 +65,8 @@ class GelField:
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
     `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
     `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the
-    sum of the sizes of their normal forces and the force of the others, in which noise hides the rim of the
-    contact; the load on the skin keeps it.
+    sum of the sizes of their normal forces and the force of the markers next to them, where noise hides the
+    rim of the contact; the load on the skin keeps it.
     """
 
     force_per_area: NdBSpline
@@ -108,18 +108,20 @@ class GelField:
         across = make_interp_spline(x, known.reshape(*places.shape[:2], 5))
         along = make_interp_spline(y, across.c.swapaxes(0, 1))
         knots, values = (across.t, along.t), np.ascontiguousarray(along.c.swapaxes(0, 1))
+        near = cKDTree(gel.rest_mm[on])
+        rim = ~on & (near.query(gel.rest_mm)[0] < BEYOND * pitch)
         return cls(
             force_per_area=NdBSpline(knots, np.ascontiguousarray(values[..., :3]), 3),
             shear=NdBSpline(knots, np.ascontiguousarray(values[..., 3:]), 3),
             low_mm=low,
             high_mm=high,
             hull=Delaunay(gel.rest_mm),
-            near=cKDTree(gel.rest_mm[on]),
+            near=near,
             signs=np.sign(normal),
             reach_mm=BEYOND * pitch,
             shear_mm=shear,
             normal_N=max(
-                float(np.abs(normal).sum() + np.sign(normal.sum()) * gel.force_N[~on, 2].sum()), 0.0
+                float(np.abs(normal).sum() + np.sign(normal.sum()) * gel.force_N[rim, 2].sum()), 0.0
             ),
         )
 

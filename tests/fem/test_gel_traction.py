@@ -155,3 +155,14 @@ def test_the_force_of_a_rim_that_noise_hides_is_kept():
     hidden = frame.force_N[:, 2] < 0.3 * PEAK_MPA
     force = load(replace(frame, touching=frame.touching & ~hidden), *flat_skin(0.8))[:, 2]
     assert force.sum() == pytest.approx(frame.force_N[:, 2].sum(), rel=1e-9)
+
+
+def test_noise_of_markers_far_from_the_contact_loads_nothing():
+    frame = gel(grid(1.0), 1.0)
+    noisy = frame.force_N.copy()
+    at = frame.rest_mm[frame.touching]
+    far = np.linalg.norm(frame.rest_mm[:, None] - at, axis=2).min(axis=1) > 2.0
+    assert far.sum() > 20
+    noisy[far] += 0.02 * PEAK_MPA
+    same, quiet = (load(one, *flat_skin(0.8)) for one in (replace(frame, force_N=noisy), frame))
+    np.testing.assert_array_equal(same, quiet)
