@@ -65,8 +65,8 @@ class GelField:
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
     `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
     `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the
-    sum of the sizes of their normal forces and the force of the markers next to them, where noise hides the
-    rim of the contact; the load on the skin keeps it.
+    sum of the sizes of their normal forces and the force of the markers within `reach_mm` of them, where
+    noise hides the rim of the contact; the load on the skin keeps it. Of a wider hidden rim the rest is lost.
     """
 
     force_per_area: NdBSpline
@@ -97,7 +97,8 @@ class GelField:
         areas = np.where(areas > 0, areas, pitch**2)
         values = np.column_stack([gel.force_N / areas[:, None], gel.shear_mm])
         shear = float(np.linalg.norm(gel.shear_mm[on], axis=1).max())
-        margin = BEYOND * pitch + shear
+        reach = BEYOND * pitch
+        margin = reach + shear
         low, high = gel.rest_mm[on].min(axis=0) - margin, gel.rest_mm[on].max(axis=0) + margin
         x, y = (
             np.linspace(a, b, max(int(np.ceil((b - a) / pitch * GRID)) + 1, 4))
@@ -109,7 +110,7 @@ class GelField:
         along = make_interp_spline(y, across.c.swapaxes(0, 1))
         knots, values = (across.t, along.t), np.ascontiguousarray(along.c.swapaxes(0, 1))
         near = cKDTree(gel.rest_mm[on])
-        rim = ~on & (near.query(gel.rest_mm)[0] < BEYOND * pitch)
+        rim = ~on & (near.query(gel.rest_mm)[0] < reach)
         return cls(
             force_per_area=NdBSpline(knots, np.ascontiguousarray(values[..., :3]), 3),
             shear=NdBSpline(knots, np.ascontiguousarray(values[..., 3:]), 3),
@@ -118,7 +119,7 @@ class GelField:
             hull=Delaunay(gel.rest_mm),
             near=near,
             signs=np.sign(normal),
-            reach_mm=BEYOND * pitch,
+            reach_mm=reach,
             shear_mm=shear,
             normal_N=max(
                 float(np.abs(normal).sum() + np.sign(normal.sum()) * gel.force_N[rim, 2].sum()), 0.0

@@ -161,7 +161,8 @@ def test_noise_of_markers_far_from_the_contact_loads_nothing():
     frame = gel(grid(1.0), 1.0)
     noisy = frame.force_N.copy()
     at = frame.rest_mm[frame.touching]
-    far = np.linalg.norm(frame.rest_mm[:, None] - at, axis=2).min(axis=1) > 2.0
+    away_mm = np.linalg.norm(frame.rest_mm[:, None] - at, axis=2).min(axis=1)
+    far = away_mm > 2.0  # pitches of 1 mm
     assert far.sum() > 20
     noisy[far] += 0.02 * PEAK_MPA
     same, quiet = (load(one, *flat_skin(0.8)) for one in (replace(frame, force_N=noisy), frame))
