@@ -21,7 +21,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 OFF_GRID = 0.06
 """Of the pitch: root mean square by which dots may be off the grid behind the camera found. Empty gels have
-0.021 to 0.048 of it (135 first frames, benchmarks/sensor_from_picture.py FOLDER), printed dots as such;
+0.021 to 0.048 of it (135 first frames), printed dots as such;
 loaded ones reach 0.14."""
 
 

@@ -7,7 +7,7 @@ The difference to a smoother one, e* (fem.mesh.recovery), is taken for the error
 
 By Galerkin orthogonality the energy of the error is the energy that the mesh withholds: the mesh is too
 stiff, the compliance f'Cf on it too small by exactly that share.
-Measured (2026-11-20, benchmarks/convergence.py) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
+Measured (benchmarks/results/convergence.csv) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
 grasps, against extrapolated meshes: estimate over error 1.07 to 1.37 where nu is .45, 0.86 to 1.08 where it
 is .49; the energy times (1 + share) is within 0.4 % where T10 alone lacks 0.7 to 2.7 %.
 Source: Zienkiewicz and Zhu (fem.mesh.recovery); orthogonality: Ainsworth and Oden, "A Posteriori Error

@@ -29,7 +29,7 @@ ALONG_STEM = (
     "If the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem "
     "to tip)"
 )
-"""Of a stone fruit; the factor is that of benchmarks/diameter_shapes.py."""
+"""Of a stone fruit; ALONG_SUTURE_SD of pipeline/fruit/pressed_fruit.py has the factor."""
 DEEP = "No thickness_mm is given (in case.toml, or to drupe convert): the specimen is taken as thick."
 
 

@@ -15,8 +15,7 @@ from reports.entries import Picture
 from reports.inline_picture import webp_within
 
 MANY = 450
-"""Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB
-(benchmarks/report_sizes.py)."""
+"""Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB."""
 MANY_SCENES = 100
 """Fruit in a batch; beyond it the page holds none in three dimensions, which take 40 kB each in base64: 4 MB.
 Set by hand."""

@@ -18,8 +18,8 @@ from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
 
 OWN_MIB = 500.0
-"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
-(benchmarks/cluster_speed.py), as much for its nanny, and as much again for what grows."""
+"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker,
+as much for its nanny, and as much again for what grows."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from recon.wording import listed
 WIDE_DEG = 75.0
 """A side without photos that is said; from 120 degrees on a shape is refused (recon/checks/verdict.py)."""
 STEP_DEG = 45.0
-"""What is advised between neighbours: eight photos once around (benchmarks/photo_phone.py)."""
+"""What is advised between neighbours: eight photos once around."""
 
 
 @dataclass(frozen=True, kw_only=True)
