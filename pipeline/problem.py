@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from recon.plain_file import printable
+from pipeline.files.plain_file import printable
 
 
 @dataclass(frozen=True)

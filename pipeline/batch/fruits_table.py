@@ -13,9 +13,9 @@ from typing import Any
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.input_names import is_of_the_system
+from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
 from tactile.io.specimen import Axis

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import write_whole
+from pipeline.files.plain_file import not_plain
 from recon.checks.quality import ReconQuality
-from recon.plain_file import not_plain
 
 
 class _Record(BaseModel):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pipeline.batch.layout import PARTS, BatchFolder, CaseFolder, FruitResults, Results
 from pipeline.files.manifest import was_ours
+from pipeline.files.plain_file import not_plain
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import not_plain
 
 Place = tuple[int, int]
 MOVE = "choose another place"

@@ -15,6 +15,8 @@ from pipeline.batch.layout import CaseFolder, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
+from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
     batch_trees,
     require_file_apart,
@@ -31,14 +33,12 @@ from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, remove
-from pipeline.files.results_lock import is_held, results_lock
-from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.files.plain_file import NotReadable, read_text
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.former_results import former_batch, identity, require_same_batch
 from pipeline.run.grading import read_files
-from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
 from reports.explain_page import explain_html

@@ -35,6 +35,7 @@ from pipeline.batch.records import (
 )
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
+from pipeline.files.plain_file import printable
 from pipeline.fruit.bare_traces import (
     ALONG_STEM,
     BareRecording,
@@ -54,7 +55,6 @@ from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
-from recon.plain_file import printable
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording, read_recording
 from tactile.io.specimen import DIAMETERS

@@ -21,6 +21,7 @@ from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
 from pipeline.batch.records import FruitRecord, GraspRecord, write_record
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_fruit
+from pipeline.files.plain_file import printable
 from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
@@ -39,7 +40,6 @@ from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_b
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
-from recon.plain_file import printable
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.mesh_picture import mesh_picture

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.plain_file import NotReadable, read_text
 from pipeline.files.whole_file import put
 from pipeline.history.history_store import HistoryStore, history_store
 from pipeline.history.history_table import COLUMNS, history_csv
@@ -14,7 +15,6 @@ from pipeline.history.lot_history import fruit_of, history_entry
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text
 from reports.history_entries import HistoryEntry
 from reports.history_page import PAGE_TITLE, history_html
 

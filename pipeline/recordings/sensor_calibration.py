@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import NotReadable, read_text, toml_of
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text, toml_of
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of

@@ -23,7 +23,7 @@ from urllib.request import ProxyHandler, build_opener
 
 from distributed import Client, Future, KilledWorker, Security
 
-from pipeline.files.scratch import scratch
+from pipeline.batch.scratch import scratch
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed

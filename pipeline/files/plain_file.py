@@ -1,7 +1,4 @@
-"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait.
-
-The same rules as tactile.io.named_file's: the rooms do not import each other.
-"""
+"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait."""
 
 import errno
 import json
@@ -11,7 +8,7 @@ import stat
 import tomllib
 import unicodedata
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 DEEPEST = 20
 """Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
@@ -82,13 +79,19 @@ def read_head(path: Path, count: int) -> bytes:
     if wrong := not_plain(path):
         raise NotReadable(wrong)
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            if wrong := _kind(os.fstat(handle).st_mode):
-                raise NotReadable(wrong)
+        with open_plain(path) as file:
             return file.read(count)
     except OSError as error:
         raise NotReadable(f"cannot be opened ({_why(error)})") from error
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Opens a plain file, and waits for no pipe; raises OSError, or NotReadable where it is another thing."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if wrong := _kind(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise NotReadable(wrong)
+    return os.fdopen(handle, "rb")
 
 
 def is_lfs_pointer(path: Path) -> bool:
