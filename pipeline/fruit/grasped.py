@@ -14,7 +14,7 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
 from pipeline.batch.layout import in_order, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import FleshRecord, GraspRecord
+from pipeline.batch.records import FleshRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
 from pipeline.files.plain_file import printable
@@ -29,6 +29,7 @@ from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks,
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.surface.coverage import SEEN_BY
+from reports.grasp_record import GraspRecord
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording
 from tactile.tactile_failure import TactileFailure

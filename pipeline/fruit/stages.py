@@ -18,7 +18,7 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.batch.confirmed_effects import in_words
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
-from pipeline.batch.records import FruitRecord, GraspRecord, write_record
+from pipeline.batch.records import FruitRecord, write_record
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_fruit
 from pipeline.files.plain_file import printable
@@ -42,6 +42,7 @@ from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
+from reports.grasp_record import GraspRecord
 from reports.mesh_picture import mesh_picture
 from reports.residual_map import residual_layer, residual_map
 from reports.view_plan_picture import view_plan_picture

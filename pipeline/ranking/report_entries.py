@@ -18,7 +18,6 @@ from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
-from pipeline.ranking.grasp_entries import curves_of, estimate_of, frames_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
@@ -204,9 +203,7 @@ def _fruit_entry(
         views=shown.views,
         surface_sd=shown.surface_sd,
         residual=shown.residual,
-        estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
-        curves=tuple(curves_of(record.grasps)),
-        frames=tuple(frames_of(record.grasps)),
+        recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
@@ -354,13 +351,7 @@ def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
     ]
     if not pairs:
         return None
-    E, shore = np.array(pairs, dtype=float).T
-    found = agreement(E, shore)
-    return (
-        None
-        if found is None
-        else ShoreCorrelation(n=found.n, spearman=found.spearman, pearson=found.pearson, p=found.p)
-    )
+    return agreement(*np.array(pairs, dtype=float).T)
 
 
 def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:

@@ -16,7 +16,6 @@ from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import (
     FruitRecord,
     Given,
-    GraspRecord,
     ModulusRecord,
     ScreenRecord,
     read_record,
@@ -30,6 +29,7 @@ from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import ReportSoFar
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 
 
 def record(outcome, reason=""):
