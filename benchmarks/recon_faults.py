@@ -33,9 +33,9 @@ from fault_pictures import TrueView
 from fault_words import HARMLESS, WORDS
 from jaxtyping import Bool, Float
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import FruitFolder, FruitResults
 from pipeline.batch.outcome import FruitEnded
-from pipeline.batch.records import Given
 from pipeline.batch.settings import Recon, Settings
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.fruit_shape import fruit_shape

@@ -7,7 +7,7 @@ from typing import Literal, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
 
-from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import write_whole
 from pipeline.files.plain_file import not_plain
 from recon.checks.quality import ReconQuality
@@ -19,34 +19,6 @@ class _Record(BaseModel):
 
 
 R = TypeVar("R", bound=BaseModel)
-
-
-class Given(_Record):
-    """What staff wrote of the fruit in fruits.csv."""
-
-    height_mm: float | None = None
-    mass_g: float | None = None
-    shore_oo: float | None = None
-    penetrometer_N: float | None = None
-    diameter_mm: float | None = None
-    diameter_a_mm: float | None = None
-    diameter_b_mm: float | None = None
-    diameter_c_mm: float | None = None
-    axis: Literal["a", "b", "c"] | None = None
-    """The diameter along which plates squeeze it."""
-    pit_share: float | None = None
-    """Diameter of its pit over its own."""
-    notes: str = ""
-    reference: bool = False
-    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
-    reference_E_MPa: float | None = None
-    reference_E_sd_MPa: float | None = None
-    reference_poisson_ratio: float | None = None
-
-
-def given_of(row: FruitRow) -> Given:
-    """What a row of fruits.csv says."""
-    return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 class OrientationRecord(_Record):

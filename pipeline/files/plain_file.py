@@ -114,6 +114,14 @@ def read_text(path: Path, *, most_bytes: int) -> str:
     return text
 
 
+def text_or_empty(path: Path, *, most_bytes: int) -> str:
+    """The text of a UTF-8 file; empty where it cannot be read."""
+    try:
+        return read_text(path, most_bytes=most_bytes)
+    except NotReadable:
+        return ""
+
+
 def toml_of(text: str) -> dict[str, Any]:
     """The table that a TOML text holds; raises NotReadable with the line of the fault."""
     if line := _line_of_deep_key(text):

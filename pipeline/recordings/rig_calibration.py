@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import NotReadable, read_bytes, read_text
+from pipeline.files.plain_file import read_bytes, text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import as_toml
@@ -230,7 +230,4 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
 
 
 def _is_rig(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

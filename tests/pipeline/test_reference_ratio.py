@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord
+from pipeline.batch.records import FruitRecord, ModulusRecord
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,

@@ -16,15 +16,10 @@ from explain_runs import NO_MESH
 from raw_folder import write_raw
 
 import pipeline.fruit.grasped
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import (
-    FruitRecord,
-    Given,
-    ModulusRecord,
-    ScreenRecord,
-    write_record,
-)
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
