@@ -41,6 +41,26 @@ class Picture:
     file: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class FruitPictures:
+    """Those that a fruit has."""
+
+    photo: Picture | None = None
+    outlines: Picture | None = None
+    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
+    mesh: Picture | None = None
+    coverage: Picture | None = None
+    surface_sd: Picture | None = None
+    residual: Picture | None = None
+    """Where the fitted model and the recorded skin differ at the greatest force."""
+    views: Picture | None = None
+    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
+    scene: bytes = b""
+    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
+    explained_scene: bytes = b""
+    """The same with the map of `drupe explain`; empty where there is none."""
+
+
 OR = "|"
 """Between effects of which one is there."""
 
@@ -158,22 +178,9 @@ class FruitEntry:
     """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
     forced: tuple[str, ...] = ()
     """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
-    photo: Picture | None = None
-    outlines: Picture | None = None
-    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
-    mesh_picture: Picture | None = None
-    scene: bytes = b""
-    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
-    explained_scene: bytes = b""
-    """The same with the map of `drupe explain`; empty where there is none."""
+    pictures: FruitPictures = FruitPictures()
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
-    coverage: Picture | None = None
-    views: Picture | None = None
-    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
-    surface_sd: Picture | None = None
-    residual: Picture | None = None
-    """Where the fitted model and the recorded skin differ at the greatest force."""
     recordings: tuple[GraspRecord, ...] = ()
     """Those that gave a modulus, in their order."""
     smaller_error: str = ""

@@ -131,7 +131,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         script_hash=script_hash,
         viewer=viewer,
         viewer_hash=viewer_hash,
-        turned=any(fruit.scene for fruit in batch.fruits),
+        turned=any(fruit.pictures.scene for fruit in batch.fruits),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in alone),

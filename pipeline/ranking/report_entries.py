@@ -159,7 +159,6 @@ def _fruit_entry(
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
     decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
-    shown = pictures.of(files, measured=mesh is not None, graded=record.graded, explained=answer is not None)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -193,16 +192,10 @@ def _fruit_entry(
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        photo=shown.photo,
-        outlines=shown.outlines,
-        mesh_picture=shown.mesh,
-        scene=shown.scene,
-        explained_scene=shown.explained_scene,
+        pictures=pictures.of(
+            files, measured=mesh is not None, graded=record.graded, explained=answer is not None
+        ),
         has_pit=record.pit is not None,
-        coverage=shown.coverage,
-        views=shown.views,
-        surface_sd=shown.surface_sd,
-        residual=shown.residual,
         recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),
         facts=tuple(_facts(record, place)),

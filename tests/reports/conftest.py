@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.entries import BatchEntry, FruitEntry, Picture, ShoreCorrelation
+from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ShoreCorrelation
 from reports.grasp_record import CurveRecord, GraspRecord, ModelCurveRecord
 
 HOSTILE = "<script>alert('x')</script>&\"q\" {{ 7*7 }}"
@@ -32,12 +32,14 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         volume_mm3=104123.5,
         grasps=1,
         shore_oo=30.0 + 20.0 * E_MPa,
-        photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
-        mesh_picture=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
-        coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
-        surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
-        residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
-        outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
+        pictures=FruitPictures(
+            photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
+            mesh=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
+            coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
+            surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
+            residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
+            outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
+        ),
         recordings=(
             GraspRecord(
                 grasp="grasp-1",
