@@ -193,7 +193,7 @@ def tried(
         "volume": round(volume, 4),
         "sentence": " | ".join(warnings),
         "seconds": round(time.perf_counter() - started, 1),
-        "quality": json.dumps({k: round(float(v), 3) for k, v in shape.record.quality.known().items()}),
+        "quality": json.dumps({k: round(float(v), 3) for k, v in shape.record.quality.items()}),
     }
 
 

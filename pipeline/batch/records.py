@@ -1,16 +1,13 @@
 """What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Literal, Self, TypeVar
+from typing import Literal, TypeVar
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import write_whole
 from pipeline.files.plain_file import not_plain
-from recon.checks.quality import ReconQuality
 from reports.grasp_record import GraspRecord
 
 
@@ -34,41 +31,6 @@ class OrientationRecord(_Record):
     groove_mm: float
 
 
-class QualityRecord(_Record):
-    """How good the mesh of photos is, as recon.checks.quality.ReconQuality; None: not known, not written."""
-
-    views_given: int | None = None
-    views_used: int | None = None
-    reprojection_px: float | None = None
-    silhouette_iou: float | None = None
-    outline_rms_mm: float | None = None
-    clear_outline_share: float | None = None
-    focal_px: float | None = None
-    focal_sd_px: float | None = None
-    k1: float | None = None
-    widest_gap_deg: float | None = None
-    seen_share: float | None = None
-    unseen_mm2: float | None = None
-    decimation_rms_mm: float | None = None
-    relief_share: float | None = None
-    flipped_views: int | None = None
-    flipped_miss_mm: float | None = None
-    offset_rms_mm: float | None = None
-    offset_local_mm: float | None = None
-    offset_volume_share: float | None = None
-    ground_known_share: float | None = None
-
-    @classmethod
-    def of(cls, quality: ReconQuality) -> Self:
-        """What is finite of a reconstruction's quality."""
-        return cls(**{name: value for name, value in asdict(quality).items() if np.isfinite(value)})
-
-    @model_serializer
-    def known(self) -> dict[str, int | float]:
-        """The numbers that are known, by name."""
-        return {name: value for name, value in self if value is not None}
-
-
 class MeshRecord(_Record):
     """The fruit's surface: where it came from, its size, and how good it is."""
 
@@ -80,7 +42,8 @@ class MeshRecord(_Record):
     box_mm: tuple[float, float, float]
     scale_sd: float | None = None
     surface_sd_mm: float | None = None
-    quality: QualityRecord = QualityRecord()
+    quality: dict[str, int | float] = {}
+    """What is known of a mesh of photos, by the names of recon.checks.quality.ReconQuality."""
     stance: OrientationRecord | None = None
 
 

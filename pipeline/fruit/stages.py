@@ -78,23 +78,13 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
             if ending is Outcome.INTERNAL:
                 write_whole(task.results.traceback, traceback.format_exc())
             outcome, reason = ending.code, ending.sentence(particulars)
-    facts = log.facts
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome,
         reason=task.named_in_batch(reason),
         key=task.key,
         given=task.given,
-        mesh=facts.mesh,
-        pit=facts.pit,
-        pressed=facts.pressed,
-        flesh=facts.flesh,
-        grasps=facts.grasps,
-        modulus=facts.modulus,
-        mismatch=facts.mismatch,
-        screen=facts.screen,
-        doubts=facts.doubts,
-        strangers=facts.strangers,
+        **vars(log.facts),
         warnings=tuple(log.warnings),
         seconds=log.seconds,
         peak_memory_MiB=_peak_memory_MiB(),

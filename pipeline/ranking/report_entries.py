@@ -265,7 +265,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
         facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
         if mesh.scale_sd is not None:
             facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
-        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.known().items()]
+        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items()]
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         facts.append(("Pit", f"{box} mm, from {pit.source}"))
