@@ -107,8 +107,7 @@ def read_text(path: Path, *, most_bytes: int) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        found = f"byte 0x{data[error.start]:02x} in line {line}"
-        raise NotReadable(f"is not UTF-8 text ({found})") from error
+        raise NotReadable(f"is not UTF-8 text (byte 0x{data[error.start]:02x} in line {line})") from error
     if "\0" in text:
         raise NotReadable("is no text (it holds zero bytes)")
     return text
@@ -166,13 +165,13 @@ def _require_shallow(held: Any) -> None:
     """Refuses nesting that a later reader's stack may not survive, and integers beyond 64 bits."""
     level = [held]
     for _ in range(DEEPEST + 1):
-        if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in level):
+        if any(isinstance(entry, int) and not -(2**63) <= entry < 2**63 for entry in level):
             raise NotReadable("holds a whole number beyond 64 bits")
         level = [
             inner
-            for one in level
-            if isinstance(one, list | dict)
-            for inner in (one.values() if isinstance(one, dict) else one)
+            for entry in level
+            if isinstance(entry, list | dict)
+            for inner in (entry.values() if isinstance(entry, dict) else entry)
         ]
         if not level:
             return
@@ -210,8 +209,8 @@ def _undecoded(character: str) -> bool:
 
 
 def _kind(mode: int) -> str:
-    found = next((word for test, word in _KINDS if test(mode)), None)
-    return "" if found is None else f"is {found}, not a file"
+    kind = next((word for test, word in _KINDS if test(mode)), None)
+    return "" if kind is None else f"is {kind}, not a file"
 
 
 def _why(error: OSError | ValueError) -> str:
