@@ -16,6 +16,7 @@ import typer
 
 from pipeline.address_space import is_lack_of_memory, too_little_memory
 from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.scratch import PREFIX
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.clean import clean
@@ -33,13 +34,12 @@ from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
 from pipeline.early_end import SAID
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
-from pipeline.files.scratch import PREFIX
+from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import ended_like_ctrl_c
 from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
-from recon.plain_file import printable
 
 app = typer.Typer(
     name="drupe",

@@ -19,7 +19,7 @@ import numpy as np
 
 from pipeline.batch.stage_record import StageRecord
 from pipeline.files.checked_file import put_checked, read_checked
-from recon.plain_file import not_plain
+from pipeline.files.plain_file import not_plain
 
 PACKAGES = Path(__file__).resolve().parents[2]
 """The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, Entry
-from recon.plain_file import printable
+from pipeline.files.plain_file import printable
 from tactile.correction import (
     ComplianceFault,
     DriftFault,

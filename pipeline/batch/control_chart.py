@@ -22,9 +22,9 @@ from jaxtyping import Float
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.write_guard import batch_trees, require_file_apart
 from pipeline.files.lock_file import WAIT_S, holder_of, locked_within
+from pipeline.files.plain_file import NotReadable, read_text
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000

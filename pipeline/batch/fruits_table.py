@@ -6,16 +6,17 @@ import io
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, ConfigDict
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.input_names import is_of_the_system
+from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
 from tactile.io.specimen import Axis
@@ -41,11 +42,11 @@ SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
 """Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark, no sign."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FruitRow:
-    """What staff wrote of one fruit; a measure left empty is None."""
+class Given(BaseModel):
+    """What staff wrote of a fruit; a measure left empty is None."""
 
-    fruit_id: str
+    model_config = ConfigDict(frozen=True)
+
     height_mm: float | None = None
     mass_g: float | None = None
     shore_oo: float | None = None
@@ -60,17 +61,27 @@ class FruitRow:
     """Diameter of its pit over its own."""
     notes: str = ""
     reference: bool = False
-    """Whether this is no fruit but a body of known modulus."""
+    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
     reference_E_MPa: float | None = None
     reference_E_sd_MPa: float | None = None
     reference_poisson_ratio: float | None = None
-    unreadable: tuple[str, ...] = ()
-    """Measures that were written, but are no numbers."""
 
     @property
     def diameters(self) -> tuple[float | None, ...]:
         """Of DIAMETERS, in their order."""
         return self.diameter_a_mm, self.diameter_b_mm, self.diameter_c_mm
+
+
+class FruitRow(Given):
+    """A row of fruits.csv. `unreadable`: measures that were written, but are no numbers."""
+
+    fruit_id: str
+    unreadable: tuple[str, ...] = ()
+
+
+def given_of(row: FruitRow) -> Given:
+    """What a row says, without whose it is."""
+    return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitRow, ...], list[Problem]]:

@@ -11,13 +11,13 @@ from pathlib import Path
 from pipeline.batch.batch_template import TEMPLATE
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
-from pipeline.files.scratch import moved_in, scratch
+from pipeline.batch.scratch import moved_in, scratch
+from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
 from recon.pit.priors import known_categories
-from recon.plain_file import not_plain
 
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""

@@ -17,13 +17,13 @@ from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doub
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
+from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.measured import load_pit
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
-from recon.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES
 

@@ -11,8 +11,8 @@ from enum import Enum
 from pathlib import Path
 
 from pipeline.address_space import is_lack_of_memory
+from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import MACHINE_FAULTS, NotWritten
-from recon.plain_file import printable
 
 
 class Outcome(Enum):

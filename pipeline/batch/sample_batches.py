@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.files.scratch import moved_in, scratch
+from pipeline.batch.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 

@@ -20,11 +20,11 @@ from pydantic import (
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from tactile.io.decimal_number import meant
 

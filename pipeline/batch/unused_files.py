@@ -15,8 +15,8 @@ from pathlib import Path
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, meshes_named, names_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
+from pipeline.files.plain_file import not_plain
 from recon.cameras.photos import SUFFIXES as PHOTOS
-from tactile.io.named_file import not_plain
 
 KINDS: dict[str, tuple[str, ...]] = {
     "recording": RECORDINGS,

@@ -13,7 +13,7 @@ from pipeline.batch.confirmed_effects import ConfirmedEffect, Value
 from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
-from recon.plain_file import NotReadable, toml_of
+from pipeline.files.plain_file import NotReadable, toml_of
 
 HEADER = re.compile(r"[ \t]*\[")
 MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from pipeline.batch.layout import CaseFolder, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
+from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
     batch_trees,
     require_file_apart,
@@ -31,14 +33,13 @@ from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, remove
-from pipeline.files.results_lock import is_held, results_lock
-from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import BatchRefused, Problem
+from pipeline.run.console import utc_now
 from pipeline.run.former_results import former_batch, identity, require_same_batch
 from pipeline.run.grading import read_files
-from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
 from reports.explain_page import explain_html
@@ -62,11 +63,6 @@ class ExplainOutputs:
     work: Path | None = None
     out: Path | None = None
     apply: bool = False
-
-
-def utc_now() -> datetime:
-    """The present moment, aware."""
-    return datetime.now(UTC)
 
 
 def explain(
@@ -220,7 +216,4 @@ def _is_answer(path: Path) -> bool:
 
 
 def _is_page(path: Path) -> bool:
-    try:
-        return PAGE_TITLE in read_text(path, most_bytes=MOST_BYTES)
-    except NotReadable:
-        return False
+    return PAGE_TITLE in text_or_empty(path, most_bytes=MOST_BYTES)

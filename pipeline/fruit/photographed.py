@@ -1,14 +1,13 @@
 """Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from pipeline.batch.records import QualityRecord
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from recon.cameras.camera import straightened
@@ -42,7 +41,7 @@ class KeptMesh(StageRecord):
     outlines: UInt8[np.ndarray, " c"]
     scale_sd: float
     surface_sd_mm: float | None
-    quality: QualityRecord
+    quality: dict[str, int | float]
     warnings: tuple[str, ...]
 
 
@@ -86,7 +85,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         outlines=np.frombuffer(outlines, dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
-        quality=QualityRecord.of(quality),
+        quality={name: value for name, value in asdict(quality).items() if np.isfinite(value)},
         warnings=(
             *checked.warnings,
             *whole.warnings,

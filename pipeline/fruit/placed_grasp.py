@@ -11,11 +11,11 @@ from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
-from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
 from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
+from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord
 from reports.patch_residual import PatchResidual
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings

@@ -25,16 +25,10 @@ from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
 from pipeline.batch.diagnosis_record import suspected_of
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import (
-    CurveRecord,
-    GraspRecord,
-    ModulusRecord,
-    PressedRecord,
-    ScreenRecord,
-    SuspectedRecord,
-)
+from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
+from pipeline.files.plain_file import printable
 from pipeline.fruit.bare_traces import (
     ALONG_STEM,
     BareRecording,
@@ -54,7 +48,7 @@ from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
-from recon.plain_file import printable
+from reports.grasp_record import CurveRecord, GraspRecord
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording, read_recording
 from tactile.io.specimen import DIAMETERS

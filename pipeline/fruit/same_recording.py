@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.records import FruitRecord
+from pipeline.files.plain_file import printable
 from pipeline.fruit.elasticity import doubted_modulus
-from recon.plain_file import printable
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.batch.records import Given, MeshRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import MeshRecord
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior
 from recon.triangle_mesh import volume_mm3
 

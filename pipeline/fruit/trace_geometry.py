@@ -9,8 +9,8 @@ from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
 from fem.indentation.contact_curve import Geometry
 from fem.indentation.flat_punch import FlatPunch
-from pipeline.batch.records import Given
-from pipeline.problem import BatchRefused, Problem
+from pipeline.batch.fruits_table import Given
+from pipeline.problem import refused
 from tactile.io.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
 
 Indenter: TypeAlias = Literal["ball", "flat", "plate"]
@@ -116,18 +116,18 @@ def geometry_of(
         _require_none(specimen, OF_SLABS, source, name_of, f"a {indenter} on a slab")
         if radius_mm is None:
             tip = "ball" if indenter == "ball" else "punch"
-            raise _refused(source, f"needs the {tip}'s radius; give --radius-mm.")
+            raise refused(source, f"needs the {tip}'s radius; give --radius-mm.")
         tool: Geometry = Ball(radius_mm=radius_mm) if indenter == "ball" else FlatPunch(radius_mm=radius_mm)
         return TraceGeometry(geometry=tool, thickness_mm=specimen.thickness_mm)
     kind = specimen.kind or _kind_of(specimen)
     if kind is None:
         ways = " or ".join(f"{name_of['kind']} {one} with {_ways(NEEDED[one], name_of)}" for one in NEEDED)
-        raise _refused(source, f"says not what is between the plates; give {ways}.")
+        raise refused(source, f"says not what is between the plates; give {ways}.")
     _require_none(specimen, OF_CYLINDERS if kind == "cylinder" else OF_FRUIT, source, name_of, f"a {kind}")
     missing = [name for name in NEEDED[kind] if name not in specimen.stated]
     if missing:
         ways = _ways(missing, name_of)
-        raise _refused(source, f"says not enough of the {kind} between the plates; give {ways}.")
+        raise refused(source, f"says not enough of the {kind} between the plates; give {ways}.")
     if specimen.height_mm is not None and specimen.diameter_mm is not None and specimen.ends is not None:
         size = {"diameter_mm": specimen.diameter_mm, "height_mm": specimen.height_mm}
         return TraceGeometry(geometry=Cylinder(**size, ends=specimen.ends), thickness_mm=None)
@@ -172,12 +172,8 @@ def _require_none(
     if strange:
         known = ", ".join(name_of[name] for name in name_of if name in own)
         said = f"{', '.join(strange)} given of {what}, which has {known} alone; take it out."
-        raise _refused(source, said)
+        raise refused(source, said)
 
 
 def _ways(names: Sequence[str], name_of: Mapping[str, str]) -> str:
     return ", ".join(f"{name_of[name]} {EXAMPLES[name]}" for name in names)
-
-
-def _refused(source: str, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(source, sentence)])

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from pipeline.files.plain_file import not_plain
 from pipeline.history.kept_batch import KeptBatch, rows_of
 from pipeline.history.kept_rows import (
     VERSION,
@@ -24,7 +25,6 @@ from pipeline.history.same_batch import is_same_batch
 from pipeline.history.scale_conversion import ScaleConversion
 from pipeline.history.stored_batch import StoredBatch
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import not_plain
 
 APPLICATION = 0x44525550
 """SQLite's application_id of a store: "DRUP" in ASCII."""

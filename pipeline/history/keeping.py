@@ -1,12 +1,12 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.history.history_store import HistoryStore, history_store
 from pipeline.history.history_table import COLUMNS, history_csv
@@ -14,7 +14,6 @@ from pipeline.history.lot_history import fruit_of, history_entry
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text
 from reports.history_entries import HistoryEntry
 from reports.history_page import PAGE_TITLE, history_html
 
@@ -170,12 +169,8 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
 
 
 def _is_page(path: Path) -> bool:
-    with suppress(NotReadable):
-        return f"<title>{PAGE_TITLE}</title>" in read_text(path, most_bytes=MOST_BYTES)[:2000]
-    return False
+    return f"<title>{PAGE_TITLE}</title>" in text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
 
 
 def _is_table(path: Path) -> bool:
-    with suppress(NotReadable):
-        return read_text(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))
-    return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))

@@ -12,8 +12,8 @@ from typing import Any
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import json_in, why_damaged
+from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import printable
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
 """Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""

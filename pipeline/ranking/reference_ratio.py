@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
-from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
+from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
@@ -26,6 +26,7 @@ from pipeline.ranking.verified_scale import (
     with_own_gain,
     with_sensor,
 )
+from reports.grasp_record import GraspRecord
 from reports.tables import safe_cell
 
 WITHIN_SD = 2.0

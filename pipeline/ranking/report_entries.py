@@ -18,7 +18,6 @@ from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
-from pipeline.ranking.grasp_entries import curves_of, estimate_of, frames_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
@@ -160,7 +159,6 @@ def _fruit_entry(
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
     decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
-    shown = pictures.of(files, measured=mesh is not None, graded=record.graded, explained=answer is not None)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -194,19 +192,11 @@ def _fruit_entry(
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        photo=shown.photo,
-        outlines=shown.outlines,
-        mesh_picture=shown.mesh,
-        scene=shown.scene,
-        explained_scene=shown.explained_scene,
+        pictures=pictures.of(
+            files, measured=mesh is not None, graded=record.graded, explained=answer is not None
+        ),
         has_pit=record.pit is not None,
-        coverage=shown.coverage,
-        views=shown.views,
-        surface_sd=shown.surface_sd,
-        residual=shown.residual,
-        estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
-        curves=tuple(curves_of(record.grasps)),
-        frames=tuple(frames_of(record.grasps)),
+        recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
@@ -275,7 +265,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
         facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
         if mesh.scale_sd is not None:
             facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
-        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.known().items()]
+        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items()]
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         facts.append(("Pit", f"{box} mm, from {pit.source}"))
@@ -354,13 +344,7 @@ def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
     ]
     if not pairs:
         return None
-    E, shore = np.array(pairs, dtype=float).T
-    found = agreement(E, shore)
-    return (
-        None
-        if found is None
-        else ShoreCorrelation(n=found.n, spearman=found.spearman, pearson=found.pearson, p=found.p)
-    )
+    return agreement(*np.array(pairs, dtype=float).T)
 
 
 def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:

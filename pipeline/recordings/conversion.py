@@ -9,8 +9,8 @@ from typing import Literal
 import h5py
 
 from fem.fem_failure import FemFailure
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
 from pipeline.fruit.bare_traces import is_bare
 from pipeline.fruit.input_doubts import expected_E_MPa

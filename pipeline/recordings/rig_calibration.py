@@ -9,15 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import read_bytes, text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import as_toml
-from recon.plain_file import NotReadable, read_text
 from tactile.from_frames import recording_of
 from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
-from tactile.io.named_file import read_bytes
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import MOST_BYTES, GelPad, IndenterPad, Recording, read_recording
 from tactile.io.rig_file import FORMAT, VERSION, read_rig
@@ -231,7 +230,4 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
 
 
 def _is_rig(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import NotReadable, read_text, text_or_empty, toml_of
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text, toml_of
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of
@@ -110,10 +110,7 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
 
 
 def _is_calibrated(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
 
 
 def _names(description: Path, look_up: Path) -> bool:

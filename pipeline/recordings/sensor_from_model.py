@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import MOST_BYTES, as_toml
-from recon.plain_file import NotReadable, read_text
 from tactile.io.pictures import read_picture
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import SensorModel, model_names, read_model
@@ -67,7 +67,4 @@ def unknown_of(model: SensorModel) -> str:
 
 
 def _is_ours(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")

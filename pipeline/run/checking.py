@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.batch.confirmed_effects import effects_on, pit_found
-from pipeline.batch.fruits_table import SAFE_ID, FruitRow
+from pipeline.batch.fruits_table import SAFE_ID, FruitRow, given_of
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
@@ -23,7 +23,6 @@ from pipeline.batch.plausible_numbers import (
     row_doubts,
     table_doubts,
 )
-from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs

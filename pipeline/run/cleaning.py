@@ -7,9 +7,9 @@ from itertools import compress
 from pathlib import Path
 
 from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
+from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import is_lock_file
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours, json_in
-from pipeline.files.results_lock import LOCK, results_lock
 from pipeline.files.whole_file import MARK
 from pipeline.problem import BatchRefused, Problem
 

@@ -23,8 +23,8 @@ from urllib.request import ProxyHandler, build_opener
 
 from distributed import Client, Future, KilledWorker, Security
 
-from pipeline.files.scratch import scratch
-from pipeline.problem import BatchRefused, Problem
+from pipeline.batch.scratch import scratch
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed
 from pipeline.run.slurm_jobs import MEMORY, SlurmJobs, slurm_jobs
@@ -232,7 +232,7 @@ class Cluster:
         self._count()
         self._require_fit()
         if fruit.given_up > LOADS or not self._unfit:
-            raise _refused(self._address, f"a worker {_cannot_load(error)}")
+            raise refused(self._address, f"a worker {_cannot_load(error)}")
 
     def _submit(self, fruit: _Fruit) -> None:
         """Gives a fruit to the scheduler, for workers that are fit; where that is gone, `_rejoin` does."""
@@ -284,7 +284,7 @@ class Cluster:
         except (OSError, ValueError) as error:
             why = f"no scheduler of dask answers there ({str(error) or type(error).__name__})"
             sentence = f"{why}; start one with `dask scheduler`, and name the address that it prints."
-            raise _refused(self._address, sentence) from None
+            raise refused(self._address, sentence) from None
         self._connection = self._client.scheduler_comm
         with suppress(Exception):  # it is gone again, which `_joined` tells
             self._client.subscribe_topic(self._topic, self._stage_begun)
@@ -317,7 +317,7 @@ class Cluster:
             except BatchRefused:
                 if self._place.address is None or time.monotonic() > end_s:
                     sentence = "the scheduler went away; finished fruit are kept, the same command goes on."
-                    raise _refused(self._address, sentence) from None
+                    raise refused(self._address, sentence) from None
                 time.sleep(LOOK_S)
         self._unfit.clear()  # a worker that was started again may have the same address
         self._count()
@@ -423,7 +423,3 @@ def _cannot_load(error: Any) -> str:
 
 def _counted(workers: int) -> str:
     return f"{workers} worker{'' if workers == 1 else 's'}"
-
-
-def _refused(place: str, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(place, sentence)])

@@ -19,11 +19,11 @@ from pipeline.batch.opening import Batch, named_files, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
+from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
-from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import decimals

@@ -11,13 +11,13 @@ from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import FruitRecord, read_record
+from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
 from pipeline.files.manifest import json_in
-from pipeline.files.results_lock import results_lock
+from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import report_of_records
-from recon.plain_file import printable
 from reports.entries import BatchEntry
 
 

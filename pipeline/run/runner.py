@@ -23,7 +23,7 @@ from pebble import ProcessExpired
 from pebble.concurrent import process
 
 from pipeline.address_space import IN_WORDS
-from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import (
     Died,

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.files.plain_file import NotReadable, not_plain, printable, read_head
 from recon.cameras.photos import SUFFIXES, photo_paths
 from recon.cameras.picture_size import picture_kind
-from recon.plain_file import NotReadable, not_plain, printable, read_head
 from recon.wording import listed
 
 NO_PHOTOS = frozenset(

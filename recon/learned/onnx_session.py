@@ -10,8 +10,8 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps
 import numpy as np
 import onnxruntime
 
+from pipeline.files.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 from recon.learned.onnx_file import bad_model, model_files, require_onnx
-from recon.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""

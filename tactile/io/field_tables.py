@@ -14,9 +14,9 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
+from pipeline.files.plain_file import NotReadable
 from tactile.io.converted import Converted
 from tactile.io.grasp_log import LARGEST, increasing, read_columns
-from tactile.io.named_file import FileNotReadable
 from tactile.io.pictures import unusable
 from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
@@ -80,7 +80,7 @@ def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
         return load_npz(path)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
 
 

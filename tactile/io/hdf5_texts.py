@@ -10,8 +10,8 @@ from typing import Any
 
 import h5py
 
+from pipeline.files.plain_file import size
 from tactile.io.limited_process import TrialEnding, tried
-from tactile.io.named_file import size
 
 PATIENCE_S = 10.0
 """A sound recording's attributes are read in 0.005 s."""

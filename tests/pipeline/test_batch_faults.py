@@ -6,7 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from pipeline.batch.records import AmountRecord, FruitRecord, Given, ScreenRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import AmountRecord, FruitRecord, ScreenRecord
 from pipeline.ranking.batch_faults import FALSE_ALARM, FLOOR, batch_faults, combined
 
 OWN_SD = {"gain": 0.003, "newton_per_s": 0.005}

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.batch.diagnosis_record import DiagnosisRecord
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord, SuspectedRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings

@@ -10,18 +10,11 @@ from datetime import UTC, datetime
 import pytest
 from rich.console import Console
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import (
-    FruitRecord,
-    Given,
-    GraspRecord,
-    ModulusRecord,
-    ScreenRecord,
-    read_record,
-    write_record,
-)
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, read_record, write_record
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
@@ -30,6 +23,7 @@ from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import ReportSoFar
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 
 
 def record(outcome, reason=""):

@@ -17,7 +17,8 @@ from campaign_history import LOTS, REVISIONS, counted_after, lot_cell
 from graded_results import graded, results_of
 from scipy.stats import linregress
 
-from pipeline.batch.records import FruitRecord, Given
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord
 from pipeline.history.history_store import history_store
 from pipeline.history.lot_history import history_entry
 from pipeline.history.scale_conversion import NotFitted, fitted_conversion

@@ -8,8 +8,8 @@ import time
 import pytest
 
 from pipeline.batch.control_chart import update_chart
+from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import holder_of, locked, locked_within, open_lock
-from pipeline.files.results_lock import LOCK, results_lock
 from pipeline.problem import BatchRefused
 
 HOLDING = """

@@ -16,8 +16,8 @@ import pytest
 from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.files.results_lock import is_held, results_lock
-from pipeline.files.scratch import PREFIX, scratch
+from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
@@ -170,7 +170,7 @@ def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
 def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     killed = (
-        "from pipeline.files.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
+        "from pipeline.batch.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", killed], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False
@@ -206,7 +206,7 @@ def test_a_run_killed_while_it_removes_its_scratch_folder_leaves_one_that_is_swe
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     killed = """if 1:
         import os, sys
-        from pipeline.files.scratch import scratch
+        from pipeline.batch.scratch import scratch
         calls = 0
         def audit(event, _):
             global calls

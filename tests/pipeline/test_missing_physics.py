@@ -17,7 +17,8 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.screen import Amount, Screened
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord
 from pipeline.batch.settings import Settings
 from pipeline.ranking.report_entries import _screen
 

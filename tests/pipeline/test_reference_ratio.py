@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord
+from pipeline.batch.records import FruitRecord, ModulusRecord
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,
@@ -26,6 +27,7 @@ from pipeline.ranking.run_summary import print_summary
 from pipeline.run.reporting import _status
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 from reports.page import report_html
 from reports.tables import ranking_csv
 

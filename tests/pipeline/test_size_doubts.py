@@ -2,7 +2,8 @@
 
 import pytest
 
-from pipeline.batch.records import Given, MeshRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import MeshRecord
 from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.priors import load_prior
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord
 from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from pipeline.fruit.sensor_scale import E_PER_GAIN
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error

@@ -16,9 +16,10 @@ from explain_runs import NO_MESH
 from raw_folder import write_raw
 
 import pipeline.fruit.grasped
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, ScreenRecord, write_record
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
@@ -26,6 +27,7 @@ from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
 from pipeline.run.fruit_records import kept_records
+from reports.grasp_record import GraspRecord
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import reports
-from reports.entries import BatchEntry, FruitEntry, Picture, ScreenEntry, Suspect
+from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ScreenEntry, Suspect
 from reports.page import report_html
 
 VOID = {"meta", "img", "br", "link", "input"}
@@ -187,7 +187,7 @@ def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
     awkward_batch: BatchEntry, graded: Make
 ) -> None:
     bare = tuple(
-        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), photo=None, mesh_picture=None) for k in range(60)
+        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), pictures=FruitPictures()) for k in range(60)
     )
     assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000
 
@@ -204,13 +204,13 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
         ("the outline that the shape was made from", "outlines"),
     ):
         assert words in report_html(replace(empty_batch, fruits=(fruit,)))
-        assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, **{picture: None}),)))
+        without = replace(fruit, pictures=replace(fruit.pictures, **{picture: None}))
+        assert words not in report_html(replace(empty_batch, fruits=(without,)))
 
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> None:
-    fruit = FruitEntry(
-        fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, mesh_picture=Picture(webp=b"webp")
-    )
+    pictures = FruitPictures(mesh=Picture(webp=b"webp"))
+    fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, pictures=pictures)
     for has_pit in (False, True):
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
         assert ("the pit as it is assumed to lie inside" in page) == has_pit

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.pit.priors.plausible import Plausible, read_plausible
-from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure, ReconProblem
 
 __all__ = [

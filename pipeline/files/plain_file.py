@@ -1,7 +1,4 @@
-"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait.
-
-The same rules as tactile.io.named_file's: the rooms do not import each other.
-"""
+"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait."""
 
 import errno
 import json
@@ -11,7 +8,7 @@ import stat
 import tomllib
 import unicodedata
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 DEEPEST = 20
 """Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
@@ -82,13 +79,19 @@ def read_head(path: Path, count: int) -> bytes:
     if wrong := not_plain(path):
         raise NotReadable(wrong)
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            if wrong := _kind(os.fstat(handle).st_mode):
-                raise NotReadable(wrong)
+        with open_plain(path) as file:
             return file.read(count)
     except OSError as error:
         raise NotReadable(f"cannot be opened ({_why(error)})") from error
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Opens a plain file, and waits for no pipe; raises OSError, or NotReadable where it is another thing."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if wrong := _kind(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise NotReadable(wrong)
+    return os.fdopen(handle, "rb")
 
 
 def is_lfs_pointer(path: Path) -> bool:
@@ -104,11 +107,18 @@ def read_text(path: Path, *, most_bytes: int) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        found = f"byte 0x{data[error.start]:02x} in line {line}"
-        raise NotReadable(f"is not UTF-8 text ({found})") from error
+        raise NotReadable(f"is not UTF-8 text (byte 0x{data[error.start]:02x} in line {line})") from error
     if "\0" in text:
         raise NotReadable("is no text (it holds zero bytes)")
     return text
+
+
+def text_or_empty(path: Path, *, most_bytes: int) -> str:
+    """The text of a UTF-8 file; empty where it cannot be read."""
+    try:
+        return read_text(path, most_bytes=most_bytes)
+    except NotReadable:
+        return ""
 
 
 def toml_of(text: str) -> dict[str, Any]:
@@ -155,13 +165,13 @@ def _require_shallow(held: Any) -> None:
     """Refuses nesting that a later reader's stack may not survive, and integers beyond 64 bits."""
     level = [held]
     for _ in range(DEEPEST + 1):
-        if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in level):
+        if any(isinstance(entry, int) and not -(2**63) <= entry < 2**63 for entry in level):
             raise NotReadable("holds a whole number beyond 64 bits")
         level = [
             inner
-            for one in level
-            if isinstance(one, list | dict)
-            for inner in (one.values() if isinstance(one, dict) else one)
+            for entry in level
+            if isinstance(entry, list | dict)
+            for inner in (entry.values() if isinstance(entry, dict) else entry)
         ]
         if not level:
             return
@@ -199,8 +209,8 @@ def _undecoded(character: str) -> bool:
 
 
 def _kind(mode: int) -> str:
-    found = next((word for test, word in _KINDS if test(mode)), None)
-    return "" if found is None else f"is {found}, not a file"
+    kind = next((word for test, word in _KINDS if test(mode)), None)
+    return "" if kind is None else f"is {kind}, not a file"
 
 
 def _why(error: OSError | ValueError) -> str:

@@ -1,6 +1,7 @@
 """Folders for what a run needs only while it runs, and the end of those that killed runs left."""
 
 import fcntl
+import math
 import os
 import re
 import shutil
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from pipeline.files.lock_file import locked_within, open_lock
 from pipeline.problem import BatchRefused, Problem
 
 PREFIX = "drupe-run-"
@@ -61,11 +63,10 @@ def _made(place: Path, prefix: str) -> tuple[Path, int]:
     while True:
         folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
         try:
-            lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+            lock = open_lock(folder / _LOCK)
         except FileNotFoundError:
             continue
-        with suppress(OSError):  # a file system without locks: then nothing is swept there either
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        locked_within(lock, math.inf)
         if (folder / _LOCK).exists():
             return folder, lock
         os.close(lock)

@@ -1,7 +1,4 @@
-"""A limit on this process's memory while a native library works on a stranger's file.
-
-The same rule as tactile.io.limited_process's: the rooms do not import each other.
-"""
+"""A limit on this process's memory while a native library reads a file of unknown origin."""
 
 import math
 import os
