@@ -335,7 +335,10 @@ _MISSING = (
     'has no batch.toml. Write one with at least the line category = "nectarine", or create an '
     "example with `drupe sample DIR`."
 )
-_PHOTOS = "has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`, then grade that batch."
+_PHOTOS = (
+    "has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`, then grade that "
+    "batch."
+)
 _A_CASE = "has no batch.toml but a case.toml, so it is a single case; use `drupe explain`."
 
 

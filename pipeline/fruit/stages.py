@@ -117,7 +117,8 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     )
     write_whole(task.results.views, picture)
     path = task.results.views
-    return f" To see where to stand, open {path.parent.parent.name}/{path.parent.name}/{path.name} or the report."
+    place = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
+    return f" To see where to stand, open {place} or the report."
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
