@@ -81,7 +81,7 @@ class _Plan:
         if not self._has(stiffness):
             stiffness = _canonical(stiffness)
         if not self._has(stiffness):
-            raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
+            raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it again")
         return self.of(stiffness)
 
     def of(self, stiffness: csr_array) -> Factor:

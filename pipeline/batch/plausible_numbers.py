@@ -218,7 +218,7 @@ def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Plausible
             )
     if height_mm is not None and not 1 / BATCH_FACTOR < box_mm[2] / height_mm < BATCH_FACTOR:
         return (
-            f"the mesh is {box_mm[2]:.3g} mm high ({size} mm), and fruits.csv says height_mm {height_mm:g}: "
+            f"the mesh is {box_mm[2]:.3g} mm high ({size} mm), but fruits.csv says height_mm {height_mm:g}; "
             "is it in mm, with the stem along z, and of this fruit?"
         )
     return ""

@@ -207,15 +207,15 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
             f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
             f"{of.least_N:.2g} to {peak:.3g} N"
         ),
-        f"of the spread {of.repeat_mm:.2g} mm are from squeeze to squeeze, {abs(of.hysteresis_mm):.2g} mm "
-        f"between the ways in and out, {of.scatter_mm:.2g} mm the readings' (off one curve by "
-        f"{of.readings_mm:.2g} mm)",
+        f"parts of the standard deviation: {of.repeat_mm:.2g} mm between squeezes, "
+        f"{abs(of.hysteresis_mm):.2g} mm between loading and unloading, {of.scatter_mm:.2g} mm from the "
+        f"readings (residual {of.readings_mm:.2g} mm)",
     ]
     if jaws is not None:
         all_of_it = float(whole.curve.give(np.array(peak)))
         lines.append(
-            f"of {all_of_it:.3g} mm in all, {all_of_it - at_peak:.3g} mm are the gels' own as their "
-            "markers show"
+            f"of {all_of_it:.3g} mm in all, {all_of_it - at_peak:.3g} mm belong to the gels, as "
+            "their markers show"
         )
     if of.squeezes == 1:
         lines.append(

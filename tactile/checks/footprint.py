@@ -206,7 +206,7 @@ def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
         rank=FindingRank.FRUIT,
         says=(
             f"{what}. Either the mesh is rotated, mirrored or of another fruit, or a pose is wrong (a "
-            "pad moved in its mount, another day, the other pad)"
+            "moved pad, another day, the other pad)"
         ),
         relative_sd=E_OF_A_TURN,
     )

@@ -90,7 +90,7 @@ def _from_csv(path: Path) -> dict[str, np.ndarray]:
     missing = [name for name in COLUMNS if name not in columns]
     if missing:
         raise unusable(
-            f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column as well"
+            f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too"
         )
     time_s, first = np.unique(columns["time_s"], return_index=True)
     held = {"time_s": time_s, "aperture_mm": columns["aperture_mm"][first]}
