@@ -94,9 +94,9 @@ def camera_from_dots(
     if off > OFF_GRID * spacing:
         raise _refused(
             source,
-            f"dots that are {off:.3g} px off a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm behind any "
-            "camera",
-            f"at most {OFF_GRID * spacing:.3g} px; is the gel untouched, and the pitch right",
+            f"dots that deviate by {off:.3g} px from a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm "
+            "behind any camera",
+            f"at most {OFF_GRID * spacing:.3g} px; check that the gel is untouched and the pitch is right",
         )
     return CameraFound(camera=camera_of(found.x), rows=rows, columns=columns, dots=len(places), off_px=off)
 

@@ -51,8 +51,8 @@ def discretisation_error(
     if displacement.ndim != 3 or displacement.shape[1:] != mesh.nodes_mm.shape:
         raise FemFailure(
             FemProblem.BAD_LOAD,
-            f"displacements have the shape {displacement.shape}, but (loads, {len(mesh.nodes_mm)}, 3) is "
-            "expected: one vector for each node of this mesh",
+            f"displacements have the shape {displacement.shape}, expected (loads, "
+            f"{len(mesh.nodes_mm)}, 3): one vector for each node of this mesh",
         )
     n_loads = len(displacement)
     strain, volume_mm3 = _strains(mesh, displacement)

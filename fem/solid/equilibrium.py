@@ -84,8 +84,8 @@ class Ending(StrEnum):
     """How a search for equilibrium ended, as a sentence."""
 
     CONVERGED = "in equilibrium"
-    STALLED = "no step brings the forces closer to balance"
-    TOO_MANY = "still out of balance after the last allowed iteration"
+    STALLED = "no step reduces the force residual"
+    TOO_MANY = "the forces are not in balance after the last iteration"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -45,6 +45,6 @@ def _copied(folder: Path, name: str) -> None:
 
     known = shipped_batches()
     if name not in known:
-        sentence = f"no such shipped batch; there are: {', '.join(known)}."
+        sentence = f"drupe ships no such batch; known: {', '.join(known)}."
         raise BatchRefused([Problem(f"--name {name}", sentence)])
     write_shipped(name, folder)

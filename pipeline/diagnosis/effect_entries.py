@@ -6,8 +6,8 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 
 OF_A_TRACE = {
-    "onset_mm": "travel at which the first touch came",
-    "zero_N": "what the load cell says before the first touch",
+    "onset_mm": "travel at first contact",
+    "zero_N": "load cell reading before first contact",
 }
 """Parameters that only the trace of a bare indenter has; they belong to no effect."""
 

@@ -46,7 +46,7 @@ from reports.explain_page import explain_html
 from reports.explain_scene import explained_scene
 from tactile.tactile_failure import TactileFailure
 
-PAGE_TITLE = ": where simulation and recording differ</title>"
+PAGE_TITLE = ": differences between simulation and recording</title>"
 """By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
 
 
@@ -86,7 +86,12 @@ def explain(
         case = open_case(path, fruit_id=fruit_id, work=work, out=wanted.out)
         if wanted.apply and case.batch is None:
             raise BatchRefused(
-                [Problem(str(path), "is a case of its own; --apply writes into a batch's settings.")]
+                [
+                    Problem(
+                        str(path),
+                        "is a single case, but --apply writes into a batch's settings; remove --apply.",
+                    )
+                ]
             )
         if case.batch is None:
             _require_apart(case, wanted)
@@ -95,7 +100,7 @@ def explain(
             require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
             if wanted.out is not None and not Results(wanted.out).provenance.is_file():
-                report(f"{wanted.out} holds no results of drupe grade: all stages are computed anew")
+                report(f"{wanted.out} holds no results of drupe grade: drupe computes all stages again")
         with results_lock(held, option=option), _said_plainly():
             case.task.results.claim()
             case.task.results.sweep()
@@ -171,7 +176,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
             if any(_same(target, path) for path in own):
-                sentence = "is a file that the results have themselves; give another name."
+                sentence = "is a file of the results; give another name."
                 raise BatchRefused([Problem(str(target), sentence)])
     return root
 
@@ -184,7 +189,9 @@ def _said_plainly() -> Iterator[None]:
     except (ReconFailure, TactileFailure, FemFailure, FruitEnded) as failure:
         raise NotExplained(" ".join(str(failure).split())) from failure
     except MemoryError as error:
-        raise NotExplained(f"Ran out of memory ({error}); close other programs and run it again.") from error
+        raise NotExplained(
+            f"drupe ran out of memory ({error}); close other programs and run the command again."
+        ) from error
 
 
 def _require_writable(wanted: ExplainOutputs) -> None:
@@ -193,13 +200,15 @@ def _require_writable(wanted: ExplainOutputs) -> None:
         if target is None:
             continue
         if target.is_dir():
-            raise BatchRefused([Problem(str(target), f"is a folder; {option} takes the name of a file.")])
+            raise BatchRefused([Problem(str(target), f"is a folder; {option} needs a file name.")])
         if not target.absolute().parent.is_dir():
             raise BatchRefused(
-                [Problem(str(target.parent), f"there is no such folder; make it, or change {option}.")]
+                [Problem(str(target.parent), f"does not exist; create the folder, or change {option}.")]
             )
     if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
-        raise BatchRefused([Problem(str(wanted.html), "is named by --json and --html; give two names.")])
+        raise BatchRefused(
+            [Problem(str(wanted.html), "is the file of both --json and --html; give two names.")]
+        )
     if wanted.json is not None:
         require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
     if wanted.html is not None:

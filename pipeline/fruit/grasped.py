@@ -247,7 +247,7 @@ def said_once(sentences: Sequence[str]) -> str:
     said = []
     for (_, first), *others in causes.values():
         names = ", ".join(name for name, _ in others)
-        said.append(f"{first} (The same of {names}.)" if names else first)
+        said.append(f"{first} ({names} show the same.)" if names else first)
     return " ".join(said)
 
 

@@ -141,8 +141,8 @@ def _photo_doubts(
     if unused:
         ground = "mat" if made.frame == "mat" else "ground around it"
         doubts.append(
-            f"Left out: {listed(unused)}: the fruit is cut off or hidden there, its outline fits no other "
-            "photo's, or the camera could not be placed; retake such photos with the whole fruit and the "
-            f"{ground} in view."
+            f"drupe left out {listed(unused)}: the fruit is cut off or hidden there, the outline fits "
+            "no other photo, or the camera has no pose. Retake such photos with the whole fruit and "
+            f"the {ground} in view."
         )
     return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]

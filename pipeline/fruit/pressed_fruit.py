@@ -131,7 +131,9 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         log.warnings += _warnings(found, facts.pressed.shape_sd)
         if task.settings.mismatch:
             names = ", ".join(dict.fromkeys(one.effect for one in task.settings.mismatch))
-            log.warnings.append(f"Confirmed effects ({names}) are not in E: they need a fruit's mesh.")
+            log.warnings.append(
+                f"E excludes the confirmed effects ({names}), because they need the fruit's mesh."
+            )
     if task.screen:
         facts.screen = _screen_record(found)
 
@@ -193,7 +195,7 @@ def compression_trace(
         said = " ".join(problem.sentence for problem in refused.problems)
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: {said}") from None
     if not isinstance(known.geometry, Ellipsoid):
-        expected = "plates on a fruit; drupe explain takes the others"
+        expected = "plates on a fruit; use drupe explain for other indenters"
         raise _unfit(path, known.geometry.said, expected)
     if is_along_stem(known.geometry, body):
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: found {ALONG_STEM}.")
@@ -211,7 +213,7 @@ def compression_trace(
 
 
 def _unfit(path: Path, found: str, expected: str) -> TactileFailure:
-    said = f"{path.name}: found {found}, expected of a fruit without photos or mesh {expected}."
+    said = f"{path.name}: found {found}, expected for a fruit without photos or mesh: {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, said)
 
 
@@ -384,16 +386,15 @@ def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
         before, after = one.found.before, one.found.after
         if one.found.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
             said.append(
-                f"With what the traces show beyond linear elasticity E is {after.value:.3g} ± {after.sd:.2g} "
-                "MPa (drupe explain); the ranking keeps that of linear elasticity, which all fruit have in "
-                "common."
+                f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
+                "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
             )
     values = [one.found.before for one in found]
     for first, second in pairwise(values):
         sd = np.linalg.norm([first.sd / first.value, second.sd / second.value, np.sqrt(2) * shape_sd])
         if abs(np.log(first.value / second.value)) > APART * sd:
             said.append(
-                f"E along two diameters is {first.value:.3g} and {second.value:.3g} MPa, further apart than "
-                "recordings and shape explain: check diameters and axes."
+                f"E is {first.value:.3g} along one diameter and {second.value:.3g} MPa along another; "
+                "recordings and shape do not explain the difference. Check diameters and axes."
             )
     return said

@@ -108,7 +108,8 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     )
     write_whole(task.results.views, picture)
     path = task.results.views
-    return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
+    place = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
+    return f" To see where to stand, open {place} or the report."
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
@@ -191,7 +192,7 @@ def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
     """Raises FruitEnded for a modulus that no flesh of the category has."""
     limits = expected_E_MPa(task.prior)
     if limits is not None and not limits[0] <= E_MPa <= limits[1]:
-        said = f"{E_MPa:.3g} MPa ({limits[0]:g} to {limits[1]:g} MPa expected)"
+        said = f"{E_MPa:.3g} MPa (expected {limits[0]:g} to {limits[1]:g} MPa)"
         raise FruitEnded(Outcome.IMPLAUSIBLE_MODULUS, said)
 
 

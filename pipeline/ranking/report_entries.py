@@ -38,14 +38,14 @@ from reports.entries import (
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
     "large_deformation": EffectWords(  # in records of before it was part of the plain model
-        short="large deformation of the flesh, which is no fault",
-        meaning="Under the same force soft flesh moves otherwise than the linear law says.",
-        advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
+        short="large deformation of the flesh, which is not a fault",
+        meaning="Soft flesh deforms more than the linear law predicts under the same force.",
+        advice='To account for it, set [flesh] model = "neo-hookean" in batch.toml.',
     ),
     UNKNOWN: EffectWords(
-        short="something that none of the known effects explains",
+        short="an effect that drupe does not know",
         meaning="The recordings differ from the model by more than noise.",
-        advice="E is not to be trusted before drupe explain has looked at it.",
+        advice="Do not trust E until drupe explain identifies the cause.",
     ),
 }
 """Names of the screen that are no effect of the catalogue."""
@@ -291,7 +291,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
             if value >= 0.5 * 10.0**-places
         ]
         if (scale := record.modulus.scale_sd_MPa) > 0:
-            facts.append((f"Beside the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
+            facts.append((f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
         if (found := record.modulus.pit_found) is not None:
             facts += _pit_found(found)
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
@@ -312,9 +312,9 @@ def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     )
     before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
     return [
-        ("Pit against the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
+        ("Pit relative to the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
         (
-            "Pit size against the prior",
+            "Pit size relative to the prior",
             f"{found.size:.3f} ± {found.size_sd:.3f} (prior 1 ± {found.size_prior_sd:.3f})",
         ),
     ]

@@ -39,7 +39,7 @@ def write_sensor(
     """
     if name not in model_names():
         known = ", ".join(model_names())
-        raise BatchRefused([Problem(name, f"is no sensor that drupe knows by name; known are {known}.")])
+        raise BatchRefused([Problem(name, f"is not a sensor that drupe knows; known: {known}.")])
     require_file_apart(out, inputs=[] if picture is None else [picture], folders=[])
     require_new_or_ours(out, _is_ours, "a description that drupe sensor wrote")
     model = with_given(read_model(name), {key: (value, known_to) for key, value in given.items()})

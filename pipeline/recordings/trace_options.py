@@ -24,7 +24,7 @@ def trace_words(
     """
     names = _pairs("--columns", columns, "time=Time,force=Force,travel=Pos")
     if {"travel", "gap"} <= names.keys():
-        raise refused("--columns", "names both a travel and a gap; give one of them.")
+        raise refused("--columns", "names both a travel and a gap; give only one.")
     stated = _pairs("--units", units, "time=s,force=N,travel=mm")
     for quantity, unit in stated.items():
         if isinstance(found := read_unit(unit, quantity), NoUnit):
@@ -38,7 +38,7 @@ def _run(text: str | None) -> int | None:
     if text is None or text == ALL_RUNS:
         return None
     if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise refused("--run", f'holds "{text[:60]}"; give the number of a run, from 1, or all.')
+        raise refused("--run", f'holds "{text[:60]}"; give the number of a run (from 1), or all.')
     return int(text)
 
 

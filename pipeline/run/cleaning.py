@@ -33,7 +33,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
     results = Results(out)
     said = json_in(results.provenance)
     if out.is_symlink() or not (is_claimed(out) or isinstance(said, dict)):
-        sentence = "is no folder of results of drupe grade; give the folder that --out named."
+        sentence = "is not a results folder of drupe grade; give the folder from --out."
         raise BatchRefused([Problem(str(out), sentence)])
     with nullcontext() if dry else results_lock(out):
         fruits = [FruitResults(path) for path in _folders(out / "fruits")]

@@ -329,16 +329,16 @@ def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
     need_MiB = _per_fruit_MiB(todo)
     if free_MiB < LEAST_MIB:
         sentence = (
-            f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
-            "close other programs, or raise the limit of the container."
+            f"has {free_MiB:.0f} MiB of free memory, but one fruit needs about {need_MiB:.0f} MiB; "
+            "close other programs, or raise the container's limit."
         )
         raise BatchRefused([Problem("this machine", sentence)])
     wanted = min(jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
         console.print(
-            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are left, and one "
-            f"fruit needs about {need_MiB:.0f} MiB",
+            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are free, and "
+            f"one fruit needs about {need_MiB:.0f} MiB",
             highlight=False,
         )
     return fit
@@ -428,7 +428,7 @@ def _in_a_line(record: FruitRecord) -> str:
     if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
-    doubt = ", in doubt (the causes stand below)" if record.doubts else ""
+    doubt = ", in doubt (see the causes below)" if record.doubts else ""
     return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
 
 

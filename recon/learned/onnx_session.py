@@ -51,7 +51,7 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
         raise bad_model(
             model,
             f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
-            f"onnxruntime has not",
+            "onnxruntime does not offer",
             f"one of {', '.join(known)} in providers",
         )
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES

@@ -107,8 +107,9 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                         pads=(one.pad.name,),
                         field=name,
                         says=(
-                            f"{name} is mostly noise: {100 * share:.0f} % of what the most pressed markers "
-                            f"show, expected below {100 * most:.0f} %; press harder, or look after the sensor"
+                            f"{name} is mostly noise: {100 * share:.0f} % of the signal of the most "
+                            f"loaded markers, expected below {100 * most:.0f} %; press harder, or "
+                            "check the sensor"
                         ),
                         refused=name == "displacement" and share > NOISE_REFUSED,
                         relative_sd=float(np.dot(E_PER_NOISE, noise_shares(one))),
@@ -168,8 +169,8 @@ def _markers(one: Pressing) -> list[Finding]:
             pads=(one.pad.name,),
             says=(
                 f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
-                f"({100 * share:.0f} %) are {words} while their neighbours are pressed; "
-                "their force is missing"
+                f"({100 * share:.0f} %) are {words} while their neighbours carry load, so their force "
+                "is missing"
             ),
             refused=share > LOST_REFUSED,
             relative_sd=share,
@@ -195,9 +196,9 @@ def _whole_frames(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} is zero at every marker in {int(lost.sum())} frames during the contact "
-                        f"(the first is frame {int(np.argmax(lost))}): "
-                        "frames were lost and filled with zeros"
+                        f"{name} is zero at every marker in {int(lost.sum())} frames during the "
+                        f"contact (first: frame {int(np.argmax(lost))}), so frames are missing and "
+                        "filled with zeros"
                     ),
                     refused=True,
                 )
@@ -211,8 +212,8 @@ def _whole_frames(one: Pressing) -> list[Finding]:
                 rank=FindingRank.FIELD,
                 pads=(one.pad.name,),
                 says=(
-                    f"frames are duplicated: {int(copied.sum())} in the contact are copies of the one before "
-                    f"(the first is frame {int(np.argmax(copied)) + 1})"
+                    f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame "
+                    f"before (first: frame {int(np.argmax(copied)) + 1})"
                 ),
                 refused=bool(copied.mean() > COPIED_REFUSED),
                 relative_sd=float(copied.mean()),
@@ -237,8 +238,8 @@ def _values(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} knows only {levels} different values up to {top:.3g}: "
-                        "it was rounded (quantised) too coarsely"
+                        f"{name} has only {levels} different values up to {top:.3g}, so its "
+                        "quantisation is too coarse"
                     ),
                     relative_sd=1.0 / levels,
                     refused=levels < LEVELS_REFUSED,
@@ -255,9 +256,8 @@ def _values(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} is clipped: {int(clipped.sum())} values stand at exactly {top:.3g} "
-                        f"{'mm' if name == 'displacement' else 'N'}, the greatest of all; "
-                        "the sensor saturates"
+                        f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
+                        f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates"
                     ),
                     refused=share > CLIPPED_REFUSED,
                     relative_sd=E_PER_CLIPPED * share,

@@ -90,7 +90,8 @@ def layer_of(sensor: Sensor) -> GelLayer:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
             f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
-            f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe calibrate",
+            f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe "
+            "calibrate",
         )
     return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu, outline=sensor.outline)
 
@@ -307,9 +308,8 @@ def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
     if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
         raise _refusal(
             sensor,
-            f"its gel is a dome ({np.ptp(off):.2f} mm out of the face described, {sensor.thickness_mm:g} mm "
-            "thick); give face_radius_mm and size_mm under [gel], or use the maker's own forces "
-            '(kind = "fields")',
+            f"its gel is a dome ({np.ptp(off):.2f} mm high, {sensor.thickness_mm:g} mm thick). Give "
+            'face_radius_mm and size_mm under [gel], or use the maker\'s own forces (kind = "fields")',
         )
 
 
@@ -323,9 +323,9 @@ def _refuse_outside(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
         x, y = rest_mm[np.argmax(outside), :2]
         raise _refusal(
             sensor,
-            f"found {int(outside.sum())} of {len(rest_mm)} markers outside of the gel, one at ({x:.1f}, "
-            f"{y:.1f}) mm, expected all within size_mm {size.tolist()} about centre_mm {centre.tolist()}; "
-            "correct [gel]",
+            f"found {int(outside.sum())} of {len(rest_mm)} markers outside the gel (one at ({x:.1f}, "
+            f"{y:.1f}) mm), expected all within size_mm {size.tolist()} around centre_mm "
+            f"{centre.tolist()}; correct [gel]",
         )
 
 

@@ -104,7 +104,7 @@ def read_log(path: Path) -> GraspLog:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)
             found = "the columns " + ", ".join(columns)
-            expected = f"a column {name} as well" if like is None else f"{name} in place of {like}"
+            expected = f"a column {name} too" if like is None else f"{name} in place of {like}"
             raise unusable(f"{path.name}: {name}", found, expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):

@@ -122,14 +122,14 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
         found = "is no file" if wrong == "does not exist" else wrong
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"{path} {found}; write it (copy a shipped category and edit it: docs/formats.md), or name "
-            f"a shipped one: {', '.join(known_categories())}.",
+            f"{path} {found}; write the file (copy a shipped category and edit it: docs/formats.md), "
+            f"or name a shipped category: {', '.join(known_categories())}.",
         )
     if not own and name not in known_categories():
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"There is no pit prior for {name!r}; known are {', '.join(known_categories())}, "
-            "or give the path of a TOML file with one.",
+            f"drupe has no pit prior for {name!r}; known: {', '.join(known_categories())}. You can "
+            "also give the path of a TOML file.",
         )
     try:
         table = toml_of(read_text(path, most_bytes=MOST_BYTES))
@@ -168,8 +168,8 @@ class _Entries:
         said = self.table.get("category", self.path.stem)
         if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
             raise _bad(
-                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most 200 "
-                "characters."
+                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most "
+                "200 characters."
             )
         return printable(said).strip()
 
@@ -194,8 +194,8 @@ class _Entries:
             for said in MAY_BE_LEFT[one]:
                 if said in self.table:
                     raise _bad(
-                        f'{self.path}: {said} is given, and {LEFT} leaves "{one}" to the batch; take one of '
-                        "the two out."
+                        f'{self.path}: {said} is given, but {LEFT} leaves "{one}" to the batch; '
+                        "remove one of the two."
                     )
         return frozenset(named)
 
