@@ -31,7 +31,7 @@ the priors have them, by maximum likelihood over 54 recordings of sound fruit (t
 the bank of benchmarks/field_bank.py). What adds to it: the error
 of the gel's stiffness that the forces are taken from, which markers count as pressing, contact that no model
 holds. That it leaves the pads' common value alone is assumed: E of sound fruit is no further off than stated
-(docs/validation.md, Recordings to E)."""
+(docs/validation.md, Accuracy of E)."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which what the model leaves counts as one draw."""
 

@@ -42,7 +42,7 @@ from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
 """Frames between two lines of progress: about every second or two at 30 to 45 frames/s (docs/validation.md,
-Gel frames)."""
+Speed)."""
 WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames)",

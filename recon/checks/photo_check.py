@@ -20,7 +20,7 @@ from recon.wording import FEW_NAMES, listed
 
 ENOUGH_VIEWS = 12
 """Photos; where the best are as many, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off
-(docs/validation.md, Photos to mesh)."""
+(docs/validation.md, Shape)."""
 MOST_BLUR_PX = 1.25
 """Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
 LEAST_SHARP = 0.35

@@ -26,7 +26,7 @@ to 1.4 MPa) and a little softer."""
 
 
 MESH_ERRORS_MM = (0.05, 0.12)
-"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Photos to mesh)."""
+"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Shape)."""
 LARGEST_SHARE = 0.9
 """Of the travel that goes into the height of the contact at most, for a gel that is to be wide enough."""
 

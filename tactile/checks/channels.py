@@ -55,8 +55,7 @@ CLIPPED_REFUSED, E_PER_CLIPPED = 0.05, 2.0
 fruit of benchmarks/field_mistakes.py): 0.8 of the share, doubled, since what went is not known."""
 COPIED_REFUSED = 0.3
 """Share of the contact's frames. Every second frame a copy makes up to 0.5, and copies up to a third leave
-two new frames of three; E loses no value of them, only their time (docs/validation.md, mistakes of the
-field)."""
+two new frames of three; E loses no value of them, only their time (benchmarks/results/field_mistakes.csv)."""
 FEWEST_COPIED = 2
 """One copied frame may be the machine waiting for a trigger."""
 FEWEST_LEVELS, LEVELS_REFUSED = 12, 4

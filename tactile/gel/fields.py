@@ -28,10 +28,10 @@ from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_NOISE_PX = 0.01
-"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (docs/validation.md,
-Gel frames)."""
+"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (eight real
+clips)."""
 LEAST_DEPTH_SD_MM = 0.002
-"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Gel frames)."""
+"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Force)."""
 MONO_SLAB_SD_MM, MONO_SIDES_SD_MM = 0.006, 0.001
 """What is asked of the slab's motion along the face where it alone must tell the depth: of an endless slab,
 and of a gel whose sides are known (`benchmarks/gel_image_errors.py --draws 5`)."""
