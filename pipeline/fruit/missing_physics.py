@@ -3,7 +3,7 @@
 import hashlib
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import astuple
 
 import numpy as np
 
@@ -112,7 +112,10 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
         names=said.names,
         statistics=said.statistics,
         gains=said.gains,
-        amounts=tuple(AmountRecord(**asdict(amount)) for amount in said.amounts),
+        amounts=tuple(
+            AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
+            for one in said.amounts
+        ),
         large_deformation=said.large_deformation,
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)

@@ -1,7 +1,7 @@
 """Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -85,7 +85,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         outlines=np.frombuffer(outlines, dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
-        quality={name: value for name, value in asdict(quality).items() if np.isfinite(value)},
+        quality=quality.known(),
         warnings=(
             *checked.warnings,
             *whole.warnings,

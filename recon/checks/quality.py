@@ -3,7 +3,7 @@ them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,6 +49,10 @@ class ReconQuality:
     offset_local_mm: float = float("nan")
     offset_volume_share: float = float("nan")
     ground_known_share: float = float("nan")
+
+    def known(self) -> dict[str, int | float]:
+        """The numbers that are known, by name."""
+        return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
 NOTHING_KNOWN = ReconQuality(
