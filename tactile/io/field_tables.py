@@ -89,9 +89,7 @@ def _from_csv(path: Path) -> dict[str, np.ndarray]:
     columns = read_columns(path, wanted=COLUMNS)
     missing = [name for name in COLUMNS if name not in columns]
     if missing:
-        raise unusable(
-            f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too"
-        )
+        raise unusable(f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too")
     time_s, first = np.unique(columns["time_s"], return_index=True)
     held = {"time_s": time_s, "aperture_mm": columns["aperture_mm"][first]}
     kinds = np.unique(columns["pad"])

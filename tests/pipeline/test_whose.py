@@ -81,8 +81,8 @@ def prepared(batch, fruit="N02"):
 
 
 REFUSED = (
-    'attribute fruit_id: found "N04", expected "N02": it is the recording of another fruit of this batch. '
-    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if it is of N02."
+    'attribute fruit_id: found "N04", expected "N02": the recording belongs to another fruit of this batch. '
+    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if the recording is of N02."
 )
 DOUBTED = 'attribute fruit_id: found "N77", expected "N02", and fruits.csv has no "N77"'
 
@@ -227,7 +227,7 @@ def test_a_copy_within_a_fruit_counts_once(batch):
         del file["pads/left/force_N"]
         file["pads/left/force_N"] = force
     assert copy.read_bytes() != recording(batch).read_bytes()
-    said = "grasp-2.h5: holds the same displacements and forces as grasp-1.h5: one grasp, counted once"
+    said = "grasp-2.h5: contains the same displacements and forces as grasp-1.h5, so drupe counts one grasp"
     status, text = checked(batch)
     assert status == 2
     assert f"fruits/N02/grasps/grasp-2.h5: {said}" in text
