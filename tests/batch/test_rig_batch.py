@@ -111,7 +111,7 @@ def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_and_rid_of_the_rig, t
     write_rig(vague, share=0.05, largest_N=3.0)
     ran = drupe("check", vague)
     assert ran.status == 2
-    assert "the rig is calibrated up to 3 N, expected at most 1.25 times that" in ran.out + ran.err
+    assert "the rig calibration ends at 3 N, expected at most 1.25 times that" in ran.out + ran.err
     (vague / "rig.toml").write_text("format = 3\n")
     ran = drupe("check", vague)
     assert ran.status == 2

@@ -267,7 +267,7 @@ def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
     source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED - offset))
     code, said = run(source, tmp_path / "out.h5", *BALL)
     assert code == 0
-    assert "sign is turned" not in said
+    assert "reversed its sign" not in said
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
 
 

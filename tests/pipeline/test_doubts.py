@@ -63,7 +63,7 @@ def test_a_moved_pit_widens_the_error_bar_by_more_than_what_it_did_to_E_and_not_
 def test_a_pit_of_another_size_is_said(nectarine, times, refused):
     skin, (pit, faces), prior = nectarine
     (doubt,) = of_a_given_pit(skin, about_middle(pit, times * np.eye(3)), faces, prior)
-    assert f"{times:.2f} times the size" in doubt.sentence
+    assert f"{times:.2f} times the expected size" in doubt.sentence
     assert doubt.refused == refused
 
 

@@ -298,7 +298,7 @@ def test_each_cause_is_said_once_however_many_recordings_have_it():
     said = said_once(
         ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
     )
-    assert said == "g1: force is 2.0 N. (The same of g3, g4.) g2: never touches."
+    assert said == "g1: force is 2.0 N. (The same applies to g3, g4.) g2: never touches."
 
 
 def test_recordings_of_different_fruit_have_different_causes():
