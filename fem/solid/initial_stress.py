@@ -37,7 +37,8 @@ def bounded(force: Fields, compliance: float) -> Fields:
     if not np.abs(force).max() < RUN_AWAY:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"The nonlinear solve for flesh of {1 / compliance:.3g} MPa diverged. Check the forces",
+            f"The nonlinear solve of how flesh of {1 / compliance:.3g} MPa moves by this law diverged. "
+            "Check the forces",
         )
     return force
 
@@ -120,9 +121,9 @@ class AddedStress:
         if found.ending is not Ending.CONVERGED:
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
-                f"The nonlinear solve for flesh of {1 / self.compliance:.3g} MPa still moves the skin "
-                f"by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, expected at most "
-                f"{1e3 * tolerance_mm:.2g} µm. Check the forces",
+                f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law diverged. "
+                f"The skin still moves by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, expected at "
+                f"most {1e3 * tolerance_mm:.2g} µm. Check the forces",
             )
         # the last round's step is known and brings the answer nearer
         return np.asarray(found.state - self.tangent(found.state).solve(found.residual))

@@ -253,7 +253,7 @@ def out_of_control(z: Float[np.ndarray, " n"]) -> str:
     it beyond 2 on the same side.
 
     >>> out_of_control(np.array([2.1, -0.3, 2.4]))
-    'two of the last three batches are beyond 2 standard deviations on the same side'
+    'two of the last three batches deviate by more than 2 standard deviations on the same side'
     """
     last = float(z[-1])
     if abs(last) > FAR_SD:

@@ -93,7 +93,7 @@ class Grading(Strict):
             numbers = [limit for limit in limits if math.isfinite(limit)]
             slip = ": is one of them in kPa?" if numbers and max(numbers) > 100 * min(numbers) else ""
             raise ValueError(
-                "E_max_MPa must increase from class to class, and only the last may omit it; found "
+                "E_max_MPa must grow from class to class, and only the last may omit it; found "
                 f"{limits}{slip}"
             )
         if limits and limits[-1] != math.inf:

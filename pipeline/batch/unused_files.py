@@ -158,14 +158,16 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
 _NO_INPUT = "drupe does not read this kind of file; move it away, or convert it"
 _FOR_A_FRUIT = {
     "recording": "drupe reads recordings in grasps/; move it there",
-    "mesh": f"drupe reads a mesh named fruit ({', '.join(MESHES)}) or pit; rename it or move it away",
+    "mesh": (
+        f"drupe reads a mesh under the name fruit ({', '.join(MESHES)}) or pit; rename it or move it away"
+    ),
     "other mesh": (
-        f"drupe reads meshes as {', '.join(MESHES)}; export it in one of these formats, named fruit.ply"
+        f"meshes are read as {', '.join(MESHES)}; export it in one of these formats, named fruit.ply"
     ),
     "point cloud": "points are not a surface; mesh them first, and save the mesh as fruit.ply",
-    "photo": "drupe reads photos in photos/; move it there",
-    "other photo": "drupe reads photos in photos/; move it there and convert it to JPEG",
-    "raw photo": "drupe reads photos in photos/; develop it to JPEG and move it there",
+    "photo": "photos are read in photos/; move it there",
+    "other photo": "photos are read in photos/; move it there and convert it to JPEG",
+    "raw photo": "photos are read in photos/; develop it to JPEG and move it there",
     "video": "drupe reads a video only if grasp.toml of a raw grasp names it, in grasps/",
     "table": "a table is not a recording; convert it with `drupe convert`, into grasps/",
     "arrays": "arrays are not a recording; convert them with `drupe convert`, into grasps/",

@@ -237,7 +237,7 @@ def said_once(sentences: Sequence[str]) -> str:
     is quoted (ids) makes another cause.
 
     >>> said_once(["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N."])
-    'g1: force is 2.0 N. (The same of g3.) g2: never touches.'
+    'g1: force is 2.0 N. (The same applies to g3.) g2: never touches.'
     """
     causes: dict[str, list[tuple[str, str]]] = {}
     for sentence in sentences:
@@ -247,7 +247,7 @@ def said_once(sentences: Sequence[str]) -> str:
     said = []
     for (_, first), *others in causes.values():
         names = ", ".join(name for name, _ in others)
-        said.append(f"{first} ({names} show the same.)" if names else first)
+        said.append(f"{first} (The same applies to {names}.)" if names else first)
     return " ".join(said)
 
 

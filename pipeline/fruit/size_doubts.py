@@ -65,8 +65,8 @@ def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
         return "check the units (mm, g), and that the mesh is in mm, with z up, and of this fruit."
     if on_mat:
         return (
-            "check the units (mm, g), the photos of this fruit, and that mat.json describes the "
-            "printed mat (its 100 mm bar must measure 100 mm)."
+            "check the units (mm, g), the photos of this fruit, and the mat. mat.json must describe the "
+            "mat as it was printed (its 100 mm bar must measure 100 mm)."
         )
     return (
         f"check the units (mm, g), the photos of this fruit, and height_mm ({given.height_mm:g}), "

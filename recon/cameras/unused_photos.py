@@ -56,10 +56,7 @@ def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]
             if not pictures_alone and (inside := photo_paths(path)):
                 yield (
                     path,
-                    (
-                        f"drupe does not read folders within photos/ ({len(inside)} photos); move "
-                        "the photos up"
-                    ),
+                    f"a folder within photos/ is not read ({len(inside)} photos); move the photos up",
                 )
         elif not wrong and suffix not in NO_PHOTOS:
             kind = _kind(path)

@@ -225,7 +225,7 @@ def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
     why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
     raise ReconFailure(
         ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
-        f"Only {len(looks) - len(lost)} of {len(looks)} photos are usable ({why}: "
+        f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
         f"{listed(sorted(lost))}); expected at least {FEWEST_PHOTOS}, better 24. Retake them.",
     )
 

@@ -115,7 +115,7 @@ def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
         )
     if q.silhouette_iou < 0.97:
         out.append(
-            f"Outlines overlap by only {100 * q.silhouette_iou:.1f} %; another object may be in the photos."
+            f"Outlines agree to only {100 * q.silhouette_iou:.1f} %; another object may be in the photos."
         )
     if q.outline_rms_mm > 0.01 * largest_mm:
         out.append(f"The mesh deviates from the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")

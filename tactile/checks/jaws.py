@@ -107,8 +107,8 @@ def _aperture(
         return [
             _refused(
                 FindingKind.POSES_STILL,
-                f"the poses do not move (they move {moved:.2f} mm) while the aperture changes by "
-                f"{said:.2f} mm; the poses are from one instant, or from another recording",
+                f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by "
+                f"{said:.2f} mm: poses of one instant, or of another recording",
             )
         ]
     if apart <= max(OPENING_SAID_MM, OPENING_SHARE * said):

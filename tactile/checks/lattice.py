@@ -239,7 +239,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
             pads=(one.pad.name,),
             says=(
                 f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the "
-                "peak), so some force is missing. Markers are missing, or the fruit was not in the "
+                "peak), so some force is missing; markers are missing, or the fruit was not in the "
                 "pad's middle"
             ),
             refused=True,

@@ -135,7 +135,7 @@ def _without_repeats(
     rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
     count = words.count(int(again.sum()))
     says = (
-        f"{name} has {rate:.3g} readings per second, repeated in between; {count} now lie on lines "
+        f"{name} was read {rate:.3g} times a second and repeated in between; {count} now lie on lines "
         "between the readings."
     )
     note = LoggerCorrection(

@@ -127,7 +127,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
-        says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left them out."
+        says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
         notes.append(
             _note(
                 LoggerFault.MISSING,
@@ -210,7 +210,7 @@ def _on_readings(
         again &= np.isfinite(values)
         rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
         says = (
-            f"{name} has {rate:.3g} readings per second, repeated in between; drupe uses the first "
+            f"{name} was read {rate:.3g} times a second and repeated in between; drupe used the first "
             f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
@@ -225,7 +225,7 @@ def _on_readings(
         which = ", ".join(f"{words.row} {row}" for row in at[:3]) + (
             f" and {len(at) - 3} more" if len(at) > 3 else ""
         )
-        says = f"{words.count(len(at))} with an empty cell; drupe left them out: {which}."
+        says = f"{words.count(len(at))} with an empty cell left out: {which}."
         notes.append(_note(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
     timed = np.isfinite(logged.time_s)
     rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])

@@ -57,7 +57,7 @@ def _reserved_note(
         quantity=", ".join(held),
         rows=tuple(rows.tolist()),
         values=tuple(held.values()),
-        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; drupe left them out.",
+        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; drupe left out all of them.",
     )
 
 
@@ -125,6 +125,5 @@ def wild_note(
         quantity=quantity,
         rows=tuple(rows.tolist()),
         values=tuple(values.tolist()),
-        says=f"{len(rows)} {many} of {quantity}; drupe left them out: "
-        f"{listed(words, quantity, rows, values)}.",
+        says=f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}.",
     )

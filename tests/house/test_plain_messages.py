@@ -1,4 +1,4 @@
-"""What users read in the terminal and on pages: short sentences, none of the terms that the style bans."""
+"""What users read in the terminal and on pages: short sentences without the terms that the style bans."""
 
 import ast
 import re

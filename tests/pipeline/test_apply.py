@@ -102,16 +102,16 @@ def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert "cannot be told apart" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
     assert "no second recording" in why_not(fake_explanation(heldout=None))
     worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
-    assert "does not help" in why_not(fake_explanation(heldout=worse))
+    assert "does not improve the prediction" in why_not(fake_explanation(heldout=worse))
     quiet = HeldOut(rms_before=0.9, rms_after=0.8, noise_rms=1.0)
-    assert "within the sensors' noise" in why_not(fake_explanation(heldout=quiet))
+    assert "within sensor noise" in why_not(fake_explanation(heldout=quiet))
 
 
 def test_what_the_recorded_forces_hold_is_not_written_and_the_user_is_told_why():
     adhesion = candidate("adhesion", 0.99, reach_mm=0.13)
     found = fake_explanation(verdict="adhesion", ranking=(adhesion,))
     assert why_not(found) == (
-        "adhesion needs no entry: the recorded forces hold it, so E is right without one."
+        "adhesion needs no entry: the recorded forces include it, so E is right without one."
     )
     pair = candidate("adhesion+sensor_gain", 0.9, reach_mm=0.13, pad="left", gain=1.1)
     assert why_not(fake_explanation(verdict="adhesion+sensor_gain", ranking=(pair,))) == ""

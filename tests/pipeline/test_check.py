@@ -130,8 +130,8 @@ def test_a_pit_that_grading_doubts_is_no_problem_and_is_said(batch):
     status, text = run(batch)
     assert status == 4
     line, last = text.splitlines()
-    assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from where")
-    assert "the mesh in pit.ply was shifted, is given in another frame of reference than fruit.ply" in line
+    assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from the expected place")
+    assert "The mesh in pit.ply is shifted, uses another frame than fruit.ply" in line
     assert line.endswith("E will be in doubt.")
     assert last == f"0 problems found in {batch}, and 1 finding that will put E in doubt"
 

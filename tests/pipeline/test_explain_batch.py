@@ -21,7 +21,7 @@ def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, find
     kept = json.loads((batch / "results" / "fruits" / "N01" / "mismatch.json").read_text())
     assert (kept["verdict"], len(kept["key"])) == ("sensor_gain", 64)
     again = drupe("explain", batch, "--fruit", "N01", "--apply")
-    assert "already hold effects (sensor_gain)" in again.out
+    assert "already contain effects (sensor_gain)" in again.out
     assert (batch / "batch.toml").read_text() == text
 
 
@@ -40,7 +40,7 @@ def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, 
     before = (batch / "batch.toml").read_text()
     ran = drupe("explain", batch, "--fruit", "N01", "--apply")
     assert ran.status == 0
-    assert "Not applied: what is missing is not known" in ran.out
+    assert "Not applied: the cause is unknown" in ran.out
     assert (batch / "batch.toml").read_text() == before
 
 
@@ -53,7 +53,7 @@ def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
     with (batch / "batch.toml").open("a") as file:
         file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
     line = drupe("grade", batch).one_line()
-    assert 'pit_size is of fruit "N1", not in fruits.csv; did you mean "N01"?' in line
+    assert 'pit_size names fruit "N1", which is not in fruits.csv; did you mean "N01"?' in line
 
 
 def ball(path, travel, **attributes):

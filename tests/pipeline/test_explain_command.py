@@ -97,16 +97,16 @@ def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder
     finder["answer"] = fake_explanation(verdict=("clock_lag", "viscoelastic"), heldout=None)
     ran = drupe("explain", case)
     assert ran.status == 0
-    assert "cannot tell apart: viscoelastic or clock lag" in ran.out.splitlines()[0]
+    assert "cannot distinguish viscoelastic or clock lag" in ran.out.splitlines()[0]
     assert "nothing confirms the answer" in ran.out
-    assert "note: There is one recording only" in ran.out
+    assert "note: There is only one recording" in ran.out
 
 
 def test_without_a_pit_the_categorys_is_used_and_it_is_said(drupe, finder, case):
     (case / "pit.ply").unlink()
     said = drupe("explain", case).out
-    assert "note: There is no pit.ply: the category's pit is used" in said
-    assert "note: There are 2 recordings: weak effects may stay unseen" in said
+    assert "note: There is no pit.ply, so drupe uses the category's pit" in said
+    assert "note: There are 2 recordings: weak effects may stay hidden" in said
     assert len(finder["case"].grasps) == 2
 
 
@@ -222,7 +222,7 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
         ((case / "fruit.ply",), "is a file; give the folder of a case: recordings (*.h5), a case.toml with"),
         ((case, "--json", tmp_path / "no" / "a.json"), "there is no such folder"),
         ((case, "--html", tmp_path), "is a folder"),
-        ((case, "--fruit", "N1"), "--fruit is for batches"),
+        ((case, "--fruit", "N1"), "but --fruit applies to batches"),
         ((case, "--apply"), "--apply writes into a batch's settings"),
     ):
         ran = drupe("explain", *arguments)
@@ -241,7 +241,7 @@ def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
     (case / "case.toml").write_text(SETTINGS + 'recorded_by = "MK"\n')
     ran = drupe("explain", case)
     assert ran.status == 0
-    assert 'the key "recorded_by" is not known and was left aside' in ran.out
+    assert 'drupe does not know the key "recorded_by" and ignored it' in ran.out
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
 def test_the_progress_line_of_a_fruit_in_doubt_names_the_cause():
     doubted = record("graded").model_copy(update={"doubts": ("g: one marker in ten is dead.", "a pit")})
     said = grading._in_a_line(doubted)
-    assert said == "E = 900.000 ± 30.000 MPa, in doubt (the causes stand below)"
+    assert said == "E = 900.000 ± 30.000 MPa, in doubt (see the causes below)"
 
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
@@ -112,11 +112,11 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
         assert held(batch, name)[1].warnings[: len(doubts)] == doubts
         for said in ("mass_g of all 2 fruit is 0.09", 'E_max_MPa of "soft" is 300'):
             (one,) = [doubt for doubt in doubts if said in doubt]
-            assert one.endswith("Graded all the same (--force).")
+            assert one.endswith("drupe grades the fruit anyway (--force).")
             assert said in rows[name]["doubts"]
     assert "mass_g of all 2 fruit is 0.09" in page
-    assert "(--force). Its error bar is wider" not in page
-    assert page.count("a pit Its error bar is wider") == 1
+    assert "(--force). This widens its error bar" not in page
+    assert page.count("a pit This widens its error bar") == 1
     provenance = batch / "results" / "batch.json"
     assert json.loads(provenance.read_text())["force"] is True
     assert run(ALL_IN_KG, IN_KPA, force=True)[2] == rows  # said once, however often it is run

@@ -88,7 +88,7 @@ def test_a_full_disk_is_the_machines_whichever_library_meets_it():
         (
             ImportError("libopenblas.so: failed to map segment from shared object"),
             2,
-            "MiB of address space, and a fruit up to 1500 MiB of memory; close other programs, or raise",
+            "MiB of address space, and up to 1500 MiB per fruit; close other programs, or raise",
         ),
         (RuntimeError("std::bad_alloc"), 2, "this machine: not enough memory: "),
         (ImportError("No module named 'x'"), 1, "internal error: ImportError"),
@@ -264,9 +264,9 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     console = SimpleNamespace(print=lambda text, **_: said.append(text))
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 3200.0)
     assert grading._jobs([photos] * 4, 4, console) == 2
-    assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are left")
+    assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are free")
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
-    with pytest.raises(BatchRefused, match=r"has 200 MiB of memory left, and one fruit needs about 1500 MiB"):
+    with pytest.raises(BatchRefused, match=r"has 200 MiB of free memory, but one fruit needs about 1500 MiB"):
         grading._jobs([photos], 1, console)
 
 
@@ -341,7 +341,7 @@ def test_a_limit_of_address_space_is_told_with_what_is_there_and_needed(
     assert done.returncode == 2
     assert done.stderr == (
         "drupe: this machine: not enough memory: the limit of address space (ulimit -v) is "
-        f"{limit_MiB} MiB, and about {need_MiB} MiB are needed; raise the limit.\n"
+        f"{limit_MiB} MiB, but drupe needs about {need_MiB} MiB; raise the limit.\n"
     )
 
 

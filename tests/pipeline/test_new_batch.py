@@ -107,19 +107,22 @@ def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
     fruits = tmp_path / "batch" / "fruits"
     (fruits / "Mühle 1").rename(fruits / "Mu\u0308hle 1")
     checked = drupe("check", tmp_path / "batch")
-    assert "is not listed" not in checked.out
-    assert "there is no such folder" not in checked.out
+    assert "is not in fruits.csv" not in checked.out
+    assert "does not exist" not in checked.out
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("full", "--photos", "taken"), "is there already and not empty; name a new folder"),
-        (("new", "--photos", "nothing"), "is no folder; name a folder of photos"),
+        (("full", "--photos", "taken"), "exists already and is not empty; name a new folder"),
+        (("new", "--photos", "nothing"), "is not a folder; name a folder of photos"),
         (("new", "--photos", "empty"), "holds no photos (JPEG, PNG, HEIC), meshes or recordings"),
-        (("new", "--photos", "taken", "--photos", "taken"), 'two folders are named "N2"'),
-        (("new", "--photos", "taken", "--category", "pear"), 'knows no category "pear"; known: apricot'),
-        (("new", "--photos", "odd"), '"-x" is no fruit_id'),
+        (("new", "--photos", "taken", "--photos", "taken"), 'two folders have the name "N2"'),
+        (
+            ("new", "--photos", "taken", "--category", "pear"),
+            'drupe knows no category "pear"; known: apricot',
+        ),
+        (("new", "--photos", "odd"), '"-x" is not a valid fruit_id'),
     ],
 )
 def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypatch, arguments, said):
@@ -139,7 +142,10 @@ def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
     for folder in (photos, photos / "N2"):
         ran = drupe("grade", folder)
         assert ran.status == 2
-        assert f"only photos; make a batch of them with `drupe new BATCH --photos {folder}`" in ran.err
+        assert (
+            f"has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`"
+            in ran.err
+        )
 
 
 def test_a_known_answer_comes_out():
@@ -149,7 +155,7 @@ def test_a_known_answer_comes_out():
 def test_doctor_says_it_is_well(drupe, tmp_path):
     ran = drupe("doctor", tmp_path)
     assert ran.status == 0
-    assert "off the closed form" in ran.out
+    assert "from the closed form" in ran.out
     assert ran.out.endswith("all well\n")
 
 
@@ -157,7 +163,7 @@ def test_doctor_says_what_is_wrong(drupe, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.run.machine_check.known_answer_error", lambda: 0.2)
     ran = drupe("doctor", tmp_path)
     assert ran.status == 1
-    assert "wrong: finite elements are +20.0 % off a closed form" in ran.out
+    assert "wrong: finite elements deviate by +20.0 % from a closed form" in ran.out
     monkeypatch.setattr("pipeline.run.machine_check.free_memory_MiB", lambda: 100.0)
     ran = drupe("doctor", tmp_path)
     assert ran.status == 2

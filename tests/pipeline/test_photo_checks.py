@@ -68,10 +68,10 @@ def bare(image):
 
 SPOILT = {
     "002.jpg": (lambda image: cv2.GaussianBlur(image, (0, 0), 2.0), r"002\.jpg: blurred .* retake it"),
-    "006.jpg": (lambda image: image // 4, r"006\.jpg: too dark .* retake it, exposed more"),
+    "006.jpg": (lambda image: image // 4, r"006\.jpg: too dark .* retake it with more exposure"),
     "010.jpg": (
         lambda image: cv2.convertScaleAbs(image, alpha=2.5),
-        r"010\.jpg: overexposed .* retake it, exposed less",
+        r"010\.jpg: overexposed .* retake it with less exposure",
     ),
     "014.jpg": (bare, r"Left out: 014\.jpg: shows .* tags of the mat.* retake it"),
     "018.jpg": (lambda image: np.ascontiguousarray(image[:, ::-1]), r"Left out: 018\.jpg: mirrored"),

@@ -43,12 +43,12 @@ def made():
 
 def test_only_a_photo_that_could_not_be_joined_shares_too_little(made):
     said = plan_words(_plan(made, NAMES))
-    assert "4.jpg shares too little" in said
+    assert "4.jpg overlaps too little" in said
     assert "5.jpg shares" not in said
 
 
 def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
-    assert "shares too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
+    assert "overlaps too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
 
 
 @pytest.mark.parametrize(("frame", "asked"), [("mat", "the mat in view"), ("shape", "the ground around it")])

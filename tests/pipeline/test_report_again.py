@@ -181,7 +181,7 @@ def test_of_an_interrupted_run_the_page_says_so(drupe, batch):
     results = results_of(batch / "results", [graded("A", 0.3)], status=130)
     ran = drupe("report", results)
     assert ran.status == 3
-    assert "not all fruit are done" in ran.out
+    assert "some fruit are not graded yet" in ran.out
     assert "Interrupted:</b> 1 of 2 fruit" in (results / "report.html").read_text()
 
 
@@ -192,7 +192,7 @@ def test_a_batch_that_moved_is_named(drupe, batch, results, tmp_path):
     batch.rename(moved)
     ran = drupe("report", kept)
     assert ran.status == 2
-    assert "which is not there; name it with --batch" in ran.err
+    assert "which does not exist; give the batch with --batch" in ran.err
     assert drupe("report", kept, "--batch", moved).status == 0
 
 
@@ -237,7 +237,7 @@ def test_with_all_only_what_drupe_wrote_goes(drupe, results):
     assert "fruits/A/mine.txt" in left
     assert "fruits/B/mesh.png" in left
     assert not any(name.endswith(("record.json", "report.html", "ranking.csv", ".npz")) for name in left)
-    assert "mesh.png: not written by drupe, or changed since" in ran.out
+    assert "mesh.png: drupe did not write this file, or somebody changed it" in ran.out
     assert (results / "fruits" / "linked").is_symlink()
     assert (results.parent / "batch.toml").is_file()
 

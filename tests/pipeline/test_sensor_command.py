@@ -106,7 +106,7 @@ def test_what_cannot_be_is_said(tmp_path: Path, empty: Path) -> None:
     out = tmp_path / "mini.toml"
     assert "is no sensor that drupe knows by name; known are digit," in run("sensor", "gelsight", out)[1]
     assert "found no picture of the untouched gel" in run("sensor", "gelsight-mini", out)[1]
-    assert "give the description to write" in run("sensor", "gelsight-mini")[1]
+    assert "Name the description file to write" in run("sensor", "gelsight-mini")[1]
     out.write_text('kind = "fields"\n')
     said = run("sensor", "gelsight-mini", out, "--picture", empty)[1]
     assert "a description that drupe sensor wrote" in said

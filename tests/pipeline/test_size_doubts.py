@@ -30,7 +30,7 @@ def test_numbers_that_fit_raise_no_doubt():
         ({"height_mm": 56.0 * 0.97}, "says height_mm 54.32"),
         ({"height_mm": 5.6}, "check the units"),
         ({"diameter_mm": 61.0 * 1.04}, "59.5 to 61.0 mm wide"),
-        ({"mass_g": 60}, "would weigh 0.56 g/cm³"),
+        ({"mass_g": 60}, "the density would be 0.56 g/cm³"),
     ],
 )
 def test_numbers_that_do_not_fit_name_field_value_and_what_to_check(given, words):
@@ -47,13 +47,13 @@ def test_a_mat_of_half_the_size_shows_by_the_kind_of_fruit():
 
 def test_size_from_height_alone_is_said_and_a_second_number_settles_it():
     (doubt,) = doubts(on_mat=False, height_mm=56.0)
-    assert "rests on height_mm (56) alone" in doubt
+    assert "depends on height_mm (56) alone" in doubt
     assert "[photos] coin" in doubt
     assert doubts(on_mat=False, height_mm=56.0, diameter_mm=60.0) == []
     assert size_doubts(Given(height_mm=56.0), MESH, PRIOR, on_mat=False, by_coin=True) == []
     (doubt,) = doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)
     assert "mm wide" in doubt
-    assert "check the units (mm, g), that the photos show this fruit, and height_mm (56)" in doubt
+    assert "check the units (mm, g), the photos of this fruit, and height_mm (56)" in doubt
     assert "mat.json" not in doubt
 
 

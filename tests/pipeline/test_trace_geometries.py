@@ -106,8 +106,8 @@ def test_the_specimen_is_kept_in_the_recording(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--indenter", "flat"), "flat and --radius-mm"),
-        (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is a ball's or a punch's"),
+        (("--indenter", "flat"), "ball or flat with --radius-mm"),
+        (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is the radius of a ball or punch"),
         (("--indenter", "plates"), "give --specimen cylinder with --height-mm 12"),
         (CYLINDER, "not enough of the cylinder between the plates; give --ends bonded|lubricated"),
         (("--indenter", "plate", "--specimen", "fruit", "--axis", "a"), "give --diameters-mm 61 60 58"),
@@ -154,7 +154,7 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
         tmp_path, 'category = "nectarine"\naxis = "b"\n', source, options=(*FRUIT, "--category", "nectarine")
     )
     notes = " ".join(found["notes"])
-    assert "the category's pit is taken, 0.44 of the fruit's diameter" in notes
+    assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
     assert "axis is c in the recording and b in case.toml, which is taken" in notes
     assert "The fruit's shape" in notes
     assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()

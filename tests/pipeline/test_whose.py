@@ -83,8 +83,8 @@ def prepared(batch, fruit="N02"):
 
 
 REFUSED = (
-    'attribute fruit_id: found "N04", expected "N02": it is the recording of another fruit of this batch. '
-    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if it is of N02."
+    'attribute fruit_id: found "N04", expected "N02": the recording belongs to another fruit of this batch. '
+    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if the recording is of N02."
 )
 DOUBTED = 'attribute fruit_id: found "N77", expected "N02", and fruits.csv has no "N77"'
 
@@ -229,7 +229,7 @@ def test_a_copy_within_a_fruit_counts_once(batch):
         del file["pads/left/force_N"]
         file["pads/left/force_N"] = force
     assert copy.read_bytes() != recording(batch).read_bytes()
-    said = "grasp-2.h5: holds the same displacements and forces as grasp-1.h5: one grasp, counted once"
+    said = "grasp-2.h5: contains the same displacements and forces as grasp-1.h5, so drupe counts one grasp"
     status, text = checked(batch)
     assert status == 2
     assert f"fruits/N02/grasps/grasp-2.h5: {said}" in text
@@ -300,7 +300,7 @@ def test_each_cause_is_said_once_however_many_recordings_have_it():
     said = said_once(
         ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
     )
-    assert said == "g1: force is 2.0 N. (The same of g3, g4.) g2: never touches."
+    assert said == "g1: force is 2.0 N. (The same applies to g3, g4.) g2: never touches."
 
 
 def test_recordings_of_different_fruit_have_different_causes():

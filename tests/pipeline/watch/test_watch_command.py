@@ -69,8 +69,8 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (["nowhere"], "nowhere: there is no such batch folder."),
-        (["batch.toml"], "is a file; give the batch's folder."),
+        (["nowhere"], "nowhere: there is does not exist; give an existing batch folder."),
+        (["batch.toml"], "is a file; give the batch folder."),
         ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
     ],
 )
@@ -89,7 +89,7 @@ def nothing(_path):
 @pytest.mark.parametrize(
     ("put", "said"),
     [
-        (nothing, "there is no batch.toml in this folder; write one"),
+        (nothing, "has no batch.toml. Write one"),
         (lambda path: path.mkdir(), "is a folder, not a file; put the batch's settings there."),
         (lambda path: path.symlink_to("nowhere"), "is a link to nothing (nowhere)"),
         (os.mkfifo, "is a named pipe, not a file; put the batch's settings there."),
