@@ -37,8 +37,9 @@ def _in_this_process() -> Iterator[None]:
 def _stages_of_all_files(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[None]:
-    """What one test's grading kept of a stage serves all files and workers: its key is the hash of all that it
-    came from. Not where a second run's own stages are the claim.
+    """What one test's grading kept of a stage serves all files and workers: its key is a hash of its inputs.
+
+    Not where a second run's own stages are the claim.
     """
     if request.module.__name__ == "test_resume":
         yield
