@@ -4,7 +4,10 @@ A text is kept in a heap whose entries tell where the next one begins; the libra
 limit, in native code that no exception and no signal handler of Python's interrupts.
 """
 
+import hashlib
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +22,21 @@ MOST_BYTES = 200_000_000
 """Of memory for the texts and links of a file; a sound recording's take less than 1 MB."""
 MOST_LINKS = 100_000
 """Names in a file; a recording has some 30. The library looks at 100,000 in 1 s."""
+MOST_HASHED_BYTES = 10_000_000
+"""Of a file whose hash is worth the while: it takes 5 to 10 ms then, as does starting a process."""
+_read_through: set[bytes] = set()
+"""Hashes of contents that the library came to the end of: one file is opened several times in a run."""
 
 
 def texts_fault(path: Path, *, patience_s: float = PATIENCE_S) -> str:
     """What is wrong with the texts and names of the file, as the object of "found"; empty where nothing is.
 
     A process reads the attributes of the file and of its groups, and all names in it. An end with an error is
-    no fault here: the reader will say which.
+    no fault here: the reader will say which. Contents that were once read so are not read again.
     """
+    digest = _digest(path)
+    if digest in _read_through:
+        return ""
     trial = tried(lambda tell: _read(path, tell), patience_s=patience_s, most_bytes=MOST_BYTES)
     limits = {
         TrialEnding.TOO_LONG: f"in {patience_s:.0f} s",
@@ -34,7 +44,19 @@ def texts_fault(path: Path, *, patience_s: float = PATIENCE_S) -> str:
     }
     if trial.ending in limits:
         return f"texts that the HDF5 library does not come to the end of {limits[trial.ending]}"
-    return f"more than {MOST_LINKS} names" if trial.lines else ""
+    if trial.lines:
+        return f"more than {MOST_LINKS} names"
+    if digest is not None:
+        _read_through.add(digest)
+    return ""
+
+
+def _digest(path: Path) -> bytes | None:
+    """SHA-256 of the file; None of one that is too long for it to pay, or that cannot be read."""
+    with suppress(OSError), path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size <= MOST_HASHED_BYTES:
+            return hashlib.file_digest(file, "sha256").digest()
+    return None
 
 
 def link_out(file: h5py.File) -> str:
