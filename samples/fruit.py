@@ -21,7 +21,7 @@ POISSON_RATIO = 0.45
 """Of the flesh, and assumed when it is graded: samples test E, not Poisson's ratio."""
 MESH_ERROR_MM = 0.1
 """Root mean square of the scanned mesh's waves, mm: what meshes from photos are off by (docs/validation.md,
-Shape: 0.06 to 0.20)."""
+Shape: 0.06 to 0.16)."""
 
 
 @dataclass(frozen=True, kw_only=True)
