@@ -79,13 +79,13 @@ def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
     [
         (
             '"60,5"',
-            '"60,5"; expected a number above zero, or an empty cell;  it has a decimal comma; write 60.5.',
+            '"60,5"; expected a number above zero, or an empty cell; it has a decimal comma; write 60.5.',
         ),
-        ("6_0", '"6_0"; expected a number above zero, or an empty cell;  write 60.'),
-        ("\u0666\u0660", "nothing; write 60."),  # Arabic digits
-        ("\uff16\uff10.\uff15", "nothing; write 60.5."),  # full-width digits
-        ("6\u00a00", "nothing; write 60."),
-        ("0x3c", "or nothing."),
+        ("6_0", '"6_0"; expected a number above zero, or an empty cell; write 60.'),
+        ("\u0666\u0660", "cell; write 60."),  # Arabic digits
+        ("\uff16\uff10.\uff15", "cell; write 60.5."),  # full-width digits
+        ("6\u00a00", "cell; write 60."),
+        ("0x3c", "or an empty cell."),
     ],
 )
 def test_numbers_are_plain_and_others_are_told_how_to_be_written(tmp_path, cell, said):
@@ -118,7 +118,7 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ('fruit_id,notes\nA,x\nB,"y\nC,z\n', "line 3 has an open quotation mark"),
         ("fruit_id,notes\nA,x\nB," + "y" * 11_000 + "\n", "line 3 has a cell of more than 10000 characters"),
         ("fruit_id,notes\nB," + "y" * 140_000 + "\n", "line 2 has a cell of more than 10000 characters"),
-        ("fruit_id\n", "holds no fruit"),
+        ("fruit_id\n", "lists no fruit"),
         (
             "fruit_id,height_mm,mass_g\nA,57,8,120\n",
             "line 2 has more cells than the header; if a number has a decimal comma, write 57.8 for 57,8 or "
