@@ -62,7 +62,7 @@ def unknown_of(model: SensorModel) -> str:
         described(model, None, source="")
     except TactileFailure as failure:
         said = str(failure).removeprefix(f"{model.name}: ")
-        return f"{said[0].upper()}{said[1:]}" if said.startswith("nobody publishes") else ""
+        return f"{said[0].upper()}{said[1:]}" if said.startswith("no published values exist") else ""
     return ""
 
 

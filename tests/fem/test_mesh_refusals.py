@@ -121,7 +121,7 @@ def test_open_edges_are_counted():
 
 def test_a_contact_off_the_fruit_is_named_with_place_and_amount():
     at = np.array([[30.0, 0, 0], [50, 0, 0]])
-    with pytest.raises(FemFailure, match=re.escape("the worst at (50.0, 0.0, 0.0) mm by 20.")) as failure:
+    with pytest.raises(FemFailure, match=re.escape("the worst at (50.0, 0.0, 0.0) mm, by 20.")) as failure:
         tetrahedralise(*FRUIT, *PIT, edge_mm=4.0, refine_at_mm=at)
     assert failure.value.problem is FemProblem.OFF_SURFACE
     with pytest.raises(FemFailure, match="non-finite"):

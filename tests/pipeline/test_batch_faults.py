@@ -95,7 +95,7 @@ def test_a_gain_of_four_percent_in_ten_fruit_is_said_once_with_its_size():
     assert "or the right pad reads" in fault.sentence.lower() or fault.pad == "right"
     said = re.search(r"left pad reads ([\d.]+) ± ([\d.]+) % too much force", fault.sentence)
     assert float(said[1]) == pytest.approx(4.0, abs=4 * float(said[2]))
-    assert "in 10 of 10 by itself" in fault.sentence
+    assert "visible in 10 of 10 individually" in fault.sentence
 
 
 def test_a_gain_of_one_fruit_is_no_fault_of_the_batch():

@@ -71,7 +71,7 @@ def tasks(root):
 
 def test_what_a_phantom_lacks_is_named_with_the_fruit_that_lack_it(made):
     (line,) = problems(made(PHANTOM))
-    assert line.startswith('batch.toml: the category "phantom" has no pit of its own, and B has no pit.ply')
+    assert line.startswith('batch.toml: the category "phantom" has no default pit, and B has no pit.ply')
     both = problems(made('category = "phantom"\n'))
     assert any("add poisson_ratio to batch.toml" in one for one in both)
     assert len(both) == 2
@@ -172,14 +172,14 @@ def test_an_own_category_that_is_not_there_is_named_even_where_all_fruit_bring_p
     write_mesh(root / "fruits" / "B" / "pit.ply", 8 * DIRECTIONS, FACES)
     (line,) = problems(root)
     assert 'batch.toml: "category": ' in line
-    assert "mine.toml is no file; write it" in line
+    assert "mine.toml is no file; write the file" in line
 
 
 def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
     effect = '[[mismatch]]\neffect = "pit_size"\nparameters = {{ scale = 1.1 }}\nfruits = ["{}"]\n'
     none = PHANTOM + '[pit]\nprior = "none"\n'
     (line,) = problems(made(none + effect.format("B")))
-    assert 'pit_size is of the pit, and B has none (pit.prior is "none")' in line
+    assert 'pit_size is an effect of the pit, but B has no pit (pit.prior is "none")' in line
     assert open_batch(made(none + effect.format("A"))).prior.category == "phantom"
 
 

@@ -107,7 +107,7 @@ def test_a_fruit_that_takes_every_worker_along_is_given_up(ran):
     ending = ran[1]["always"]
     assert isinstance(ending, Died)
     # a third one where dask had first blamed it for a worker that it only waited for
-    assert re.match(r"[23] workers lost with it, the last tcp://", ending.how)
+    assert re.match(r"[23] workers died with it, the last tcp://", ending.how)
 
 
 def test_workers_and_dashboard_are_said(ran, address):

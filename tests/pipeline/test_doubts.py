@@ -70,7 +70,7 @@ def test_a_pit_of_another_size_is_said(nectarine, times, refused):
 def test_a_turned_pit_is_said(nectarine):
     skin, (pit, faces), prior = nectarine
     (doubt,) = of_a_given_pit(skin, about_middle(pit, [[1, 0, 0], [0, 0, -1], [0, 1, 0]]), faces, prior)
-    assert "it is turned" in doubt.sentence
+    assert "It is rotated" in doubt.sentence
 
 
 def test_a_body_that_may_have_its_core_anywhere_is_not_judged(nectarine):

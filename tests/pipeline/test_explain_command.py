@@ -185,7 +185,11 @@ def no_ply(case):
 BAD = {
     "of different fruit": (of_another_fruit, 2, ['"N77"', '"nectarine"', "grasp-1.h5", "grasp-2.h5"]),
     "forces all zero": (all_silent, 3, ["grasp-1.h5", "force is dead"]),
-    "no case.toml": (without("case.toml"), 2, ["no case.toml", 'category = "nectarine"']),
+    "no case.toml": (
+        without("case.toml"),
+        2,
+        ["has neither case.toml nor batch.toml", 'category = "nectarine"'],
+    ),
     "no category": (settings("size_sd = 0.1\n"), 2, ["case.toml", '"category" is missing']),
     "no TOML": (settings("category = nectarine"), 2, ["case.toml", "not valid TOML"]),
     "a slip": (settings(SETTINGS + "ofset_sd_mm = 1\n"), 2, ['did you mean "offset_sd_mm"?']),
@@ -252,8 +256,8 @@ def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
             0.0006,
             "Found E without an effect 0.0005 MPa and E with it 0.0006 MPa, expected 0.005 to 12 MPa",
         ),
-        (300.0, 0.3, "Found E without an effect 300 MPa, expected 0.005 to 12 MPa of nectarine"),
-        (0.3, 40.0, "Found E with it 40 MPa, expected 0.005 to 12 MPa of nectarine"),
+        (300.0, 0.3, "Found E without an effect 300 MPa, expected 0.005 to 12 MPa for nectarine"),
+        (0.3, 40.0, "Found E with it 40 MPa, expected 0.005 to 12 MPa for nectarine"),
         (0.3, 0.4, None),
     ],
 )

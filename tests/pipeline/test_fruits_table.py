@@ -77,8 +77,11 @@ def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
 @pytest.mark.parametrize(
     ("cell", "said"),
     [
-        ('"60,5"', '"60,5"; expected a number above zero, or nothing; it has a decimal comma; write 60.5.'),
-        ("6_0", '"6_0"; expected a number above zero, or nothing; write 60.'),
+        (
+            '"60,5"',
+            '"60,5"; expected a number above zero, or an empty cell;  it has a decimal comma; write 60.5.',
+        ),
+        ("6_0", '"6_0"; expected a number above zero, or an empty cell;  write 60.'),
         ("\u0666\u0660", "nothing; write 60."),  # Arabic digits
         ("\uff16\uff10.\uff15", "nothing; write 60.5."),  # full-width digits
         ("6\u00a00", "nothing; write 60."),
@@ -103,11 +106,11 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
         (
             "fruit_id,hight_mm\nA,60\n",
-            'unknown column "hight_mm"; write height_mm, if that is meant, with its values in mm.',
+            'unknown column "hight_mm"; if you mean it, write height_mm, with its values in mm.',
         ),
-        ("fruit_id,height (cm)\nA,6\n", "write height_mm, if that is meant, with its values in mm."),
-        ("fruit_id,penetrometer_lbf\nA,6\n", "write penetrometer_N, if that is meant, with its values in N."),
-        ("fruit_id,mass_kg\nA,0.1\n", "write mass_g, if that is meant, with its values in g."),
+        ("fruit_id,height (cm)\nA,6\n", "if you mean it, write height_mm, with its values in mm."),
+        ("fruit_id,penetrometer_lbf\nA,6\n", "if you mean it, write penetrometer_N, with its values in N."),
+        ("fruit_id,mass_kg\nA,0.1\n", "if you mean it, write mass_g, with its values in g."),
         ("Fruit_ID,height_mm\nA,60\n", 'unknown column "Fruit_ID"; write fruit_id.'),
         ("fruit id,height_mm\nA,60\n", 'unknown column "fruit id"; write fruit_id.'),
         ("fruit_id,Reference_e_MPa\nA,60\n", 'unknown column "Reference_e_MPa"; write reference_E_MPa.'),

@@ -476,7 +476,7 @@ def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_fo
     with history_store(store) as one:
         (batch,) = one.batches()
     said = (
-        "lack C, D, which earlier results have: they still count; to take one out of a store: "
+        "lack C, D, which earlier results contain; they still count. To remove one from a store: "
         f"--forget {batch.key}/C"
     )
     assert said in done.out
@@ -484,7 +484,7 @@ def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_fo
     drupe("history", "--store", store, "--forget", f"{batch.key}/C")
     done = drupe("history", "--store", store)
     assert "3 fruit on 2026-08-10" in done.out
-    assert "lack D, which earlier results have: it still counts" in done.out
+    assert "lack D, which earlier results contain; it still counts" in done.out
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,9 @@ def test_pictures_that_are_not_copied_are_named(drupe, photos, tmp_path):
     (photos / "N2" / "more.webp").write_bytes(b"RIFF1234WEBP" + bytes(50))
     (photos / "N2" / "notes.txt").write_text("x")
     made = drupe("new", tmp_path / "batch", "--photos", photos)
-    assert "missing: photos of N2: more.webp is not used: WebP pictures are not read; convert" in made.out
+    assert (
+        "missing: photos of N2: more.webp is not used: drupe does not read WebP pictures; convert" in made.out
+    )
     assert "notes.txt" not in made.out
 
 
@@ -167,7 +169,7 @@ def test_doctor_says_what_is_wrong(drupe, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.run.machine_check.free_memory_MiB", lambda: 100.0)
     ran = drupe("doctor", tmp_path)
     assert ran.status == 2
-    assert "missing: memory: 100 MiB are free" in ran.out
+    assert "missing: memory: 100 MiB free" in ran.out
 
 
 def test_schema_is_printed_as_json(drupe):

@@ -176,7 +176,7 @@ def test_a_ratio_that_no_gripper_has_corrects_nothing_and_names_the_number_that_
         assert after.modulus.E_MPa == E
         assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
         (doubt,) = after.doubts
-        assert "reference_E_MPa = 0.5 MPa of ball is not mistyped" in doubt
+        assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in doubt
         assert after.grasps == before.grasps
     assert _status(found, finding) == 4
 

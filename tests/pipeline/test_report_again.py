@@ -96,7 +96,7 @@ def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, batch, results):
         'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\nship = false\n'
         '[[grading.classes]]\nname = "firm"\n'
     )
-    assert "no class is shipped: all fruit are held" in drupe("report", results).out
+    assert "no class is shipped, so all fruit are held" in drupe("report", results).out
     assert {row["decision"] for row in rows(results).values()} == {"hold"}
     assert "No class is shipped" in (results / "report.html").read_text()
 

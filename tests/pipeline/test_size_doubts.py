@@ -42,7 +42,7 @@ def test_numbers_that_do_not_fit_name_field_value_and_what_to_check(given, words
 def test_a_mat_of_half_the_size_shows_by_the_kind_of_fruit():
     half = MESH.model_copy(update={"box_mm": (30.5, 29.8, 28.0), "height_mm": 28.0, "volume_mm3": 13_400.0})
     (doubt,) = doubts(mesh=half)
-    assert "a nectarine is taken to be 40 to 95 mm" in doubt
+    assert "a nectarine has 40 to 95 mm" in doubt
 
 
 def test_size_from_height_alone_is_said_and_a_second_number_settles_it():

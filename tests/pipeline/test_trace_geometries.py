@@ -109,7 +109,7 @@ def test_the_specimen_is_kept_in_the_recording(tmp_path):
         (("--indenter", "flat"), "ball or flat with --radius-mm"),
         (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is the radius of a ball or punch"),
         (("--indenter", "plates"), "give --specimen cylinder with --height-mm 12"),
-        (CYLINDER, "not enough of the cylinder between the plates; give --ends bonded|lubricated"),
+        (CYLINDER, "does not fully describe the cylinder between the plates; give --ends bonded|lubricated"),
         (("--indenter", "plate", "--specimen", "fruit", "--axis", "a"), "give --diameters-mm 61 60 58"),
         ((*FRUIT, "--ends", "bonded"), "--ends given of a fruit, which has --specimen, --diameters-mm"),
         (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "--height-mm given of a ball on"),
@@ -140,7 +140,10 @@ def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(t
     (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\n')
     code, said = run("explain", case)
     assert code == 1
-    assert "old.h5: says not what is between the plates; give specimen cylinder with height_mm 12" in said
+    assert (
+        "old.h5: does not name the specimen between the plates; give specimen cylinder with height_mm 12"
+        in said
+    )
     (case / "case.toml").write_text(
         'category = "rubber"\npoisson_ratio = 0.45\nspecimen = "cylinder"\nheight_mm = 12\n'
         'diameter_mm = 15\nends = "lubricated"\n'

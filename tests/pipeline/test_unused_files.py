@@ -119,7 +119,9 @@ def test_the_exact_name_comes_before_others_and_ply_before_stl(tmp_path):
     (tmp_path / "fruit.ply").touch()
     assert folder.fruit_ply.name == "fruit.ply"
     (said,) = unused_of_fruit(folder)
-    assert said.sentence.startswith("FRUIT.obj, Fruit.PLY, fruit.stl are not used: fruit.ply is read instead")
+    assert said.sentence.startswith(
+        "FRUIT.obj, Fruit.PLY, fruit.stl are not used: drupe reads fruit.ply instead"
+    )
 
 
 def test_recordings_of_one_stem_keep_apart(tmp_path):

@@ -38,7 +38,7 @@ def plastic_slack_mm(
     pressed = over > 0
     m, k = over[pressed], np.broadcast_to(k[..., None], over.shape)[pressed]
     over[pressed] = m - m / (1 + (np.sqrt(m) / k) ** SHARP) ** (1 / SHARP)
-    return over
+    return np.asarray(over)
 
 
 def flowing_slack_mm(
