@@ -317,7 +317,7 @@ def _pressed(
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
         wrong(
-            f"{' and '.join(missing)} {_are_empty(missing)} empty; expected all three diameters or "
+            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters or "
             "none; measure the fruit."
         )
     axis = cells["axis"].lower()

@@ -332,14 +332,14 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
 
 
 _MISSING = (
-    'has no batch.toml. Write one with at least the line category = "nectarine", or create an '
+    'does not exist. Write one with at least the line category = "nectarine", or create an '
     "example with `drupe sample DIR`."
 )
 _PHOTOS = (
     "has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`, then grade that "
     "batch."
 )
-_A_CASE = "has no batch.toml but a case.toml, so it is a single case; use `drupe explain`."
+_A_CASE = "does not exist, but a case.toml does: this is a single case; use `drupe explain`."
 
 
 def _decimal_comma(text: str, fault: str) -> str:

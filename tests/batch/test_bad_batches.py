@@ -24,7 +24,7 @@ def refused(batch):
 @pytest.mark.slow
 def test_missing_batch_toml(batch):
     (batch / "batch.toml").unlink()
-    assert "batch.toml: there is no batch.toml" in refused(batch)
+    assert "batch.toml: does not exist. Write one" in refused(batch)
 
 
 @pytest.mark.slow

@@ -170,7 +170,7 @@ def test_plates_along_the_stem_are_refused_with_the_way_out(tmp_path, force_per_
         ("a,60,60,,b", "diameter_c_mm is empty; expected all three diameters"),
         ("a,6,6,5.7,c", "diameter_a_mm 6: a nectarine is 12.5 to 115 mm in size; is it in cm (60 mm)?"),
         ("a,60,60,57,z", 'axis is "z"; expected a, b or c'),
-        ("a,60,57,60,b,44", 'pit_share is "44"; expected the pit'),
+        ("a,60,57,60,b,44", 'pit_share is "44"; expected the diameter of the pit'),
         ("a,60,57,60,b,44", "is it in percent?"),
     ],
 )

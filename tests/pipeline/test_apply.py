@@ -98,7 +98,7 @@ def test_a_pair_becomes_two_entries():
 def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert why_not(fake_explanation()) == ""
     assert "nothing is missing" in why_not(fake_explanation(detected=False, verdict="none"))
-    assert "not known" in why_not(fake_explanation(verdict="unknown"))
+    assert "the cause is unknown" in why_not(fake_explanation(verdict="unknown"))
     assert "cannot be told apart" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
     assert "no second recording" in why_not(fake_explanation(heldout=None))
     worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
@@ -150,7 +150,7 @@ def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_pat
             "expected 0.01 to 100",
         ),
         ('effect = "pit_offset"\nparameters = {offset_mm = [1, 2]}', "expected 3 numbers"),
-        ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has "b"'),
+        ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has the key "b"'),
         ("parameters = {mu = 0.2}", 'the required key "mismatch.0.effect" is missing'),
     ],
 )

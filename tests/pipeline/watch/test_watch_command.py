@@ -89,7 +89,7 @@ def nothing(_path):
 @pytest.mark.parametrize(
     ("put", "said"),
     [
-        (nothing, "has no batch.toml. Write one"),
+        (nothing, "does not exist. Write one"),
         (lambda path: path.mkdir(), "is a folder, not a file; put the batch's settings there."),
         (lambda path: path.symlink_to("nowhere"), "is a link to nothing (nowhere)"),
         (os.mkfifo, "is a named pipe, not a file; put the batch's settings there."),
