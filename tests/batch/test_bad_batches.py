@@ -30,7 +30,7 @@ def test_missing_batch_toml(batch):
 @pytest.mark.slow
 def test_a_case_is_no_batch(batch):
     (batch / "batch.toml").rename(batch / "case.toml")
-    assert "so it is a single case; use `drupe explain`" in refused(batch)
+    assert "this is a single case; use `drupe explain`" in refused(batch)
 
 
 def test_missing_folder(tmp_path):

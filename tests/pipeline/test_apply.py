@@ -99,7 +99,7 @@ def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert why_not(fake_explanation()) == ""
     assert "nothing is missing" in why_not(fake_explanation(detected=False, verdict="none"))
     assert "the cause is unknown" in why_not(fake_explanation(verdict="unknown"))
-    assert "cannot be told apart" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
+    assert "cannot distinguish skin" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
     assert "no second recording" in why_not(fake_explanation(heldout=None))
     worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
     assert "does not improve the prediction" in why_not(fake_explanation(heldout=worse))
