@@ -127,7 +127,7 @@ def test_no_frames_in_the_air_is_noted(drupe, finder, case):
     change(case / "grasp-2.h5", cut)
     ran = drupe("explain", case)
     assert ran.status == 0, ran.err
-    assert "note: grasp-2: no frame before the first touch" in ran.out
+    assert "note: grasp-2: no frame before first contact" in ran.out
 
 
 def test_pads_whose_names_were_swapped_are_noted(drupe, finder, case):
