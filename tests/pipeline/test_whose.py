@@ -245,7 +245,9 @@ def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
     status, text = checked(batch)
     assert status == 4
     first, second, _ = text.splitlines()
-    words = "grasp-1.h5: contains the same displacements and forces as fruits/{}/grasps/grasp-1.h5. At least one"
+    words = (
+        "grasp-1.h5: contains the same displacements and forces as fruits/{}/grasps/grasp-1.h5. At least one"
+    )
     assert first.startswith(f"fruits/N02/grasps/grasp-1.h5: {words.format('N04')}")
     assert second.startswith(f"fruits/N04/grasps/grasp-1.h5: {words.format('N02')}")
 
