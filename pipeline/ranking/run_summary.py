@@ -126,7 +126,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     if batch.ships == ():
         said = "warning: no class is shipped, so all fruit are held; set ship in [[grading.classes]]"
         console.print(said, highlight=False, markup=False, soft_wrap=True)
-    for line in (*(f"fault in the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
+    for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for name in ("ranking.csv", "report.html"):
         console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)

@@ -132,5 +132,5 @@ def test_check_says_what_is_wrong_with_table_and_fruit_together(batch):
     pd.concat([table, more]).to_csv(batch / "fruits.csv", index=False)
     (batch / "fruits" / "STRAY").mkdir()
     said = drupe("check", batch).out
-    for words in ('height_mm is "tall"', "GONE: there is no such folder", "STRAY: is not in fruits.csv"):
+    for words in ('height_mm is "tall"', "GONE: does not exist", "STRAY: is not in fruits.csv"):
         assert words in said

@@ -172,7 +172,7 @@ def test_check_reports_a_chart_elsewhere_and_all_other_problems(tmp_path):
     said = [str(one).replace(f"{tmp_path}/", "") for one in check(tmp_path)]
     for words in (
         'batch.toml: "reference.chart": found',
-        "fruits/A: there is no such folder",
+        "fruits/A: does not exist",
         "fruits/B: is not in fruits.csv",
         "scan.stl is not used",
         "Every E will be in doubt",
@@ -209,7 +209,7 @@ def test_several_recordings_have_one_hash_whatever_their_order():
     [
         ([0.0], ""),
         ([2.9], ""),
-        ([-3.1], "beyond 3"),
+        ([-3.1], "more than 3"),
         ([3.5, 0.2], ""),  # said when it was the last
         ([2.1, 2.2], "two of the last three"),
         ([2.1, 0.0, 2.2], "two of the last three"),

@@ -19,5 +19,5 @@ def test_two_parts_are_named_where_none_is_half_and_none_where_none_is_known():
     said = smaller_error({TACTILE: 1.0, MODEL: 1.1, SCATTER: 0.9})
     assert said.index(MODEL) < said.index(TACTILE)
     assert SCATTER not in said
-    assert smaller_error({DISCRETISATION: 1.0}).endswith("is discretisation.")
+    assert smaller_error({DISCRETISATION: 1.0}).endswith("comes from: discretisation.")
     assert smaller_error({}) == ""

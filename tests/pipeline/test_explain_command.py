@@ -127,7 +127,7 @@ def test_no_frames_in_the_air_is_noted(drupe, finder, case):
     change(case / "grasp-2.h5", cut)
     ran = drupe("explain", case)
     assert ran.status == 0, ran.err
-    assert "note: grasp-2: no frame before the first touch" in ran.out
+    assert "note: grasp-2: no frame before first contact" in ran.out
 
 
 def test_pads_whose_names_were_swapped_are_noted(drupe, finder, case):
@@ -222,9 +222,9 @@ def test_a_bad_case_is_refused_in_one_line(drupe, finder, case, tmp_path, name):
 
 def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, tmp_path):
     for arguments, words in (
-        ((tmp_path / "nowhere",), "there is no such folder"),
+        ((tmp_path / "nowhere",), "does not exist"),
         ((case / "fruit.ply",), "is a file; give the folder of a case: recordings (*.h5), a case.toml with"),
-        ((case, "--json", tmp_path / "no" / "a.json"), "there is no such folder"),
+        ((case, "--json", tmp_path / "no" / "a.json"), "does not exist"),
         ((case, "--html", tmp_path), "is a folder"),
         ((case, "--fruit", "N1"), "but --fruit applies to batches"),
         ((case, "--apply"), "--apply writes into a batch's settings"),

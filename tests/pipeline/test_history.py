@@ -130,7 +130,9 @@ def test_nothing_is_predicted_beyond_the_fruit_fitted_nor_fitted_to_few_or_equal
     found = conversion(E, 60 + 12 * np.log(E))
     assert found.predicted(1.5) is None
     assert found.predicted(0.5)[0] == pytest.approx(60 + 12 * math.log(0.5))
-    with pytest.raises(NotFitted, match="5 fruit of nectarine A have both E and shore_oo; at least 8"):
+    with pytest.raises(
+        NotFitted, match="5 fruit of nectarine A have both E and shore_oo; the fit needs at least 8"
+    ):
         conversion(E[:5], E[:5])
     with pytest.raises(NotFitted, match=r"spans a factor of 1\.01"):
         conversion(np.linspace(1, 1.01, 10), E)
@@ -233,7 +235,7 @@ def test_a_conversion_is_kept_by_version_and_applied_only_when_asked_for(drupe, 
         (("OUT", "--store", "S", "--convert", "shore_oo"), 'contains no conversion "shore_oo" (it has none)'),
         (("OUT", "--store", "notes.txt"), "is not a store of drupe history; drupe does not overwrite it"),
         (("OUT", "--store", "other.sqlite"), "belongs to another program; drupe does not write to it"),
-        (("OUT", "--store", "link"), "is a link, and is not written through"),
+        (("OUT", "--store", "link"), "is a link, and drupe does not write through links"),
         (("OUT", "--html", "notes.txt"), "exists and is not a page of drupe history"),
         (("OUT", "--store", "OUT/lots.sqlite"), "lies in"),
         (("OUT", "--csv", "none/h.csv"), "does not exist; create the folder first"),

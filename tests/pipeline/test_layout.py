@@ -57,7 +57,7 @@ def test_forgetting_keeps_what_the_stages_made(tmp_path):
 
 def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
     folder = FruitFolder(tmp_path)
-    assert "there is no such folder" in folder.photos_elsewhere()
+    assert "does not exist" in folder.photos_elsewhere()
     (tmp_path / "photos").mkdir()
     assert folder.photos_elsewhere() == ""
     (tmp_path / "photos" / "1.webp").touch()

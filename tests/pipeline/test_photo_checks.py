@@ -146,6 +146,6 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
     )  # fmt: skip
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
         webp, link, *rest = fruit_shape(task).warnings
-    assert webp.startswith("photos/: 100.webp is not used: WebP pictures are not read")
+    assert webp.startswith("photos/: 100.webp is not used: drupe does not read WebP pictures")
     assert link.startswith("photos/: 101.jpg is not used: it is a link to nothing")
     assert "as before." in rest

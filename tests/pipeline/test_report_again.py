@@ -199,7 +199,7 @@ def test_a_batch_that_moved_is_named(drupe, batch, results, tmp_path):
 def test_what_is_no_result_is_refused(drupe, batch, results):
     ran = drupe("report", batch)
     assert ran.status == 2
-    assert "holds no results of drupe grade (batch.json); did you mean" in ran.err
+    assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
     ran = drupe("clean", batch)
     assert ran.status == 2
     assert "is no folder of results" in ran.err

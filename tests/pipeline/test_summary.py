@@ -104,7 +104,7 @@ def test_what_the_screen_suspects_is_one_line_for_all_fruit_that_share_it(lines)
     )
     (line,) = [one for one in said if "suspected" in one]
     assert line.endswith("a stiff skin carries part of the load (run drupe explain for details): N01, N02")
-    (why,) = [one for one in said if "not screened" in one]
+    (why,) = [one for one in said if "not tested" in one]
     assert why == "not tested for missing physics: one recording alone tells too little: N04"
     assert not any("N03:" in one for one in said)
 

@@ -111,8 +111,8 @@ def test_the_specimen_is_kept_in_the_recording(tmp_path):
         (("--indenter", "plates"), "give --specimen cylinder with --height-mm 12"),
         (CYLINDER, "does not fully describe the cylinder between the plates; give --ends bonded|lubricated"),
         (("--indenter", "plate", "--specimen", "fruit", "--axis", "a"), "give --diameters-mm 61 60 58"),
-        ((*FRUIT, "--ends", "bonded"), "--ends given of a fruit, which has --specimen, --diameters-mm"),
-        (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "--height-mm given of a ball on"),
+        ((*FRUIT, "--ends", "bonded"), "gives --ends for a fruit, which has only --specimen, --diameters-mm"),
+        (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "gives --height-mm for a ball on"),
         (("--indenter", "flat", "--radius-mm", "9", "--thickness-mm", "2"), "radius 9 mm on 2 mm of flesh"),
         (("--indenter", "plates", "--diameters-mm", "90", "60", "40", "--axis", "c"), "more than 1.6 times"),
     ],
@@ -158,7 +158,7 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
     )
     notes = " ".join(found["notes"])
     assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
-    assert "axis is c in the recording and b in case.toml, which is taken" in notes
+    assert "axis is c in the recording but b in case.toml; drupe uses the latter" in notes
     assert "The fruit's shape" in notes
     assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()
 

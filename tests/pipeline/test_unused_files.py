@@ -93,7 +93,8 @@ def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
         (tmp_path / name).touch()
     (tmp_path / "fruit.ply").touch()
     said = " ".join(one.sentence for one in unused_of_fruit(FruitFolder(tmp_path)))
-    for words in ("a.zip is not used: archives", "b.mp4 is not used: a video", "c.pcd is not used: points",
+    for words in ("a.zip is not used: drupe does not open archives", "b.mp4 is not used: drupe reads a video",
+                  "c.pcd is not used: points",
                   "d.heic is not used: photos are read in photos/", "e.npz is not used: arrays",
                   "f.step is not used: meshes are read as", "g.dat is not used: a table", "h.zip is not used",
                   "i.jpg is not used: it is neither a recording"):  # fmt: skip

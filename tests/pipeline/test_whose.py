@@ -236,7 +236,7 @@ def test_a_copy_within_a_fruit_counts_once(batch):
     fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
     assert any(
-        one.startswith("not used: grasp-2: holds the same displacements and forces as grasp-1")
+        one.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
         for one in log.warnings
     )
 
@@ -247,7 +247,9 @@ def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
     status, text = checked(batch)
     assert status == 4
     first, second, _ = text.splitlines()
-    words = "grasp-1.h5: holds the same displacements and forces as fruits/{}/grasps/grasp-1.h5: at least one"
+    words = (
+        "grasp-1.h5: contains the same displacements and forces as fruits/{}/grasps/grasp-1.h5. At least one"
+    )
     assert first.startswith(f"fruits/N02/grasps/grasp-1.h5: {words.format('N04')}")
     assert second.startswith(f"fruits/N04/grasps/grasp-1.h5: {words.format('N02')}")
 
@@ -275,7 +277,7 @@ def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
     assert rest == [sound, refused]
     for record, there, sd in ((one, "N04", 0.5 * 0.35), (other, "N02", 0.35)):
         (doubt,) = record.doubts
-        expected = f"grasp-1: holds the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
+        expected = f"grasp-1: contains the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
         assert doubt.startswith(expected)
         assert record.warnings == (doubt, "w")
         assert record.modulus.E_MPa == 0.5
