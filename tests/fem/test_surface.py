@@ -70,7 +70,7 @@ def test_points_off_the_skin_are_refused(nectarine):
     ) as refused:
         locate(nectarine, np.array([[30.0, 0.5, 0.5], [40.0, 0, 0]]), within_mm=2.0)
     assert refused.value.problem is FemProblem.OFF_SURFACE
-    assert re.search(r"the worst at \(40\.0, 0\.0, 0\.0\) mm by (9|10)\.\d\d mm", str(refused.value))
+    assert re.search(r"the worst at \(40\.0, 0\.0, 0\.0\) mm, by (9|10)\.\d\d mm", str(refused.value))
     with pytest.raises(FemFailure, match="non-finite"):
         locate(nectarine, np.array([[np.nan, 0, 0]]))
 

@@ -23,7 +23,7 @@ def test_only_the_category_is_required(tmp_path):
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(BatchRefused, match=r"batch\.toml: has no batch\.toml"):
+    with pytest.raises(BatchRefused, match=r"batch\.toml: does not exist"):
         read_settings(tmp_path / "batch.toml")
 
 
