@@ -141,7 +141,7 @@ def test_a_recording_of_two_fruit_is_doubted_in_table_page_and_record_while_both
     recorded(A="same", B="same")
     status, worked, rows = run()
     assert (status, worked) == (4, "")
-    said = "grasp-1: holds the same displacements and forces as fruits/{}/grasps/grasp-1: at least one"
+    said = "grasp-1: contains the same displacements and forces as fruits/{}/grasps/grasp-1. At least one"
     page = html.unescape((batch / "results" / "report.html").read_text())
     for name, other in ("AB", "BA"):
         kept = held(batch, name)[1]
@@ -291,7 +291,7 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     clock.now, clock.step = 200.0, 0.05  # so long does a report take
     so_far.write_when_due()
     page = results.report.read_text()
-    assert "Still running:</b> 1 of 3 fruit are done" in page
+    assert "Still running:</b> 1 of 3 fruit are finished" in page
     assert [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())] == ["B"]
     graded("A", 0.2)
     clock.step = 0.0

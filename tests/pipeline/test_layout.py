@@ -63,7 +63,7 @@ def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
     (tmp_path / "photos" / "1.webp").touch()
     assert "1 files (.webp)" in folder.photos_elsewhere()
     (tmp_path / "2.jpg").touch()
-    assert "1 lie beside it" in folder.photos_elsewhere()
+    assert "drupe found 1 beside it" in folder.photos_elsewhere()
     (tmp_path / "photos" / "3.jpg").touch()
     assert folder.photos_elsewhere() == ""
 
