@@ -42,7 +42,7 @@ def explain_verdict(found: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
     named = found.verdict
     if named == (NOTHING,):
-        spread = f"E = {_E(found.E_MPa.after)}, its error bar includes effects too small to detect"
+        spread = f"E = {_E(found.E_MPa.after)}; its error bar includes effects too small to detect"
         if len(found.grasps) == 1:
             said = "drupe found no mismatch, but one recording cannot show most effects"
             return f"{said} ({spread})."
@@ -50,7 +50,7 @@ def explain_verdict(found: ExplainEntry) -> str:
     if found.E_withheld is not None:
         either = " or ".join(effect_name(effect) for effect in by_rank(found))
         what = (
-            f"The recording differs from the model, and no known effect explains it "
+            f"The recording differs from the model, and no known effect explains the difference "
             f"({_chance(found.p_value)})"
             if named == (UNEXPLAINED,)
             else f"This recording cannot distinguish {either}"
@@ -58,7 +58,7 @@ def explain_verdict(found: ExplainEntry) -> str:
         return f"{what}; drupe gives no E: {found.E_withheld}."
     if named == (UNEXPLAINED,):
         return (
-            f"The recordings differ from the model, and no known effect explains it "
+            f"The recordings differ from the model, and no known effect explains the difference "
             f"({_chance(found.p_value)}). "
             f"Do not trust E = {_E(found.E_MPa.before)}. "
             f"With the error that such physics causes elsewhere, E is {_E(found.E_MPa.after)}."

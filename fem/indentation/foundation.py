@@ -100,6 +100,8 @@ def relaxing_force(
 def _kept(fade: Float[np.ndarray, "t k p"], added: Float[np.ndarray, "t k p"]) -> Float[np.ndarray, "t k p"]:
     """x_i = fade_i x_(i-1) + added_i from x_(-1) = 0: a bidiagonal system for each arm of each row."""
     frames = len(added)
+    if not frames:
+        return added
     kept = np.empty((added[0].size, frames))
     band = np.ones((2, frames), order="F")
     for one, fades, source in zip(kept, fade.reshape(frames, -1).T, added.reshape(frames, -1).T, strict=True):

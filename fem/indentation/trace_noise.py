@@ -67,6 +67,10 @@ class TraceNoise:
         diagonal, off, _ = self._process
         square = (self.white_N / wander_N) ** 2
         scaled_off = off * self.white_N**2 / (wander_N[:-1] * wander_N[1:])
+        if not np.isfinite(scaled_off).all():
+            raise ValueError("the noise of a force is not finite or not positive")
+        if not len(scaled_off):
+            return 1 + square * diagonal, np.zeros(1)
         factor, below, info = dpttrf(1 + square * diagonal, scaled_off, overwrite_d=True, overwrite_e=True)
         if info:
             raise np.linalg.LinAlgError(f"not positive definite from row {info} on")
@@ -89,6 +93,7 @@ class TraceNoise:
         self, residual: Float[np.ndarray, " t"], shares: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " s"]:
         """`log_likelihood` with a times each share in place of a."""
+        residual = np.asarray_chkfinite(residual)
         log_o = self._process[2]
         logs = []
         for wander_N in shares[:, None] * self.wander_N:

@@ -83,8 +83,9 @@ def fill(
         where = ", ".join(f"{x:.1f}" for x in nodes[np.unique(tets[piece == loose])].mean(axis=0))
         raise FemFailure(
             FemProblem.DISCONNECTED_FLESH,
-            f"the flesh consists of {len(volume)} pieces (volume shares: largest "
-            f"{volume.max() / volume.sum():.1%}; next: {volume[loose]:.3g} mm3 around ({where}) mm). "
+            f"the flesh consists of {len(volume)} pieces (the largest has "
+            f"{volume.max() / volume.sum():.1%} of the volume, the next {volume[loose]:.3g} mm3 "
+            f"around ({where}) mm). "
             "Check for a pit that cuts through the fruit, or loose parts in the scan",
         )
     return compact(nodes, tets[piece == volume.argmax()])

@@ -60,7 +60,7 @@ class FiniteResult:
         for k in np.flatnonzero(self.share < 1):
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
-                f"The nonlinear solve reached only a share of {self.share[k]:.0%} of load {k + 1} of "
+                f"The nonlinear solve reached only {self.share[k]:.0%} of load {k + 1} of "
                 f"{len(self.share)} ({self.ending[k].value}). Check forces and modulus, or use a "
                 "finer mesh where the load acts",
             )

@@ -74,7 +74,7 @@ def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatc
             continue
         found = list(_sources(folder))
         if not found:
-            sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings, and nor do its subfolders."
+            sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings; nor do its subfolders."
             problems.append(Problem(str(folder), sentence))
         fruits += found
     for one in fruits:

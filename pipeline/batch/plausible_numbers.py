@@ -298,7 +298,7 @@ def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
     if height is not None and diameter is not None and not 1 / most <= height / diameter <= most:
         yield (
             f"height_mm {height:g} and diameter_mm {diameter:g}: no {kind.name} has a ratio of "
-            f"{most:.2g} or more; is one of them in another unit?"
+            f"{most:.2g} or more between the two; is one of them in another unit?"
         )
         return
     if mass is None or (height is None and diameter is None):

@@ -336,8 +336,8 @@ _MISSING = (
     "example with `drupe sample DIR`."
 )
 _PHOTOS = (
-    "has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`, then grade that "
-    "batch."
+    "does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos "
+    "{folder}`, then grade that batch."
 )
 _A_CASE = "does not exist, but a case.toml does: this is a single case; use `drupe explain`."
 

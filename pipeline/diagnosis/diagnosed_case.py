@@ -129,7 +129,7 @@ _HOLDS = (
     "(a load cell's curves need none)"
 )
 _NEITHER = f"has neither case.toml nor batch.toml; a case holds {_HOLDS}."
-_NO_CASE = f"case.toml: {_NEITHER}"
+_NO_CASE = f"case.toml: does not exist; a case holds {_HOLDS}."
 
 
 def _which_fruit(root: Path) -> str:

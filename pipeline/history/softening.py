@@ -75,7 +75,7 @@ class Softening:
         """The lot's mean ln E on these days for each tau, and its standard deviation."""
         t = day[:, None]
         of_a, of_both, of_k = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
-        return self.a - t * self.k, np.sqrt(of_a + t * (t * of_k - 2 * of_both))
+        return self.a - t * self.k, np.sqrt(np.maximum(of_a + t * (t * of_k - 2 * of_both), 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

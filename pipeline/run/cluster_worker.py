@@ -93,10 +93,8 @@ def _not_the_same(needs: RunNeeds) -> str:
             "Install the same on both; best is one environment on the shared file system."
         )
     if (here := file_hash(needs.settings)) != needs.settings_sha256:
-        found = "is not there" if here.startswith("unreadable") else "is another file"
-        return (
-            f"sees {needs.settings}, which {found}: BATCH must lie on a file system that all machines share."
-        )
+        found = "does not find" if here.startswith("unreadable") else "finds another"
+        return f"{found} {needs.settings}: BATCH must lie on a file system that all machines share."
     said = json_in(needs.run)
     if not is_run(said) or said.get("mark") != needs.mark:
         return f"does not see {needs.run.parent} as this command does: {_SHARED}"

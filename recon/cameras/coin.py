@@ -234,6 +234,6 @@ def _not_found(coin: Coin, views: int) -> ReconFailure:
     return ReconFailure(
         ReconProblem.NO_SCALE,
         f'drupe found no coin of {coin.diameter_mm:g} mm ("{coin.name}") on the ground in three '
-        f"photos (visible in: {views}). Lay it flat beside the fruit, in view of most photos, on a "
+        f"photos (its rim is visible in {views}). Lay it flat beside the fruit, in view of most photos, on a "
         "ground of another colour. Or give height_mm.",
     )

@@ -24,8 +24,6 @@ NOT_READ = ("fem/mismatch", "fem/indentation")
 NO_MESSAGES = {"pipeline/batch/batch_template.py"}
 """A commented file and no sentences."""
 FILE_GUARDS = (
-    "recon/plain_file.py",
-    "tactile/io/named_file.py",
     "pipeline/files/",
     "pipeline/batch/write_guard.py",
 )

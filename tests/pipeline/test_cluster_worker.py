@@ -24,7 +24,7 @@ def test_one_that_is_as_this_machine_is_fit(tmp_path):
         ({"drupe": "9.9"}, "but this command runs drupe 9.9 on Python"),
         ({"python": "3.99"}, "on Python 3.99; install the same on both."),
         ({"code": "of another checkout"}, "with other source files or numerical libraries than this command"),
-        ({"settings_sha256": "0"}, "batch.toml, which is another file: BATCH must lie on a file system"),
+        ({"settings_sha256": "0"}, "finds another "),
         ({"mark": "another run"}, "as this command does: OUT must lie on a file system that all machines"),
     ],
 )
@@ -33,9 +33,9 @@ def test_what_differs_is_named(tmp_path, changed, sentence):
 
 
 def test_a_batch_and_results_that_are_not_there_are_named(tmp_path):
-    assert "batch.toml, which is not there: BATCH must lie" in said(
-        needs_of(tmp_path, settings=tmp_path / "nowhere" / "batch.toml")
-    )
+    missing = tmp_path / "nowhere" / "batch.toml"
+    expected = f"does not find {missing}: BATCH must lie on a file system"
+    assert expected in said(needs_of(tmp_path, settings=missing))
     assert "nowhere as this command does: OUT must lie" in said(
         needs_of(tmp_path, run=tmp_path / "nowhere" / ".run.json")
     )

@@ -109,7 +109,9 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
     assert handed["trace"].parts[1].travel_mm[-1] == 3.0
     ball(folder / "second.h5", TRAVEL, indenter="flat")
     said = drupe("explain", folder).one_line()
-    assert "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
+    assert (
+        "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
+    )
 
 
 def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(

@@ -91,7 +91,7 @@ def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
     files = [p.relative_to(fruit).as_posix() for p in FruitFolder(fruit).input_files()]
     assert files[-2:] == ["photos-flipped/1.jpg", "photos-flipped/2.jpg"]
     said = [p.sentence for p in check(batch) if "flipped" in p.file]
-    assert any("upside down holds 2 photos" in sentence for sentence in said)
+    assert any("upside-down fruit holds 2 photos" in sentence for sentence in said)
     assert any("2.jpg in" in sentence and "is empty" in sentence for sentence in said)
 
 

@@ -55,7 +55,7 @@ def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
 def test_a_photo_left_out_is_asked_for_again_with_what_there_is(made, frame, asked):
     photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:5]]
     said = _photo_doubts(photos, [photo.image for photo in photos[:4]], replace(made, frame=frame))[0]
-    assert said.startswith("Left out: 4.jpg:")
+    assert said.startswith("drupe left out 4.jpg:")
     assert asked in said
     assert ("mat" in said) == (frame == "mat")
 

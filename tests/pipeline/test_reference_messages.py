@@ -1,4 +1,4 @@
-"""`drupe check`, `drupe convert` and `drupe grade` say that a reference bears a print, and what to do."""
+"""`drupe check`, `convert` and `grade` say that a reference shows a contact imprint, and what to do."""
 
 import shutil
 import sys
@@ -99,7 +99,7 @@ def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Pa
     kept = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
     assert any("the reference shows a contact imprint" in note for note in kept.notes)
     mesh = read_mesh(DATA / "fruit.ply")
-    with pytest.raises(TactileFailure, match="reference bears a print") as caught:
+    with pytest.raises(TactileFailure, match="reference shows a contact imprint") as caught:
         place_grasp(kept.path, *mesh, name="grasp-1", checked=Checked())
     assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
 

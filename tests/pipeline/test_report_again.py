@@ -202,7 +202,7 @@ def test_what_is_no_result_is_refused(drupe, batch, results):
     assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
     ran = drupe("clean", batch)
     assert ran.status == 2
-    assert "is no folder of results" in ran.err
+    assert "is not a results folder of drupe grade" in ran.err
 
 
 def fill(results):

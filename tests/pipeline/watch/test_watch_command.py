@@ -69,7 +69,7 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (["nowhere"], "nowhere: there is does not exist; give an existing batch folder."),
+        (["nowhere"], "nowhere: does not exist; give an existing batch folder."),
         (["batch.toml"], "is a file; give the batch folder."),
         ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
     ],
