@@ -122,8 +122,8 @@ class AddedStress:
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
                 f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law did not "
-                f"converge. The skin still moves by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, expected at "
-                f"most {1e3 * tolerance_mm:.2g} µm. Check the forces",
+                f"converge. The skin still moves by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, "
+                f"expected at most {1e3 * tolerance_mm:.2g} µm. Check the forces",
             )
         # the last round's step is known and brings the answer nearer
         return np.asarray(found.state - self.tangent(found.state).solve(found.residual))

@@ -184,7 +184,7 @@ def test_report_and_ranking_show_the_common_scale_beside_the_error_bar() -> None
     said = about_error(one.modulus)
     assert f"A {COMMON_SCALE} adds ± 3 % of E" in said
     assert "To remove it, add a body of known modulus to fruits.csv (reference = true)." in said
-    assert (f"In addition to the error bar:  {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
+    assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
     entry = FruitEntry(fruit_id="soft", ok=True, outcome="graded", E_MPa=0.4, E_scale_sd_MPa=0.012)
     assert RANKING_COLUMNS[-1] == "E_scale_sd_MPa"
     assert _row(entry)["E_scale_sd_MPa"] == 0.012
