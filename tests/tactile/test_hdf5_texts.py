@@ -61,6 +61,18 @@ def test_contents_that_were_read_through_are_not_tried_again_and_changed_ones_ar
     assert "in 1 s" in texts_fault(with_a_broken_heap(path), patience_s=1.0)
 
 
+def test_contents_whose_reading_failed_are_tried_again(monkeypatch):
+    def failing(path, tell):
+        raise OSError("no file can be opened now")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tactile.io.hdf5_texts, "_read", failing)
+        assert texts_fault(SHIPPED) == ""
+    assert not tactile.io.hdf5_texts._read_through
+    assert texts_fault(SHIPPED) == ""
+    assert tactile.io.hdf5_texts._read_through
+
+
 def test_links_are_not_followed_to_find_out(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     target = with_a_broken_heap(tmp_path / "elsewhere" / "other.h5")
