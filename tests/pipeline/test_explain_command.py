@@ -188,7 +188,7 @@ BAD = {
     "no case.toml": (
         without("case.toml"),
         2,
-        ["case.toml: does not exist; a case holds", 'category = "nectarine"'],
+        ["has neither case.toml nor batch.toml; a case holds", 'category = "nectarine"'],
     ),
     "no category": (settings("size_sd = 0.1\n"), 2, ["case.toml", '"category" is missing']),
     "no TOML": (settings("category = nectarine"), 2, ["case.toml", "not valid TOML"]),
