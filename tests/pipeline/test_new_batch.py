@@ -145,7 +145,7 @@ def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
         ran = drupe("grade", folder)
         assert ran.status == 2
         assert (
-            f"has photos but no batch.toml. Create a batch with `drupe new BATCH --photos {folder}`"
+            f"does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos {folder}`"
             in ran.err
         )
 
