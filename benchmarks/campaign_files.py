@@ -80,7 +80,7 @@ def _named() -> Iterator[Row]:
         "two meshes",
         MESH_FILE,
         _copied("fruit.stl"),
-        (r"fruit\.stl is not used: fruit\.ply is read instead; keep one"),
+        (r"fruit\.stl is not used: drupe reads fruit\.ply instead; keep one"),
     )
     yield (
         "mesh of another name",
@@ -250,7 +250,7 @@ def _meshes() -> Iterator[Row]:
         "4 % smaller than the height",
         MESH_FILE,
         _rewritten(lambda v, f: mesh_bytes(0.96 * v, f)),
-        (r"The mesh is 53\.8 mm high and fruits\.csv says height_mm 55\.9 \(3\.\d % apart\)"),
+        (r"The mesh is 53\.8 mm high, but fruits\.csv says height_mm 55\.9 \(3\.\d % difference\)"),
     )
 
 

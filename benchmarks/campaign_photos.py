@@ -88,18 +88,18 @@ _SAME_PHOTO: dict[str, Change] = {
 _NAMED: dict[str, tuple[Change, str]] = {
     "a JPEG of another name": (
         _added("000.jpg.pic", _jpeg),
-        r"000\.jpg\.pic is not used: a JPEG is read only with a photo's suffix; rename it to \.jpg",
+        r"000\.jpg\.pic is not used: drupe reads a JPEG only with a photo's suffix; rename it to \.jpg",
     ),
-    "a second copy of a JPEG": (_added("000.jpg-2", _jpeg), "000.jpg-2 is not used: a JPEG is read only"),
+    "a second copy of a JPEG": (_added("000.jpg-2", _jpeg), "000.jpg-2 is not used: drupe reads a JPEG only"),
     "a HEIC of another name": (
         _added("000.jpg.live", heic_files.plain),
-        r"000\.jpg\.live is not used: a HEIC is read only .* rename it to \.heic",
+        r"000\.jpg\.live is not used: drupe reads a HEIC only .* rename it to \.heic",
     ),
-    "a WebP picture": (_added("000.jpg.webp", lambda: _coded(".webp")), "WebP pictures are not read"),
-    "a TIFF": (_added("000.jpg.tif", lambda: _coded(".tiff")), "TIFF or raw pictures are not read"),
+    "a WebP picture": (_added("000.jpg.webp", lambda: _coded(".webp")), "drupe does not read WebP pictures"),
+    "a TIFF": (_added("000.jpg.tif", lambda: _coded(".tiff")), "drupe does not read TIFF or raw pictures"),
     "a raw picture of its own": (
         _added("000.jpg.raf", lambda: b"FUJIFILMCCD-RAW " + bytes(99)),
-        r"000\.jpg\.raf is not used: raw pictures are not read; convert it to JPEG",
+        r"000\.jpg\.raf is not used: drupe does not read raw pictures; convert it to JPEG",
     ),
     "a file of no known kind": (_added("000.jpg.xyz", lambda: bytes(50)), "it is no JPEG, PNG or HEIC"),
     "photos in a folder within": (_in_a_folder, r"000\.jpg of today is not used: a folder within photos"),

@@ -19,10 +19,10 @@ import numpy as np
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import SampleFruit, SamplePit, fruit_of_seed, scanned_mesh
+from samples.fruit import SampleFruit, SamplePit, fruit_of_seed, scanned_mesh, scanned_skin
 from samples.grasp_plan import hold_along, two_cycles
 from samples.hexahedra import Fineness
-from samples.mismatch.drawn_fruit import Category, drawn_fruit, scanned_skin
+from samples.mismatch.drawn_fruit import Category, drawn_fruit
 from samples.sample_failure import SampleFailure
 from samples.simulated_grasp import simulate
 from tactile.io.recording import Recording, write_recording

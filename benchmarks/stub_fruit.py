@@ -1,4 +1,4 @@
-"""Work on a fruit that only waits or counts, for `many_fruit.py` and `cluster_speed.py`: a file of its own,
+"""Work on a fruit that only waits or counts, for `many_fruit.py`: a file of its own,
 so that a fruit's process imports little else.
 """
 

@@ -46,8 +46,8 @@ def lacking(need_MiB: float, *, threads: int) -> str:
         return ""
     fewer = ", or set OPENBLAS_NUM_THREADS=1 to need less" if threads > 1 else ""
     return (
-        f"not enough memory: the limit of address space (ulimit -v) is {limit:.0f} MiB, and about "
-        f"{need_MiB:.0f} MiB are needed; raise the limit{fewer}."
+        f"not enough memory: the limit of address space (ulimit -v) is {limit:.0f} MiB, but drupe "
+        f"needs about {need_MiB:.0f} MiB; raise the limit{fewer}."
     )
 
 
@@ -59,9 +59,9 @@ def too_little_memory(free_MiB: float | None = None) -> str:
     free = "" if free_MiB is None else f"{free_MiB:.0f} MiB are free; "
     need_MiB = GRADING_MIB + (threads - 1) * PER_THREAD_MIB
     return (
-        f"not enough memory: {free}grading needs about {need_MiB:.0f} MiB of address space, and a fruit up "
-        "to 1500 MiB of memory; close other programs, or raise the limit "
-        "(ulimit -v, ulimit -d, container)."
+        f"not enough memory: {free}grading needs about {need_MiB:.0f} MiB of address space, and up to "
+        "1500 MiB per fruit; close other programs, or raise the limit (ulimit -v, ulimit -d, "
+        "container)."
     )
 
 

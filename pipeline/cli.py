@@ -16,6 +16,7 @@ import typer
 
 from pipeline.address_space import is_lack_of_memory, too_little_memory
 from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.scratch import PREFIX
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.clean import clean
@@ -33,17 +34,17 @@ from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
 from pipeline.early_end import SAID
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
-from pipeline.files.scratch import PREFIX
+from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import ended_like_ctrl_c
 from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
-from recon.plain_file import printable
 
 app = typer.Typer(
     name="drupe",
-    help="How ripe stone fruit is, without cutting it: photos and a grasp per fruit become a ranking.",
+    help="Rank stone fruit by ripeness without cutting them. drupe computes the modulus E of the "
+    "flesh from photos and a tactile grasp of each fruit.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -68,28 +69,28 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
 
 
 COMMANDS: dict[Callable[..., None], str] = {
-    new: "Make a batch from folders of photos.",
-    grade: "Grade a batch: photos and grasps become ranking and report.",
-    watch: "Grade fruit as their files come in, and show the last one.",
-    check: "Say everything that is wrong with a batch, without computing.",
-    explain: "Say what the simulation leaves out of a fruit's recordings.",
-    report: "Make ranking and report anew from what a run kept.",
-    history: "Show how lots soften over days, and when they are ready.",
-    convert: "Turn frames, tables or another maker's files into a recording.",
-    calibrate: "Complete a sensor's description, or measure a rig's give.",
-    sensor: "Describe a sensor as it is sold.",
-    mat: "Write the marker mat to print, and its mat.json.",
+    new: "Create a batch from folders of photos.",
+    grade: "Grade a batch: write the ranking and the report.",
+    watch: "Grade fruit as their files arrive; show the latest one.",
+    check: "Check a batch for problems without computing.",
+    explain: "Find physics that the model misses in a fruit's recordings.",
+    report: "Rebuild ranking and report from stored results.",
+    history: "Show how lots soften over days and when they are ready.",
+    convert: "Convert gel frames, tables or other formats to a recording.",
+    calibrate: "Calibrate a sensor, or measure a rig's compliance.",
+    sensor: "Write the description of a commercial sensor.",
+    mat: "Write the marker mat (PDF to print) and its mat.json.",
     sample: "Write a synthetic batch with known answers.",
     schema: "Print the JSON schema of batch.toml, for editors.",
-    clean: "Remove what drupe keeps between runs; --all: results too.",
-    doctor: "Say whether this machine can grade.",
+    clean: "Remove the files that drupe keeps to avoid recomputation.",
+    doctor: "Check whether this machine can grade.",
 }
 """Commands, and what the list of them says of each in one line of 80 columns."""
 for command, in_short in COMMANDS.items():
@@ -114,7 +115,7 @@ def _not_ours(error: Exception) -> str:
     if any(place.is_relative_to(one) for one in own) or any(p.startswith(PREFIX) for p in place.parts):
         return ""
     named = printable(os.fsdecode(error.filename))
-    return f"{named}: {error.strerror}; correct the name, or ask for the right to read and write there."
+    return f"{named}: {error.strerror}; correct the name, or ask for permission to read and write there."
 
 
 def main() -> None:
@@ -143,7 +144,7 @@ def main() -> None:
         if os.environ.get("DRUPE_DEBUG"):
             traceback.print_exc()
         sys.stderr.write(
-            f"drupe: internal error: {type(error).__name__}: {error}; "
-            "set DRUPE_DEBUG=1 to see where, and please report it\n"
+            f"drupe: internal error: {type(error).__name__}: {error}; set DRUPE_DEBUG=1 to see the "
+            "traceback, and please report it\n"
         )
         sys.exit(INTERNAL)

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
-from recon.plain_file import printable
+from pipeline.files.plain_file import printable
 
 
 @dataclass(frozen=True)
@@ -33,3 +34,8 @@ class BatchRefused(Exception):
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
         super().__init__("\n".join(map(str, self.problems)))
+
+
+def refused(place: Path | str, sentence: str) -> BatchRefused:
+    """The refusal for one problem, of a file or an option."""
+    return BatchRefused([Problem(str(place), sentence)])

@@ -41,8 +41,8 @@ photos contradict. White fruit without the fruit model: 1.8 and 12.6 mm off with
 0.6; dark and red fruit the other way round (benchmarks/photo_bank_score.py --without-model, sets 26 and 34
 against 12 and 54)."""
 MADE_TWICE = (
-    "The photos contradicted the first mesh, so it was made again from a looser start; check "
-    "its picture, and use a ground of another colour than the fruit next time."
+    "The photos contradicted the first mesh, so drupe made another from a looser start. Check "
+    "its picture, and use a ground of another colour next time."
 )
 
 
@@ -368,7 +368,7 @@ def reconstruct_with_model(
         surface_sd_mm=float(np.hypot(miss_mm, mesh.deviation_rms_mm)),
         quality=quality,
         warnings=(
-            "The shape comes from a geometry model; its error is known only from how well its points agree.",
+            ("The shape comes from a geometry model; only the scatter of its points indicates its error."),
         ),
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
@@ -380,8 +380,8 @@ def _require_scale(photos: Sequence[Photo], mat: Mat | None, height_mm: float | 
     if mat is None and (height_mm is None or not height_mm > 0):
         raise ReconFailure(
             ReconProblem.NO_SCALE,
-            "There is neither a marker mat (mat.json) nor a positive height_mm for this fruit; give one for "
-            "scale.",
+            "This fruit has neither a marker mat (mat.json) nor a positive height_mm; give one of "
+            "them for scale.",
         )
 
 

@@ -31,7 +31,6 @@ def missing_library(name: str, error: Exception) -> ReconFailure:
             raise reason
     return ReconFailure(
         ReconProblem.MISSING_LIBRARY,
-        f"{name} cannot be loaded ({error}); install it with pip, and the system libraries that it loads "
-        f"with: "
+        f"{name} does not load ({error}); install it with pip, and install its system libraries: "
         f"apt-get install {DEBIAN_PACKAGES}",
     )

@@ -47,8 +47,8 @@ def fruit_points(
     elif maps.places is None:
         raise ReconFailure(
             ReconProblem.BAD_GEOMETRY_MODEL,
-            'The geometry model has no output "pose_enc", and its points do not tell where the first photo '
-            "was taken, and with it where the suture is; use the mat (drupe mat), or a model with "
+            'The geometry model has no output "pose_enc". Its points do not show the first photo\'s '
+            "position, and so not the suture's direction. Use the mat (drupe mat), or a model with "
             '"pose_enc".',
         )
     else:
@@ -60,8 +60,8 @@ def fruit_points(
     if above_ground.sum() < FEWEST_POINTS:
         raise ReconFailure(
             ReconProblem.NO_FRUIT,
-            f"Only {int(above_ground.sum())} of the geometry model's trusted points stand over the ground "
-            "where the fruit should be; check the photos, or leave the model out.",
+            f"Only {int(above_ground.sum())} trusted points of the geometry model lie above the "
+            "ground at the fruit; check the photos, or remove the model.",
         )
     found, outward = points[above_ground], normals[above_ground] @ turn.T
     if len(found) > MOST_POINTS:
@@ -87,8 +87,8 @@ def _world_from_tags(
     if known.sum() < FEWEST_CORNERS:
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
-            f"{len(printed)} tags of the mat were seen in {len(photos)} photos; at least 4 must be to align "
-            f"the model.",
+            f"The photos show {len(printed)} tags of the mat ({len(photos)} photos); aligning the "
+            "model needs at least 4.",
         )
     T, away = robust_similarity(source[known].astype(float), target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))

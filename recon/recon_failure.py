@@ -4,8 +4,8 @@ sentence.
 
 from enum import StrEnum
 
+from pipeline.files.plain_file import printable
 from recon.cameras.view_plan import ViewPlan
-from recon.plain_file import printable
 
 
 class ReconProblem(StrEnum):

@@ -103,10 +103,10 @@ def scale_without_mat(
     factor = height_mm * (1 + excess.value) / tall
     by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), excess.sd))
     look = (
-        f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees. The mesh is "
-        f"expected to be {100 * excess.value:.1f} % too tall there, which the scale allows for; it is known "
-        f"to {100 * by_height:.1f} % only: take some photos from just above the table, or lay a coin beside "
-        "the fruit ([photos] coin)."
+        f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees, so the "
+        f"mesh may be {100 * excess.value:.1f} % too tall there. The scale includes this error and "
+        f"has a standard deviation of {100 * by_height:.1f} %. Take some photos from just above the "
+        "table, or use a coin ([photos] coin)."
     )
     if coin is None:
         return Scale(factor=factor, sd=by_height, warnings=(look,) if excess.sd > UNSURE else ())
@@ -114,14 +114,15 @@ def scale_without_mat(
     try:
         found = coin_scale(images, cameras, coin, unit_mm=factor, spread=spread)
     except ReconFailure as failure:
-        said = (f"{failure.detail.rstrip('.')}; the scale is that of height_mm.",)
+        said = (f"{failure.detail.rstrip('.')}; the scale comes from height_mm.",)
         return Scale(factor=factor, sd=by_height, warnings=(*said, look) if excess.sd > UNSURE else said)
     apart = found.factor / factor - 1
     if abs(apart) <= APART_SD * np.hypot(found.sd, by_height):
         wrong_top = (
-            f"By the coin the mesh is {found.factor * tall:.1f} mm tall, by height_mm {height_mm:g} mm: "
-            f"no photo shows the top from the side (the lowest looks down on it at {np.degrees(lowest):.0f} "
-            "degrees), and the mesh is likely wrong there; take some photos from just above the table."
+            f"The mesh is {found.factor * tall:.1f} mm tall by the coin and {height_mm:g} mm by "
+            "height_mm. No photo shows the top from the side (the lowest looks down at "
+            f"{np.degrees(lowest):.0f} degrees), so the mesh is probably wrong there. Take some "
+            "photos from just above the table."
         )
         doubted = abs(found.factor * tall / height_mm - 1) > APART_SD * found.sd
         return Scale(factor=found.factor, sd=found.sd, warnings=(wrong_top,) if doubted else ())
@@ -129,9 +130,12 @@ def scale_without_mat(
         factor=found.factor,
         sd=found.sd,
         warnings=(
-            f"By the coin ({coin.name}, {coin.diameter_mm:g} mm) the fruit is "
-            f"{height_mm * (1 + apart):.1f} mm tall, by height_mm {height_mm:g} mm: {100 * apart:+.1f} %, "
-            f"more than their errors allow ({100 * found.sd:.1f} and {100 * by_height:.1f} %). The coin's "
-            "scale was taken; measure the height again, and check which coin it is.",
+            (
+                f"The coin ({coin.name}, {coin.diameter_mm:g} mm) gives a height of "
+                f"{height_mm * (1 + apart):.1f} mm, but height_mm is {height_mm:g} mm. The difference of "
+                f"{100 * apart:+.1f} % exceeds their errors ({100 * found.sd:.1f} and "
+                f"{100 * by_height:.1f} %). drupe uses the coin; measure the height again, and check the "
+                "coin's type."
+            ),
         ),
     )

@@ -33,7 +33,7 @@ def with_underside(
         return _merged(upright, read(), route, mat)
     except ReconFailure as failure:
         why = failure.detail.rstrip(".")
-        return replace(upright, warnings=(*upright.warnings, f"{WHERE} was not used: {why}."))
+        return replace(upright, warnings=(*upright.warnings, f"drupe did not use {WHERE}: {why}."))
 
 
 def _merged(
@@ -64,8 +64,8 @@ def _merged(
     ]
     if found.by_convention:
         said.append(
-            f"The fruit is so round that {WHERE} fits in two ways; it was taken as laid over about the mat's "
-            "arrow, with the suture still along it."
+            f"The fruit is so round that {WHERE} fits in two ways. drupe assumed that you turned the "
+            "fruit over about the mat's arrow, with the suture still along the arrow."
         )
     return replace(
         upright,

@@ -12,12 +12,12 @@ from reports.words import NO_BREAK, advice, percent, suspicion_words
 
 Indexed = tuple[int, FruitEntry]
 """A fruit with its number on the page."""
-SHIPPED_WITH = "to be shipped with "
+SHIPPED_WITH = "ship with probability "
 """Before the probability in the reason of a borderline fruit."""
 REASONS = (
     "not graded",
     "E is in doubt",
-    "nothing known explains its recordings",
+    "no known effect explains its recordings",
     "missing physics suspected",
     "the suspected effect changes its class",
     "borderline",
@@ -61,12 +61,12 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
     share = share_words(batch.certainty)
     parted = batch.ships is not None
     titles = (
-        (SHIP, say("Ship"), say("certain ({share} or more) to be {classes}", share=share, classes=shown)),
-        (HOLD, say("Hold"), say("certain ({share} or more) not to be {classes}", share=share, classes=shown)),
+        (SHIP, say("Ship"), say("certainly ({share} or more) {classes}", share=share, classes=shown)),
+        (HOLD, say("Hold"), say("certainly ({share} or more) not {classes}", share=share, classes=shown)),
         (
             INSPECT,
             say("Inspect"),
-            say("not graded, in doubt, missing physics suspected, or not certain either way"),
+            say("not graded, E in doubt, missing physics suspected, or borderline"),
         ),
     )
     return tuple(
@@ -132,7 +132,7 @@ def reason_words(reason: str, suspicion: Suspicion | None = None) -> str:
         return f"{say(head)}: {suspicion_words(suspicion)}"
     chance = rest.removeprefix(SHIPPED_WITH)
     if colon and chance != rest:
-        return f"{say(head)}: {say('to be shipped with {chance}', chance=chance)}"
+        return f"{say(head)}: {say('ship with probability {chance}', chance=chance)}"
     return say(reason)
 
 

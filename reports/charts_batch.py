@@ -218,7 +218,7 @@ def control_chart(body: ReferenceBodyEntry) -> Markup:
     x = AxisScale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
     y = AxisScale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
     parts = [
-        axis_y(y, label=say("E found / E known"), left=52.0, right=688.0, at_most=7),
+        axis_y(y, label=say("E measured / E known"), left=52.0, right=688.0, at_most=7),
         element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),
     ]
     across = [52.0, *(x(at) for at in moments), 688.0]

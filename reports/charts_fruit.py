@@ -8,7 +8,8 @@ import numpy as np
 from markupsafe import Markup
 
 from reports.charts_batch import shortened
-from reports.entries import ForceCurve, FruitEntry, GraspEstimate, ModelLine
+from reports.entries import FruitEntry
+from reports.grasp_record import CurveRecord, GraspRecord, ModelCurveRecord
 from reports.language import say
 from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
 from reports.words import number, with_sd
@@ -24,13 +25,13 @@ _PAD_MARKS = ("circle", "square", "circle", "square")
 _PAD_DOTS = ("round", "cornered")
 
 
-def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
-    """Force against travel of the pads of one grasp: marks as recorded, a line for the fitted model."""
-    known = [curve for curve in curves if np.isfinite(curve.travel_mm).any()]
-    travels = [float(value) for curve in known for value in curve.travel_mm]
-    forces = [float(value) for curve in known for value in curve.force_N]
+def force_chart(recording: GraspRecord) -> Markup:
+    """Force against travel of a recording's pads: marks as recorded, a line for the fitted model."""
+    known = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
+    travels = [value for curve in known for value in curve.travel_mm]
+    forces = [value for curve in known for value in curve.force_N]
     for line in (curve.model for curve in known if curve.model is not None):
-        travels += [float(value) for value in line.travel_mm]
+        travels += line.travel_mm
     low_x, high_x = padded(travels, from_zero=True)
     low_y, high_y = padded(forces, from_zero=True)
     x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
@@ -42,12 +43,11 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     for k, curve in enumerate(known):
         parts.append(_pad(curve, k, x=x, y=y))
         parts.append(_legend_item(curve.pad, k, count=len(known)))
-    grasp = curves[0].grasp if curves else ""
     return drawing(
         *parts,
         width=360.0,
         height=258.0,
-        title=f"{say('Force against travel')}, {grasp}",
+        title=f"{say('Force against travel')}, {recording.grasp}",
         description="; ".join(
             f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known
         )
@@ -55,17 +55,18 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     )
 
 
-def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
+def _pad(curve: CurveRecord, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     """One pad's points of force over travel, and a line through them or of the model."""
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
     parts = []
     if curve.model is not None:
         parts += _model(curve.model, k, x=x, y=y)
     else:
-        parts += _lines(x, y, curve.travel_mm[::every], curve.force_N[::every], class_=f"joined pad{k % 4}")
+        travel, force = np.array(curve.travel_mm), np.array(curve.force_N)
+        parts += _lines(x, y, travel[::every], force[::every], class_=f"joined pad{k % 4}")
     points = zip(curve.travel_mm[::every], curve.force_N[::every], strict=True)
     dots = "".join(
-        f"M{x(float(travel)):.1f} {y(float(force)):.1f}h0"
+        f"M{x(travel):.1f} {y(force):.1f}h0"
         for travel, force in points
         if math.isfinite(travel) and math.isfinite(force)
     )
@@ -74,11 +75,11 @@ def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 
-def _model(line: ModelLine, k: int, *, x: AxisScale, y: AxisScale) -> list[Markup]:
+def _model(line: ModelCurveRecord, k: int, *, x: AxisScale, y: AxisScale) -> list[Markup]:
     """The model's line in the order of the frames, over its band of two standard deviations of E."""
     every = max(1, math.ceil(len(line.travel_mm) / _MOST_OF_LINE))
     chosen = np.unique(np.r_[0 : len(line.travel_mm) : every, len(line.travel_mm) - 1])
-    travel, force, sd = line.travel_mm[chosen], line.force_N[chosen], line.sd_mm[chosen]
+    travel, force, sd = (np.array(numbers)[chosen] for numbers in (line.travel_mm, line.force_N, line.sd_mm))
     edges = [
         *zip(travel - 2 * sd, force, strict=True),
         *list(zip(travel + 2 * sd, force, strict=True))[::-1],
@@ -92,7 +93,8 @@ def _model(line: ModelLine, k: int, *, x: AxisScale, y: AxisScale) -> list[Marku
 
 def frames_chart(fruit: FruitEntry) -> Markup:
     """Modulus by each frame alone against travel, all grasps; band: the fruit's own value ± one sd."""
-    rows = fruit.frames
+    by_recording = {recording.grasp: recording.frames for recording in fruit.recordings if recording.frames}
+    rows = [frame for frames in by_recording.values() for frame in frames]
     ends = [row.E_MPa for row in rows if row.E_sd_MPa < LEAST_CERTAIN * row.E_MPa]
     if fruit.E_MPa is not None:
         ends += [fruit.E_MPa - (fruit.E_sd_MPa or 0.0), fruit.E_MPa + (fruit.E_sd_MPa or 0.0)]
@@ -109,25 +111,24 @@ def frames_chart(fruit: FruitEntry) -> Markup:
         axis_x(x, label=say("travel since first touch (mm)"), top=52.0, bottom=216.0, at_most=7),
         axis_y(y, label="E (MPa)", left=44.0, right=348.0, at_most=6),
     ]
-    names = list(dict.fromkeys(row.grasp for row in rows))
-    for k, name in enumerate(names):
-        own = [row for row in rows if row.grasp == name and low_y <= row.E_MPa <= high_y]
+    for k, (name, frames) in enumerate(by_recording.items()):
+        shown = [frame for frame in frames if low_y <= frame.E_MPa <= high_y]
         for unloading in (False, True):
             dots = "".join(
-                f"M{x(row.travel_mm):.1f} {y(row.E_MPa):.1f}h0" for row in own if row.unloading == unloading
+                f"M{x(row.travel_mm):.1f} {y(row.E_MPa):.1f}h0" for row in shown if row.unloading == unloading
             )
             if dots:
                 faint = " faint" if unloading else ""
                 shape = _PAD_DOTS[k % 2]
                 parts.append(element("path", d=dots, class_=f"dots {shape} pad{k % 4}{faint}"))
-        parts.append(_legend_item(name, k, count=len(names), word=""))
+        parts.append(_legend_item(name, k, count=len(by_recording), word=""))
     return drawing(
         *parts,
         width=360.0,
         height=258.0,
         title=say("Modulus by frame"),
         description="; ".join(
-            f"{name}: " + _range([row.E_MPa for row in rows if row.grasp == name]) for name in names
+            f"{name}: " + _range([frame.E_MPa for frame in frames]) for name, frames in by_recording.items()
         ),
     )
 
@@ -165,7 +166,7 @@ def _legend_item(name: str, k: int, *, count: int, word: str | None = None) -> M
 
 def grasps_chart(fruit: FruitEntry) -> Markup:
     """Modulus by both methods, grasp by grasp; band: the fruit's own value ± one sd."""
-    rows = fruit.estimates
+    rows = fruit.recordings
     ends: list[float] = []
     for row in rows:
         for value, sd in _methods(row):
@@ -219,7 +220,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
 
 
 def _methods(
-    row: GraspEstimate,
+    row: GraspRecord,
 ) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
     return (
         (row.E_energy_MPa, row.E_energy_sd_MPa),

@@ -8,14 +8,14 @@ from reports.words import NO_BREAK, NOTHING, UNEXPLAINED, effect_name, percent, 
 VERDICTS: dict[str, EffectEntry] = {
     NOTHING: EffectEntry(
         short="nothing is missing",
-        meaning="The recordings agree with the model within their noise and what is not known exactly.",
-        advice="Nothing needs doing: use the modulus as it is.",
+        meaning="The recordings agree with the model within noise and input uncertainty.",
+        advice="Use the modulus as it is.",
     ),
     UNEXPLAINED: EffectEntry(
-        short="something that none of the known effects explains",
-        meaning="The recordings differ from the model by more than noise and what is not known exactly, and "
-        "no known effect, alone or in pairs, accounts for it.",
-        advice="Do not trust the modulus of this fruit. Look at the maps below, check fruit and gripper by "
+        short="an effect that drupe does not know",
+        meaning="The recordings differ from the model by more than noise and input uncertainty. No known "
+        "effect and no pair of known effects explains the difference.",
+        advice="Do not trust the modulus of this fruit. Inspect the maps below, check fruit and gripper by "
         "eye, and record the fruit again.",
     ),
 }
@@ -42,37 +42,36 @@ def explain_verdict(found: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
     named = found.verdict
     if named == (NOTHING,):
-        spread = f"E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found"
+        spread = f"E = {_E(found.E_MPa.after)}; its error bar includes effects too small to detect"
         if len(found.grasps) == 1:
-            return f"Nothing is found to be missing, but one recording cannot show most effects ({spread})."
-        return (
-            "Nothing is found to be missing: the recordings agree with the model within their noise "
-            f"({spread})."
-        )
+            said = "drupe found no mismatch, but one recording cannot show most effects"
+            return f"{said} ({spread})."
+        return f"drupe found no mismatch: the recordings agree with the model within noise ({spread})."
     if found.E_withheld is not None:
         either = " or ".join(effect_name(effect) for effect in by_rank(found))
         what = (
-            "The recording differs from the model by something that none of the known effects explains "
+            f"The recording differs from the model, and no known effect explains the difference "
             f"({_chance(found.p_value)})"
             if named == (UNEXPLAINED,)
-            else f"This recording cannot tell apart: {either}"
+            else f"This recording cannot distinguish {either}"
         )
-        return f"{what}; E is withheld: {found.E_withheld}."
+        return f"{what}; drupe gives no E: {found.E_withheld}."
     if named == (UNEXPLAINED,):
         return (
-            f"The recordings differ from the model by something that none of the known effects explains "
-            f"({_chance(found.p_value)}); E = {_E(found.E_MPa.before)} is not to be "
-            f"trusted: as uncertain as such physics has made it elsewhere, it is {_E(found.E_MPa.after)}."
+            f"The recordings differ from the model, and no known effect explains the difference "
+            f"({_chance(found.p_value)}). "
+            f"Do not trust E = {_E(found.E_MPa.before)}. "
+            f"With the error that such physics causes elsewhere, E is {_E(found.E_MPa.after)}."
         )
-    moved = f"E goes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
+    moved = f"E changes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
     if len(named) > 1:
         names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
-        return f"These recordings cannot tell apart: {listed}; with them, as likely as each is, {moved}."
+        return f"These recordings cannot distinguish {listed}. Averaged over them by probability, {moved}."
     first = in_short(named[0], found)
     sure = next((one.probability for one in found.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
-    return f"{first[:1].upper()}{first[1:]}{certainty}; taken into account, {moved}."
+    return f"{first[:1].upper()}{first[1:]}{certainty}. With this effect, {moved}."
 
 
 def by_rank(found: ExplainEntry) -> tuple[str, ...]:

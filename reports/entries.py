@@ -1,4 +1,4 @@
-"""What the reports are told: frozen records of one batch, its fruits, grasps and curves.
+"""What the reports are told: frozen records of one batch and its fruits.
 
 The records hold finished figures and ready words; nothing here or behind them computes a result.
 Units are in the names; ``None`` (or an empty tuple) says that a figure is not known. Every standard
@@ -11,57 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
 
-import numpy as np
-from jaxtyping import Float
-
-
-@dataclass(frozen=True, kw_only=True)
-class GraspEstimate:
-    """The modulus one grasp gave, by strain-energy ratio and by least squares, and how well it fits."""
-
-    grasp: str
-    E_energy_MPa: float | None = None
-    E_energy_sd_MPa: float | None = None
-    E_least_squares_MPa: float | None = None
-    E_least_squares_sd_MPa: float | None = None
-    residual_um: float | None = None
-    """Root mean square of measured less fitted surface displacement, micrometres."""
-    peak_force_N: float | None = None
-    """The largest normal force of any one pad in any frame: not the sum of the pads."""
-    travel_mm: float | None = None
-    """How far the jaws (or the indenter) moved from first touch to the end of loading."""
-    frames_used: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ModelLine:
-    """Travel that the fitted model has under a recorded force, frame by frame; `sd_mm`: by E's error."""
-
-    travel_mm: Float[np.ndarray, " f"]
-    force_N: Float[np.ndarray, " f"]
-    sd_mm: Float[np.ndarray, " f"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ForceCurve:
-    """Force of one pad against travel since first touch: as recorded, and as the fitted model has it."""
-
-    grasp: str
-    pad: str
-    travel_mm: Float[np.ndarray, " t"]
-    force_N: Float[np.ndarray, " t"]
-    model: ModelLine | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModulusByFrame:
-    """The modulus by one frame of a grasp alone; the error is that of its markers' noise."""
-
-    grasp: str
-    travel_mm: float
-    E_MPa: float
-    E_sd_MPa: float
-    unloading: bool = False
+from reports.grasp_record import GraspRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +39,26 @@ class Picture:
 
     webp: bytes = b""
     file: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitPictures:
+    """Those that a fruit has."""
+
+    photo: Picture | None = None
+    outlines: Picture | None = None
+    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
+    mesh: Picture | None = None
+    coverage: Picture | None = None
+    surface_sd: Picture | None = None
+    residual: Picture | None = None
+    """Where the fitted model and the recorded skin differ at the greatest force."""
+    views: Picture | None = None
+    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
+    scene: bytes = b""
+    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
+    explained_scene: bytes = b""
+    """The same with the map of `drupe explain`; empty where there is none."""
 
 
 OR = "|"
@@ -208,25 +178,11 @@ class FruitEntry:
     """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
     forced: tuple[str, ...] = ()
     """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
-    photo: Picture | None = None
-    outlines: Picture | None = None
-    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
-    mesh_picture: Picture | None = None
-    scene: bytes = b""
-    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
-    explained_scene: bytes = b""
-    """The same with the map of `drupe explain`; empty where there is none."""
+    pictures: FruitPictures = FruitPictures()
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
-    coverage: Picture | None = None
-    views: Picture | None = None
-    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
-    surface_sd: Picture | None = None
-    residual: Picture | None = None
-    """Where the fitted model and the recorded skin differ at the greatest force."""
-    estimates: tuple[GraspEstimate, ...] = ()
-    curves: tuple[ForceCurve, ...] = ()
-    frames: tuple[ModulusByFrame, ...] = ()
+    recordings: tuple[GraspRecord, ...] = ()
+    """Those that gave a modulus, in their order."""
     smaller_error: str = ""
     """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
     facts: tuple[tuple[str, str], ...] = ()

@@ -30,22 +30,22 @@ from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, duration, effect_name, number, percent, with_sd
 
-_HATCHED = "cannot be seen from these grasps"
+_HATCHED = "not visible from these grasps"
 _MAPS = (
     (
         "modulus_score",
         MapStyle(low="softer than the model", high="firmer than the model", signed=True, hatched=_HATCHED),
-        "Flesh that is softer (red) or firmer (blue) here would explain what the model leaves over.",
+        "Softer (red) or firmer (blue) flesh here would explain the misfit.",
     ),
     (
         "eigenstrain_score",
         MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
-        "A change of shape from within (a lasting dent, swelling, a gap) would explain it here.",
+        "An internal change of shape (a permanent dent, swelling, a gap) would explain the misfit here.",
     ),
     (
         "law_error",
         MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
-        "Where the linear elastic law itself fails most.",
+        "Places where the linear elastic law fails most.",
     ),
 )
 
@@ -186,12 +186,15 @@ def _cut(found: ExplainEntry) -> str:
         return ""
     excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
     if excess[0] <= 0.05 * noise:
-        return "Beyond noise nothing is left of them without it either: they neither confirm nor deny it."
+        return (
+            "Even without the effect the residual is within noise, so these recordings do not test the "
+            "effect."
+        )
     if excess[1] <= 0.1 * excess[0]:
-        return "What exceeded the noise is gone, but for a tenth or less."
+        return "With the effect, the residual beyond noise drops by at least 90 %."
     if excess[1] >= 0.95 * excess[0]:
-        return "What exceeds the noise has not become less."
-    return f"What exceeds the noise has become {excess[0] / excess[1]:.1f} times smaller."
+        return "The effect does not reduce the residual beyond noise."
+    return f"The effect reduces the residual beyond noise by a factor of {excess[0] / excess[1]:.1f}."
 
 
 def _value(parameter: ParameterEntry) -> str:

@@ -6,10 +6,31 @@ import base64
 import hashlib
 from importlib import resources
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined
+from jinja2.bccache import Bucket
 from markupsafe import Markup
 
 from reports.language import language_in_force, say, say_html
+
+
+class _Compiled(BytecodeCache):
+    """Templates that this process has compiled, so that each is compiled once."""
+
+    def __init__(self) -> None:
+        self._code: dict[str, bytes] = {}
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        """Hands over the code of this template, if there is any of this text."""
+        if (code := self._code.get(bucket.key)) is not None:
+            bucket.bytecode_from_string(code)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keeps the code."""
+        self._code[bucket.key] = bucket.bytecode_to_string()
+
+
+_compiled: dict[str, _Compiled] = {}
+"""By language: filters of constants are applied while a template is compiled."""
 
 
 def page_environment() -> Environment:
@@ -22,6 +43,7 @@ def page_environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        bytecode_cache=_compiled.setdefault(language_in_force(), _Compiled()),
     )
     environment.globals |= {"language": language_in_force(), "say": say, "say_html": say_html}
     return environment

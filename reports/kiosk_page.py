@@ -101,7 +101,7 @@ def next_action(fruit: FruitEntry) -> str:
     if fruit.decision == INSPECT and fruit.decision_reason:
         why = reason_words(fruit.decision_reason, fruit.suspicion)
         return f"{why[0].upper()}{why[1:]}."
-    return {SHIP: say("Ship it."), HOLD: say("Hold it back.")}.get(fruit.decision, "")
+    return {SHIP: say("Ship it."), HOLD: say("Hold it.")}.get(fruit.decision, "")
 
 
 def left_out(fruit: FruitEntry) -> str:
@@ -123,4 +123,4 @@ def left_out(fruit: FruitEntry) -> str:
         found = f"{say('Missing physics suspected')}: {suspect_words(suspects)}."
     else:
         return ""
-    return f"{found} {say('Neither E nor what to do takes that into account.')}"
+    return f"{found} {say('Neither E nor the advice accounts for it.')}"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 from datetime import UTC, datetime
-from itertools import groupby
 from typing import NamedTuple
 from urllib.parse import quote
 
@@ -32,7 +31,7 @@ from reports.charts_batch import (
     shore_chart,
 )
 from reports.charts_fruit import force_chart, frames_chart, grasps_chart
-from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, Picture, without_references
+from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.language import decimals as with_comma
@@ -58,7 +57,7 @@ _EXIT_STATUS = {
     3: "some fruit not graded",
     4: "all graded, some E in doubt",
 }
-"""Words for the exit statuses of `drupe grade` (README)."""
+"""Words for the exit statuses of `drupe grade` (docs/guide.md)."""
 
 
 MOST_ROWS = 40
@@ -89,7 +88,6 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "class_words": class_words,
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "control_chart": control_chart,
-        "curves_by_grasp": _curves_by_grasp,
         "image": _image,
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "effect": effect_name,
@@ -133,7 +131,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         script_hash=script_hash,
         viewer=viewer,
         viewer_hash=viewer_hash,
-        turned=any(fruit.scene for fruit in batch.fruits),
+        turned=any(fruit.pictures.scene for fruit in batch.fruits),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in alone),
@@ -230,10 +228,6 @@ def _provenance(batch: BatchEntry, *, inputs: bool) -> list[tuple[str, tuple[tup
         ),
     )
     return [part for part in parts if part[1]]
-
-
-def _curves_by_grasp(fruit: FruitEntry) -> list[tuple[ForceCurve, ...]]:
-    return [tuple(curves) for _, curves in groupby(fruit.curves, key=lambda curve: curve.grasp)]
 
 
 def _image(picture: Picture, alt: str) -> Markup:

@@ -18,14 +18,17 @@ SMALLEST_P = 0.001
 
 _ADVICE = {
     "withheld-modulus": (
-        "Squeeze the fruit again, deeper and at one speed; drupe convert --rig takes off what the rig gives."
+        "Squeeze the fruit again, deeper and at constant speed. To correct for the rig's "
+        "compliance, use drupe convert --rig."
     ),
     "no-shape": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
-    "too-few-views": "Take more photos, all the way round and from two heights, each overlapping the next.",
-    "no-overlap": "Take more photos, all the way round and from two heights, each overlapping the next.",
+    "too-few-views": (
+        "Take more photos from all sides and from two heights; neighbouring photos must overlap."
+    ),
+    "no-overlap": "Take more photos from all sides and from two heights; neighbouring photos must overlap.",
     "unreadable-photo": "Copy the named photo from the camera again, or delete it, then run the batch again.",
     "no-fruit": "Check that the whole fruit is in the picture, sharp and well lit.",
-    "fruit-cut-off": "Take the photos from a little further off: the whole fruit must be in each.",
+    "fruit-cut-off": "Take the photos from farther away; each must show the whole fruit.",
     "no-scale": "Give height_mm in fruits.csv, or photograph the fruit on the printed marker mat.",
     "mat-not-found": "Photograph the fruit on the mat that mat.json describes, tags sharp and in full view.",
     "bad-mat": "Write mat.json again with the command drupe mat.",
@@ -33,22 +36,26 @@ _ADVICE = {
     "not-watertight": "Repair the mesh, or take photos of the sides where it has holes.",
     "unreadable-mesh": "Export the mesh again as PLY, in millimetres.",
     "no-prior": "Name a known category in batch.toml, or give a pit prior file of your own.",
-    "pit-outside-fruit": "Check that the mesh is in millimetres and the pit prior this category's.",
+    "pit-outside-fruit": (
+        "Check that the mesh is in millimetres and that the pit prior belongs to this category."
+    ),
     "no-grasp": "Record at least one grasp of this fruit and put its .h5 file into the grasps folder.",
     "unreadable-recording": "Write the named recording again from the gripper's own data.",
     "never-touches": "Check that the gripper closed on the fruit, then record the grasp again.",
-    "pads-off-fruit": "Check the gripper's calibration, and that stem and suture lay as agreed.",
-    "implausible-recording": "Correct what is named above in the recording, or record the grasp again.",
-    "foreign-recording": "Move the recording to the fruit that it names, or correct its fruit_id.",
-    "repeated-recording": "Take one of the two files away, or put the grasp that was meant in its place.",
-    "implausible-pit": "Put the pit of this fruit into pit.ply, or remove it: the category's is then used.",
-    "implausible-modulus": "Look for a wrong unit or factor in forces, displacements and meshes.",
-    "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",
-    "out-of-memory": "Run the batch again with fewer jobs; finished fruits are kept.",
+    "pads-off-fruit": "Check the gripper's calibration and the orientation of stem and suture.",
+    "implausible-recording": "Correct the fault above in the recording, or record the grasp again.",
+    "foreign-recording": "Move the recording to the fruit in its fruit_id, or correct the fruit_id.",
+    "repeated-recording": "Remove one of the two files, or replace it by the intended grasp.",
+    "implausible-pit": (
+        "Put this fruit's own pit into pit.ply, or remove pit.ply; drupe then uses the category's pit."
+    ),
+    "implausible-modulus": "Check forces, displacements and meshes for wrong units or factors.",
+    "timed-out": "Run the batch again with a longer time limit; drupe keeps finished fruit.",
+    "out-of-memory": "Run the batch again with fewer jobs; drupe keeps finished fruit.",
     "crashed": "Run the batch again; if this fruit stops again, report it with its files.",
-    "internal-error": "Report it with traceback.txt from this fruit's results: the fault is not yours.",
+    "internal-error": "Report this internal error with traceback.txt from this fruit's results.",
 }
-_ADVICE_OTHERWISE = "Correct what is named above, then run the batch again; finished fruits are kept."
+_ADVICE_OTHERWISE = "Correct the fault above, then run the batch again; drupe keeps finished fruit."
 
 
 def advice(fruit: FruitEntry) -> str:
@@ -63,7 +70,7 @@ def remarks(fruit: FruitEntry) -> str:
     found = [say("reference body")] if fruit.reference else []
     if fruit.mismatch and fruit.mismatch != NOTHING:
         taken = f" ({say('taken into account')})" if fruit.mismatch_taken else ""
-        doubt = f", {say('E is not to be trusted')}" if fruit.mismatch == UNEXPLAINED else ""
+        doubt = f", {say('do not trust E')}" if fruit.mismatch == UNEXPLAINED else ""
         found.append(f"{say('mismatch')}: {effect_name(fruit.mismatch)}{taken}{doubt}")
     if fruit.E_uncorrected_MPa is not None:
         found.append(say("E corrected by the reference body"))
@@ -81,13 +88,13 @@ def screen_words(screen: ScreenEntry) -> str:
     >>> from reports.entries import ScreenEntry, Suspect
     >>> skin = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
     >>> screen_words(ScreenEntry(p_value=0.01, suspects=(skin,)))
-    'missing physics suspected, a stiff skin carries part of the load (drupe explain says more)'
+    'missing physics suspected, a stiff skin carries part of the load (run drupe explain for details)'
     """
     if screen.why_not:
-        return f"not screened for missing physics, {screen.why_not}"
+        return f"not tested for missing physics: {screen.why_not}"
     if not screen.suspects:
         return ""
-    return f"missing physics suspected, {suspect_words(screen.suspects)} (drupe explain says more)"
+    return f"missing physics suspected, {suspect_words(screen.suspects)} (run drupe explain for details)"
 
 
 def suspect_words(suspects: Sequence[Suspect]) -> str:
@@ -105,12 +112,12 @@ def suspicion_words(found: Suspicion) -> str:
     >>> suspicion_words(doubt).replace(NO_BREAK, " ")
     'plastic set (p = 6.0e-41), E is 0.416 ± 0.040 MPa (ripe) without it and 0.513 ± 0.050 MPa (firm) with it'
     """
-    effect = effect_name(found.effect) or say("no effect is named")
+    effect = effect_name(found.effect) or say("no single effect")
     without = _with_class(found.E_MPa, found.E_sd_MPa, found.maturity)
     p_value = number(found.p_value, figures=2)
     if found.E_with_MPa is None:
         return say(
-            "{effect} (p = {p}), E is {without} without it and not known with it",
+            "{effect} (p = {p}), E is {without} without it and unknown with it",
             effect=effect,
             p=p_value,
             without=without,
@@ -221,13 +228,13 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
         return say("{count} of {total} fruits graded", count=0, total=total) + "."
     if not graded:
         if len(fruits) < 2:
-            return say("The one fruit could not be graded.") if fruits else say("The batch holds no fruits.")
-        return say("None of the {total} fruits could be graded.", total=len(fruits))
+            return say("The only fruit is not graded.") if fruits else say("The batch holds no fruits.")
+        return say("None of the {total} fruits is graded.", total=len(fruits))
     lead = say("All {total} fruits graded", total=len(fruits))
     if failed or waiting:
         lead = say("{count} of {total} fruits graded", count=len(graded), total=total)
     if total == 1:
-        lead = say("The one fruit is graded")
+        lead = say("The only fruit is graded")
     softest, firmest = graded[0], graded[-1]
     if softest is firmest:
         found = say("{fruit} has E = {modulus}", fruit=softest.fruit_id, modulus=_modulus(softest))
@@ -241,9 +248,9 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
         )
     rest = ""
     if failed == 1:
-        rest = "; " + say("1 could not be graded and needs attention")
+        rest = "; " + say("1 is not graded and needs attention")
     elif failed:
-        rest = "; " + say("{count} could not be graded and need attention", count=failed)
+        rest = "; " + say("{count} are not graded and need attention", count=failed)
     return f"{lead}: {found}{rest}."
 
 

@@ -21,7 +21,7 @@ POISSON_RATIO = 0.45
 """Of the flesh, and assumed when it is graded: samples test E, not Poisson's ratio."""
 MESH_ERROR_MM = 0.1
 """Root mean square of the scanned mesh's waves, mm: what meshes from photos are off by (docs/validation.md,
-Photos to mesh: 0.06 to 0.13)."""
+Shape: 0.06 to 0.16)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +115,7 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
     cubic = rng.normal(0.0, 0.006, (3, 3, 3))
     skin = Skin(
         centre_mm=(0.0, 0.0, 0.0),
-        half_axes_mm=_triple(half),
+        half_axes_mm=triple(half),
         stem_depth_mm=float(rng.uniform(3.0, 4.2)),
         stem_width=float(rng.uniform(0.27, 0.33)),
         blossom_depth_mm=float(rng.uniform(0.5, 1.0)),
@@ -128,7 +128,7 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
     half_box = (high - low) / 2
     centre = (low + high) / 2 + np.array(PIT_RAISED) * half_box + rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     semi_axes = np.array(PIT_OVER_BOX) * half_box * rng.normal(1.0, PIT_SIZE_SD, 3)
-    pit = SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(semi_axes))
+    pit = SamplePit(centre_mm=triple(centre), semi_axes_mm=triple(semi_axes))
     return SampleFruit(
         fruit_id=fruit_id,
         seed=seed,
@@ -155,14 +155,21 @@ def skin_mesh(skin: Skin, *, cells: int) -> tuple[Float[np.ndarray, "n 3"], Int[
 def scanned_mesh(
     fruit: SampleFruit, *, cells: int, error_mm: float
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """The fruit's skin as a scanner would give it, the same for the same fruit."""
+    return scanned_skin(
+        fruit.skin, cells=cells, error_mm=error_mm, rng=np.random.default_rng([fruit.seed, 2])
+    )
+
+
+def scanned_skin(
+    skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
-    rng = np.random.default_rng([fruit.seed, 2])
     sphere = even_sphere(cells)
-    waves = rng.normal(size=(24, 3)) * 5.0
-    phase = rng.uniform(0, 2 * np.pi, 24)
+    waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)
     wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)
     wobble *= error_mm / np.sqrt(np.mean(wobble**2))
-    return fruit.skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
+    return skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
 
 
 def mesh_volume_mm3(vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]) -> float:
@@ -177,5 +184,6 @@ def _on_its_base(skin: Skin) -> Skin:
     return replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
 
 
-def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
+def triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    """A point or three sizes as Python's own numbers."""
     return float(values[0]), float(values[1]), float(values[2])

@@ -16,6 +16,7 @@ from jaxtyping import Float, UInt8
 from scipy.interpolate import RectBivariateSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
+from tactile.gel_camera import mm_per_px
 from tactile.sensors import GelCamera, GelLight
 
 COARSE_PX = 4
@@ -70,7 +71,7 @@ def gel_image(
     down = make_interp_spline(rows, np.eye(len(rows)))(np.arange(height))
     across = make_interp_spline(columns, np.eye(len(columns)))(np.arange(width))
     fine = np.einsum("hr,rcx,wc->hwx", down, coarse, across, optimize=True)
-    covered = _dots(fine[..., :2], look, pitch_mm=_mm_per_px(camera))
+    covered = _dots(fine[..., :2], look, pitch_mm=mm_per_px(camera))
     colour = np.asarray(look.gel) * (1.0 - covered[..., None]) + look.dot * covered[..., None]
     image = 255.0 * colour * fine[..., 2:] * _vignette(camera, look.vignette)[..., None]
     image = cv2.GaussianBlur(image, (0, 0), look.blur_px)
@@ -83,7 +84,7 @@ def seen_material(
     camera: GelCamera, pixels: Float[np.ndarray, "m 2"], field: Field
 ) -> Float[np.ndarray, "m 2"]:
     """The point of the undeformed face that each pixel shows (beyond the image's edge, too)."""
-    scale = _mm_per_px(camera)
+    scale = mm_per_px(camera)
     turn = camera.gel_from_camera[:2, :2]
     centre = np.array([(camera.image_px[0] - 1) / 2, (camera.image_px[1] - 1) / 2])
     at = camera.gel_from_camera[:2, 3] + scale * (pixels - centre) @ turn.T
@@ -108,10 +109,6 @@ def seen_at(camera: GelCamera, points_mm: Float[np.ndarray, "m 3"]) -> Float[np.
     bent_y = y * radial + p1 * (r + 2 * y**2) + 2 * p2 * x * y
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
     return np.stack([fx * bent_x + cx, fy * bent_y + cy], axis=1)
-
-
-def _mm_per_px(camera: GelCamera) -> float:
-    return float(abs(camera.gel_from_camera[2, 3]) / np.mean(camera.focal_px))
 
 
 def _normals(material: Float[np.ndarray, "m 2"], field: Field) -> Float[np.ndarray, "m 3"]:

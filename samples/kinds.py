@@ -3,16 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm
+from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, triple
 from samples.looks import BLACK_CHERRY, BLOOMED_PLUM, RED_CHERRY, WAXY_PLUM, Look
 
 
 @dataclass(frozen=True, kw_only=True)
-class FruitKind:
-    """A kind of fruit: middle half axes (x suture, y cheeks, z stem), how deep its hollows are, its pit, its
-    skin.
+class Proportions:
+    """A kind of fruit: middle half axes (x suture, y cheeks, z stem), how deep its hollows are, its pit.
 
     Depths are shares of the mean half axis, widths are angles in radians. `pit_over_box` are the pit's
     semi-axes over the half box. All are assumed, by eye on shop fruit.
@@ -20,7 +18,6 @@ class FruitKind:
 
     half_axes_mm: tuple[float, float, float]
     size_sd: float
-    axis_sd: float
     stem_depth: float
     stem_width: float
     blossom_depth: float
@@ -28,6 +25,13 @@ class FruitKind:
     groove_width: float
     lopsided_sd: float
     pit_over_box: tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitKind(Proportions):
+    """With its skin, and the spread of each half axis."""
+
+    axis_sd: float
     look: Look
 
 
@@ -79,7 +83,7 @@ def fruit_of_kind(name: str, *, seed: int) -> SampleFruit:
     mean = float(half.mean())
     skin = Skin(
         centre_mm=(0.0, 0.0, 0.0),
-        half_axes_mm=_triple(half),
+        half_axes_mm=triple(half),
         stem_depth_mm=mean * kind.stem_depth * float(rng.uniform(0.85, 1.15)),
         stem_width=kind.stem_width * float(rng.uniform(0.9, 1.1)),
         blossom_depth_mm=mean * kind.blossom_depth,
@@ -92,7 +96,7 @@ def fruit_of_kind(name: str, *, seed: int) -> SampleFruit:
     skin = replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
     pit = SamplePit(
         centre_mm=(0.0, 0.0, float(half_box[2])),
-        semi_axes_mm=_triple(np.array(kind.pit_over_box) * half_box),
+        semi_axes_mm=triple(np.array(kind.pit_over_box) * half_box),
     )
     return SampleFruit(
         fruit_id=f"{name}-{seed}",
@@ -103,7 +107,3 @@ def fruit_of_kind(name: str, *, seed: int) -> SampleFruit:
         poisson_ratio=POISSON_RATIO,
         ripeness=0.8,
     )
-
-
-def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])

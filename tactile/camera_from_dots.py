@@ -21,7 +21,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 OFF_GRID = 0.06
 """Of the pitch: root mean square by which dots may be off the grid behind the camera found. Empty gels have
-0.021 to 0.048 of it (135 first frames, benchmarks/sensor_from_picture.py FOLDER), printed dots as such;
+0.021 to 0.048 of it (135 first frames), printed dots as such;
 loaded ones reach 0.14."""
 
 
@@ -94,9 +94,9 @@ def camera_from_dots(
     if off > OFF_GRID * spacing:
         raise _refused(
             source,
-            f"dots that are {off:.3g} px off a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm behind any "
-            "camera",
-            f"at most {OFF_GRID * spacing:.3g} px; is the gel untouched, and the pitch right",
+            f"dots that deviate by {off:.3g} px from a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm "
+            "behind any camera",
+            f"at most {OFF_GRID * spacing:.3g} px; check that the gel is untouched and the pitch is right",
         )
     return CameraFound(camera=camera_of(found.x), rows=rows, columns=columns, dots=len(places), off_px=off)
 

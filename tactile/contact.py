@@ -99,8 +99,8 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
         raise TactileFailure(
             TactileProblem.NO_MARKERS,
             f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker "
-            "displacement and force: record with a gel that has markers on one jaw at least, or, of plates "
-            "round a fruit, leave photos and mesh out and give three diameters in fruits.csv.",
+            "displacement and force. Record with a gel with markers on at least one jaw. For plates "
+            "around a fruit, remove photos and mesh and give three diameters in fruits.csv.",
         )
     return pad
 
@@ -190,7 +190,10 @@ def _never_touches(
     `pictured`: its force comes from pictures, so that a reference which is loaded alike hides a contact.
     """
     unless = (
-        f" If it does touch, the reference is as loaded as the frames, too smoothly to be seen: {WHAT_TO_DO}."
+        (
+            " If it does touch, the reference may be under the same load as the frames, too smoothly to "
+            f"see: {WHAT_TO_DO}."
+        )
         if pictured
         else ""
     )
@@ -198,15 +201,14 @@ def _never_touches(
     if -total_N.min() > max(TOTAL_BEYOND_NOISE * noise_N, 1e-9):
         detail = (
             f"{field}: found a total of {total_N.min():.3g} N along the pad's z, expected a push "
-            "(positive z); the "
-            "forces are signed as the sensor feels them: write what the gel puts on the fruit."
+            "(positive z). The forces have the sign of the sensor's load; write the force of the gel "
+            "on the fruit."
         )
     else:
         detail = (
-            f"{field}: found at most {total_N.max():.3g} N in {len(total_N)} frames, noise of "
-            f"{noise_N:.3g} N, "
-            "expected a contact; the pad never touches the fruit: record again and close the jaws further."
-            f"{unless}"
+            f"{field}: found at most {total_N.max():.3g} N in {len(total_N)} frames with noise of "
+            f"{noise_N:.3g} N, expected a contact. The pad never touches the fruit: record again and "
+            f"close the jaws farther.{unless}"
         )
     return TactileFailure(TactileProblem.NEVER_TOUCHES, detail)
 

@@ -52,7 +52,7 @@ def said(course: Course, time_s: Float[np.ndarray, " t"]) -> str:
     again = f" in {starts} contacts" if starts > 1 else ""
     hardest = int(course.normal_N.argmax())
     return (
-        f"{course.pad}: touches from {time_s[at[0]]:.2f} to {time_s[at[-1]]:.2f} s{again}, up to "
-        f"{course.normal_N[hardest]:.2f} N on {course.patch_mm2[hardest]:.0f} mm², of which "
-        f"{100 * course.stick_ratio[hardest]:.0f} % stick then"
+        f"{course.pad}: contact from {time_s[at[0]]:.2f} to {time_s[at[-1]]:.2f} s{again}, up to "
+        f"{course.normal_N[hardest]:.2f} N on {course.patch_mm2[hardest]:.0f} mm², where "
+        f"{100 * course.stick_ratio[hardest]:.0f} % of the contact sticks"
     )

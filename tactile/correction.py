@@ -167,9 +167,9 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
     if not curve.reaches(largest):
         raise TactileFailure(
             TactileProblem.IMPLAUSIBLE_RECORDING,
-            f"{source}: found a largest force of {largest:.3g} N where the rig is calibrated up to "
-            f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that; squeeze the rigid "
-            "object as hard and calibrate anew.",
+            f"{source}: found a maximum force of {largest:.3g} N, but the rig calibration ends at "
+            f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that. Squeeze the rigid "
+            "object equally hard and calibrate again.",
         )
     return [curve.give(one) / len(force) for one in force]
 

@@ -59,12 +59,13 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
         found = "pads whose frames do not overlap in time"
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{raw.source}: found {found}, expected one grasp seen by both; set time_offset_s.",
+            f"{raw.source}: found {found}, expected one grasp in both; set time_offset_s.",
         )
     notes = [*raw.notes, *(note for one in read for note in one.notes)]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(
-            f"{raw.source}: no sensor names its serial, so swapped pads with like markers would go unnoticed."
+            f"{raw.source}: no sensor has a serial number, so drupe cannot detect swapped pads with "
+            "similar markers."
         )
     return Converted(
         recording=Recording(
@@ -125,7 +126,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
     numbers = np.array(pictures.numbers, dtype=np.int64) if pictures.numbered else None
     notes += gaps_said(pad.time_s, source, numbers=numbers)
     if not kept.all():
-        notes.append(f"{source}: {int((~kept).sum())} frames are the one before written again; left out.")
+        notes.append(f"{source}: {int((~kept).sum())} frames repeat the one before; drupe left them out.")
     shading = shading_of(pad.sensor, camera, pad.view.reference)
     found = fields_of(
         pad.sensor,
@@ -201,9 +202,8 @@ def _refuse_other_pads_markers(raw: RawGrasp) -> None:
         return
     raise TactileFailure(
         TactileProblem.WRONG_SENSOR,
-        f"{raw.source}: found the markers of {one.name} as the description of {two.name} has them and the "
-        "other way "
-        "round, expected each pad's own; the pads are swapped: swap their frames or their descriptions.",
+        f"{raw.source}: found the markers of {one.name} in {two.name}'s description and vice versa, "
+        "expected each pad's own. The pads are swapped: swap their frames or their descriptions.",
     )
 
 

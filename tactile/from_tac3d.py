@@ -58,7 +58,8 @@ def recording_of_tac3d(
     when = times[0][(times[0] >= start) & (times[0] <= end)]
     if len(sensors) == 2 and len(when) < len(times[0]):
         notes.append(
-            f"{len(times[0]) - len(when)} frames of {sensors[0].serial} are outside the other's time."
+            f"{len(times[0]) - len(when)} frames of {sensors[0].serial} are outside the other "
+            "sensor's time range."
         )
     pads = []
     for sensor, name, time_s in zip(sensors, names, times, strict=True):
@@ -81,7 +82,10 @@ def recording_of_tac3d(
                 displacement_scale_sd=scale_sd[1],
             )
         )
-    notes.append("no aperture and no pose: they are the gripper's; written as zero and as no motion.")
+    notes.append(
+        "there is no aperture and no pose, because the gripper has them; drupe writes zero "
+        "aperture and no motion."
+    )
     return Converted(
         recording=Recording(
             fruit_id=fruit_id,
@@ -122,19 +126,18 @@ def _said_of(sensor: Tac3D) -> list[str]:
     missing = int((step - 1).clip(min=0).sum())
     if missing:
         notes.append(
-            f"{name}: {missing} of {missing + frames} frames lost ({int((step > 1).sum())} gaps in the "
-            "index)."
+            f"{name}: {missing} of {missing + frames} frames are missing ({int((step > 1).sum())} "
+            "gaps in the index)."
         )
     else:
         notes += gaps_said(sensor.send_s - sensor.send_s[0], name)
     if (step <= 0).any():
-        notes.append(f"{name}: the index stands still or runs back {int((step <= 0).sum())} times.")
+        notes.append(f"{name}: the index stops or decreases {int((step <= 0).sum())} times.")
     silent = deadband_frames(sensor)
     if silent.any():
         notes.append(
-            f"{name}: {int(silent.sum())} frames are exactly zero (a deadband): the air tells no noise, and "
-            "the "
-            "smallest forces are cut off."
+            f"{name}: {int(silent.sum())} frames are exactly zero (a deadband), so frames in air show "
+            "no noise and the smallest forces are missing."
         )
     total = sensor.force_N.sum(axis=1)
     worst = int(np.abs(total - sensor.resultant_force_N)[:, 2].argmax())
@@ -142,14 +145,15 @@ def _said_of(sensor: Tac3D) -> list[str]:
     largest = float(np.abs(sensor.resultant_force_N[:, 2]).max())
     if abs(own - sums) > 0.01 * largest > 0:
         notes.append(
-            f"{name}: the resultant and the sum of the forces differ by up to {abs(own - sums):.2f} N along "
-            "z (frame "
-            f"{worst}: {own:.2f} and {sums:.2f} N); the markers' forces are kept as they are."
+            f"{name}: the resultant and the sum of the forces differ by up to {abs(own - sums):.2f} N "
+            f"along z (frame {worst}: {own:.2f} and {sums:.2f} N); drupe keeps the markers' forces."
         )
     rest = sensor.position_mm - sensor.displacement_mm
     moves = float(np.abs(rest - np.median(rest, axis=0)).max())
     if moves > REST_MOVES_MM:
-        notes.append(f"{name}: position less displacement is not constant: it moves by up to {moves:.3f} mm.")
+        notes.append(
+            f"{name}: position minus displacement is not constant; it changes by up to {moves:.3f} mm."
+        )
     return notes
 
 
@@ -177,7 +181,9 @@ def _second_clock(one: Tac3D, two: Tac3D) -> tuple[Float[np.ndarray, " t"], str]
         return two.send_s + shift - one.send_s[0], said
     apart = float(two.send_s[0] - one.send_s[0])
     if abs(apart) < APART_S:
-        return two.send_s - one.send_s[0], f"{one.serial} and {two.serial} are taken to share one clock."
+        return two.send_s - one.send_s[0], (
+            f"drupe assumes that {one.serial} and {two.serial} share one clock."
+        )
     first, second = one.send_s - one.send_s[0], two.send_s - two.send_s[0]
     pushes = [-s.force_N.sum(axis=1)[:, 2] for s in (one, two)]
     likeness = np.array([_likeness(first, pushes[0], second + lag, pushes[1]) for lag in LAGS_S])
@@ -185,11 +191,10 @@ def _second_clock(one: Tac3D, two: Tac3D) -> tuple[Float[np.ndarray, " t"], str]
     if likeness[best] > 0.8:
         lag, how = float(LAGS_S[best]), f"their normal forces agree best (correlation {likeness[best]:.2f})"
     else:
-        lag, how = 0.0, "they start together (their forces are too steady to tell more)"
+        lag, how = 0.0, "they start together (their forces are too steady for a better match)"
     said = (
-        f"{one.serial} and {two.serial} stamp times {abs(apart):.2f} s apart: two clocks; the second is "
-        "shifted so "
-        f"that {how}."
+        f"the time stamps of {one.serial} and {two.serial} differ by {abs(apart):.2f} s (two clocks); "
+        f"drupe shifts the second so that {how}."
     )
     return second + lag, said
 

@@ -17,8 +17,7 @@ def layer_stiffness(sensor: Sensor) -> tuple[float, float]:
     if kn is None or kt is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
-            f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, expected one "
-            "of the "
-            "two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
+            f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, "
+            "expected one of the two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
         )
     return kn, kt

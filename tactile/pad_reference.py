@@ -106,7 +106,7 @@ def references_said(raw: RawGrasp) -> list[str]:
             try:
                 found = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
             except TactileFailure as failure:
-                read = f"{pad.view.reference_from} and {pad.described_in} were read"
+                read = f"drupe read {pad.view.reference_from} and {pad.described_in}"
                 raise TactileFailure(failure.problem, f"{failure.detail} ({read})") from None
             said += found.notes if found.shown is not None else ()
     return said
@@ -115,16 +115,16 @@ def references_said(raw: RawGrasp) -> list[str]:
 def bears_print_said(shown: ShownPrint, source: str) -> str:
     """A sentence on a reference that shows a print, where it is from, and what to do."""
     return (
-        f"the reference bears a print: {shown.seen_by} (in {source}); something was pressed into it, or the "
-        f"gel is loaded from the first frame: {WHAT_TO_DO}."
+        f"the reference shows a contact imprint: {shown.seen_by} (in {source}). An object touched it, "
+        f"or the gel is under load from the first frame: {WHAT_TO_DO}."
     )
 
 
 def flatter_said(frame: int) -> str:
     """A sentence on a reference that is less flat than a later frame."""
     return (
-        f"the reference is no untouched gel: in frame {frame} the gel is flatter. Something was pressed into "
-        f"the reference: {WHAT_TO_DO}."
+        f"the reference does not show an untouched gel: in frame {frame} the gel is flatter. An "
+        f"object pressed the gel in the reference: {WHAT_TO_DO}."
     )
 
 
@@ -156,9 +156,10 @@ def _estimated(sensor: Sensor, view: RawCamera, camera: GelCamera, source: str) 
     rest = lattice_of(found.rest_px, lattice.spacing_px, shape=lattice.shape, margin_px=lattice.margin_px)
     spread = float(np.sqrt((found.sd_px**2).mean()))
     note = (
-        f"{source}: the untouched gel is estimated from frame {view.pictures.numbers[t]}, in which "
-        f"{int(found.unloaded.sum())} of {len(found.unloaded)} markers lie outside the print; places are "
-        f"known to {spread:.1f} px, which is in the displacement's noise."
+        f"{source}: drupe estimated the untouched gel from frame {view.pictures.numbers[t]}, in which "
+        f"{int(found.unloaded.sum())} of {len(found.unloaded)} markers lie outside the imprint. The "
+        f"places have a standard deviation of {spread:.1f} px, which the displacement's noise "
+        "includes."
     )
     estimated = replace(markers, lattice=rest, markers=replace(markers.markers, centre_px=found.rest_px))
     return PadReference(markers=estimated, shown=None, sd_px=found.sd_px, notes=(note,))

@@ -118,8 +118,9 @@ def _outermost(
     if len(near) < len(fit) or first[2] < -size / 2 or curved[0] <= 0:
         raise TactileFailure(
             TactileProblem.PADS_OFF_FRUIT,
-            f"{source}: found a plain jaw that faces no round skin, expected the fruit before it: z of its "
-            "pose points into the fruit, and the mesh is closed there; correct the pose.",
+            f"{source}: found a plain jaw without round skin in front of it, expected the fruit "
+            "there. z of its pose must point into the fruit, and the mesh must be closed there. "
+            "Correct the pose.",
         )
     apex = first[:2] - np.linalg.solve(bend, fit[1:3])
     return apex, float(np.prod(curved) ** -0.5)

@@ -61,10 +61,10 @@ class ShownPrint:
         seen_by = [
             text
             for text, value in (
-                (f"its markers bulge ({100 * LEAST_BULGE * self.bulge:.1f} % of their spacing, "
-                 f"empty gels have below {100 * LEAST_BULGE:.2g} %)", self.bulge),
-                (f"its shading has edges ({100 * LEAST_SHADING * self.shading:.1f} % of its colour, "
-                 f"empty gels have below {100 * LEAST_SHADING:.2g} %)", self.shading),
+                ((f"its markers bulge ({100 * LEAST_BULGE * self.bulge:.1f} % of their spacing; empty "
+f"gels stay below {100 * LEAST_BULGE:.2g} %)"), self.bulge),
+                ((f"its shading has edges ({100 * LEAST_SHADING * self.shading:.1f} % of its colour; "
+f"empty gels stay below {100 * LEAST_SHADING:.2g} %)"), self.shading),
             )
             if value >= 1.0
         ]  # fmt: skip

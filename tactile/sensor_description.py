@@ -55,13 +55,13 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
     if missing or model.distance_mm is None or model.pitch_mm is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
-            f"{model.name}: nobody publishes what {', '.join(missing)} would say; measure it and give it.",
+            f"{model.name}: no published values exist for {', '.join(missing)}; measure them and give them.",
         )
     if picture is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
-            f"{model.name}: found no picture of the untouched gel, expected one, at the size of the "
-            "recordings' frames: give --picture.",
+            f"{model.name}: found no picture of the untouched gel, expected one at the size of the "
+            "recordings' frames; give --picture.",
         )
     grid = None if model.rows is None or model.columns is None else (model.rows, model.columns)
     found = camera_from_dots(
@@ -82,8 +82,8 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         "spread": spread,
     }
     seen = (
-        f"{source}: {found.dots} dots of a grid of {found.rows} x {found.columns}, {found.off_px:.2g} px "
-        "off it behind the camera found"
+        f"{source}: {found.dots} dots of a grid of {found.rows} x {found.columns}, {found.off_px:.2g} "
+        "px off the grid of the fitted camera"
     )
     return Described(table=table, said=(seen, *_said(model, _forces(model), spread)))
 
@@ -137,8 +137,9 @@ def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]
         if one is not None
     ]
     lines.append(
-        f"force ± {spread['force']:.0%} and displacement ± {spread['displacement']:.1%}, common to all "
-        "grasps of this sensor: E has at least that, the order of fruit graded with it does not"
+        f"force ± {spread['force']:.0%} and displacement ± {spread['displacement']:.1%}, common to "
+        "all grasps of this sensor. E has at least this error, but the order of fruit graded with "
+        "this sensor does not"
     )
     return (*lines, *([model.notes] if model.notes else []))
 

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from tactile.io.named_file import printable
+from pipeline.files.plain_file import printable
 
 
 class TactileProblem(StrEnum):

@@ -33,9 +33,9 @@ class Thinned:
     def said(self, source: str) -> str:
         """One sentence for people."""
         return (
-            f"{source}: {self.frames} frames were thinned to {len(self.kept)}, each as it was recorded; the "
-            f"force between them, drawn straight, is off the recording by {self.off:.1f} standard deviations "
-            f"of its noise ({self.noise_N:.2g} N) at most."
+            f"{source}: drupe thinned {self.frames} frames to {len(self.kept)}, each as recorded. "
+            "Linear interpolation of the force between them deviates from the recording by at most "
+            f"{self.off:.1f} standard deviations of its noise ({self.noise_N:.2g} N)."
         )
 
 

@@ -22,6 +22,8 @@ def edge_said(
     if share <= MUCH:
         return []
     return [
-        f"{source}: the contact reaches the edge of the markers ({share:.0%} of the largest push there); "
-        "force beyond it is not seen: press nearer the middle, or less."
+        (
+            f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
+            "there). The force beyond is missing: press closer to the middle, or less."
+        )
     ]

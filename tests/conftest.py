@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process that tests start compiles all modules
 threadpool_limits(1)  # numpy and scipy: two workers share two cores
+os.fsync = lambda _: None  # type: ignore[assignment]  # no test cuts the power, and a disk takes 3 ms for it
 if "PYTEST_XDIST_WORKER" in os.environ:
     gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
 ROOT = Path(__file__).parents[1]

@@ -4,7 +4,8 @@
     python benchmarks/sealed/sealed_proof.py answer --salt FILE [--first K] [--count N] [--cases DIR] [--keep]
                                                      [--ablation NAME ...] [--reduced DIR] [--jobs N]
     python benchmarks/sealed/sealed_proof.py reveal --salt FILE
-    python benchmarks/sealed/sealed_proof.py check [--figures DIR] [--bank JSONL] [--salt FILE --unrevealed]
+    python benchmarks/sealed/sealed_proof.py check [--csv FILE] [--figures DIR] [--bank JSONL]
+                                                     [--salt FILE --unrevealed]
 
 README.md beside this file says in which order, and what is committed when. `answer` goes on where it was;
 rows that are there are left alone. `check --unrevealed` scores what is answered so far with labels that only
@@ -21,13 +22,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from mismatch import keep_line
 from mismatch_altered import ABLATIONS, LEFT_OUT
 from reduced_case import store
 from sealed_answers import explained
 from sealed_draw import SealedCase, drawn_cases, label_of
-from sealed_report import report
+from sealed_report import case_table, report
 from sealed_simulation import simulated
 from sealing import (
     ANSWERS,
@@ -167,6 +170,8 @@ def check(chosen: argparse.Namespace) -> int:
     )
     bank = [json.loads(line) for line in chosen.bank.read_text().splitlines()] if chosen.bank else []
     print("\n".join(report(rows, labels, bank=bank)))
+    if chosen.csv is not None:
+        pd.DataFrame(case_table(rows, labels)).to_csv(chosen.csv, index=False, float_format="%.6g")
     if chosen.figures is not None:
         from sealed_figures import draw_figures  # Matplotlib, which nothing else here needs
 
@@ -190,6 +195,7 @@ def main() -> None:
     parser.add_argument("--reduced", type=Path, default=None, help="store each case's linear problem here")
     parser.add_argument("--jobs", type=int, default=2, help="threads of an explanation")
     parser.add_argument("--bank", type=Path, default=None, help="JSONL of bank_features.py, for the forest")
+    parser.add_argument("--csv", type=Path, default=None, help="file for one line per case")
     parser.add_argument("--figures", type=Path, default=None, help="folder for the diagrams")
     parser.add_argument("--unrevealed", action="store_true")
     chosen = parser.parse_args()

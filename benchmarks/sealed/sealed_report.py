@@ -17,6 +17,7 @@ PROBABILITIES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Bins of the reliability diagram, for probabilities of names."""
 NOISE_SHARES = (0.0, 0.012, 0.018, 0.024, 0.03, 1.0)
 """Bins of the sensors' noise over the response."""
+KINDS = ("all", "sound", "single", "pair", "outside")
 TENTHS = 10
 """Bins of the p-values of sound cases."""
 
@@ -162,15 +163,59 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
     for name, own in sorted(by_name.items()):
         errors, known = [error for error, _ in own], [ok for _, ok in own if ok is not None]
         lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
+    groups = {kind: [one for one in cases if kind in ("all", one.kind)] for kind in KINDS}
+    for category in sorted({str(one.label.get("category")) for one in cases}):
+        groups[f"sound {category}"] = [
+            one for one in groups["sound"] if str(one.label.get("category")) == category
+        ]
     for when, words in (("E_before", "E without an effect"), ("E_after", "E in the end")):
-        for kind in ("all", "sound", "single", "pair", "outside"):
-            own_cases = [one for one in cases if kind in ("all", one.kind)]
-            errors = [abs(one.row[when]["value"] / one.label["E_MPa"] - 1) for one in own_cases]
-            if errors:
-                truths = [inside(one.row[when]["interval"], one.label["E_MPa"]) for one in own_cases]
-                middle = f"; |error| median {np.median(errors):.1%}, most {max(errors):.0%}"
-                lines.append(share(f"{words}, {kind}: inside 90 %", truths) + middle)
+        lines += [modulus_line(f"{words}, {name}", own, when) for name, own in groups.items() if own]
     return lines
+
+
+def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
+    """Share of 90 % intervals that contain the true E, and the relative errors of E."""
+    errors = np.array([one.row[when]["value"] / one.label["E_MPa"] - 1 for one in cases])
+    truths = [inside(one.row[when]["interval"], one.label["E_MPa"]) for one in cases]
+    rms = np.sqrt(np.mean(errors**2))
+    return (
+        share(f"{title}: inside 90 %", truths)
+        + f"; |error| median {np.median(abs(errors)):.1%}, rms {rms:.1%}, most {max(abs(errors)):.0%}"
+    )
+
+
+def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One record for each unaltered case: truth, verdict, p, and E with its 90 % interval."""
+    table = []
+    for one in (
+        scored(row, labels[row["case"]])
+        for row in rows
+        if row["ablation"] == "whole" and "failure" not in row
+    ):
+        (low, high), (graded_low, graded_high) = (
+            one.row["E_after"]["interval"],
+            one.row["E_before"]["interval"],
+        )
+        table.append(
+            {
+                "case": one.case,
+                "kind": one.kind,
+                "truth": one.physics or one.truth,
+                "category": one.label["category"],
+                "law": one.label["law"],
+                "E_true_MPa": one.label["E_MPa"],
+                "E_grade_MPa": one.row["E_before"]["value"],
+                "E_grade_low_MPa": graded_low,
+                "E_grade_high_MPa": graded_high,
+                "E_explain_MPa": one.row["E_after"]["value"],
+                "E_explain_low_MPa": low,
+                "E_explain_high_MPa": high,
+                "p_value": one.p,
+                "detected": one.detected,
+                "verdict": " | ".join(one.verdict),
+            }
+        )
+    return table
 
 
 def curves(singles: Sequence[Scored]) -> list[str]:

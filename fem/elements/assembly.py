@@ -58,8 +58,8 @@ def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
     if not 0 <= poisson_ratio <= LARGEST_POISSON_RATIO:
         raise FemFailure(
             FemProblem.BAD_POISSON_RATIO,
-            f"Poisson's ratio is {poisson_ratio:g}, but must lie between 0 and {LARGEST_POISSON_RATIO:g}; "
-            "wet flesh has 0.3 to 0.49",
+            f"Poisson's ratio is {poisson_ratio:g}, expected a value between 0 and "
+            f"{LARGEST_POISSON_RATIO:g}; wet flesh has 0.3 to 0.49",
         )
     return 0.5 / (1 + poisson_ratio), poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
 

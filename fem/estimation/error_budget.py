@@ -44,7 +44,10 @@ class ErrorBudget:
 
     def __post_init__(self) -> None:
         if not self.gel_scale_sd > 0:
-            raise ValueError(f"gel_scale_sd is {self.gel_scale_sd:g}, expected above zero; no scale is exact")
+            raise ValueError(
+                f"gel_scale_sd is {self.gel_scale_sd:g}, expected a value above zero, "
+                "because no scale is exact"
+            )
 
     def surface_under_pads_mm(self, history: GraspHistory) -> Float[np.ndarray, " p"]:
         """Standard deviation of the mesh's error under each pad: of its patch, or else of all the mesh."""

@@ -143,7 +143,7 @@ def finite_response(
         if not load.any():
             raise FemFailure(
                 FemProblem.NO_LOAD,
-                "no force of a pad reaches the mesh, expected a pad that faces its skin: check poses",
+                "no force of a pad reaches the mesh, expected a pad that faces its skin; check the poses",
             )
         unit = linear = on_skin.contact_displacement(load)
         found = _fitted(solid, skin, driven, used, motion, unit, modulus_MPa, scale_sd=scale_sd)
@@ -168,8 +168,8 @@ def finite_response(
     else:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"E at finite strain is {before:.4f} and then {modulus_MPa:.4f} MPa after {ROUNDS} rounds, "
-            f"expected them to agree to {AGREED:.2%}: check the forces",
+            f"E at finite strain changes from {before:.4f} to {modulus_MPa:.4f} MPa in round "
+            f"{ROUNDS}, expected agreement to {AGREED:.2%}. Check the forces",
         )
     apart = motion.out_of_fruit(found.places_mm + found.moved / modulus_MPa) - found.places_mm
     if solid.support == "free":
@@ -251,7 +251,8 @@ class _PadFrames:
         if not _span_a_plane(rest):
             raise FemFailure(
                 FemProblem.TOO_FEW_MARKERS,
-                f"the {len(rest)} markers of pad {recorded.name} lie on a line, expected some beside it too",
+                f"the {len(rest)} markers of pad {recorded.name} lie on a line, expected markers "
+                "beside it too",
             )
         middle = rest.mean(axis=0)
         turn = np.stack(

@@ -14,7 +14,7 @@ def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
     """The frames a modulus is estimated from; raises NO_LOAD where no marker ever touches."""
     loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
     if not loaded.any():
-        raise FemFailure(FemProblem.NO_LOAD, "found no frame in which a marker touches, expected a contact")
+        raise FemFailure(FemProblem.NO_LOAD, "no frame has a marker in contact; expected a contact")
     return thinned(loaded)
 
 

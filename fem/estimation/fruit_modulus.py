@@ -71,18 +71,22 @@ def infer_modulus(
         if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
             break
         if moves == MOST_MOVES:
-            doubts = (f"the pit's place did not settle in {moves} moves: its error bar may be too small",)
+            doubts = (
+                (f"the pit's place did not converge in {moves} moves, so its error bar may be too small"),
+            )
             break
         try:
             place, moved_mesh = _as_far_as_it_goes(mesh, at, place)
         except FemFailure as failure:
-            doubts = (f"the pit was not moved to where the grasps put it: {failure.detail}",)
+            doubts = (f"drupe did not move the pit to its place from the grasps: {failure.detail}",)
             break
         models = respond(moved_mesh)
         tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
         moved = [one for one in tried if isinstance(one, ModulusEstimate)]
         if len(moved) < len(estimates):
-            doubts = ("a grasp is lost where the grasps put the pit: its place is a first estimate",)
+            doubts = (
+                ("a grasp fails at the pit's place from the grasps, so this place is only a first estimate"),
+            )
             break
         at, moves = place, moves + 1
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)

@@ -27,11 +27,11 @@ SEEN = 1e-9
 """A pad with less than this share of the best pad's information has nothing to compare."""
 BETWEEN_PADS = 3.7
 """Variance of the difference between the pads of a recording over what noise makes of it, pit and places as
-the priors have them, by maximum likelihood over 54 recordings of sound fruit (`python
-benchmarks/pads_apart.py BANK --half even`, the bank of benchmarks/field_bank.py). What adds to it: the error
+the priors have them, by maximum likelihood over 54 recordings of sound fruit (the even half of
+the bank of benchmarks/field_bank.py). What adds to it: the error
 of the gel's stiffness that the forces are taken from, which markers count as pressing, contact that no model
 holds. That it leaves the pads' common value alone is assumed: E of sound fruit is no further off than stated
-(docs/validation.md, Recordings to E)."""
+(docs/validation.md, Accuracy of E)."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which what the model leaves counts as one draw."""
 

@@ -144,8 +144,9 @@ def _converged(
     else:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"ln E of all grasps together still changes by {abs(step):.2g} after {MOST_ROUNDS} rounds, "
-            f"expected {STILL:.0e} at most: the grasps contradict each other; grade them one by one",
+            f"ln E of all grasps together still changes by {abs(step):.2g} after {MOST_ROUNDS} "
+            f"rounds, expected at most {STILL:.0e}: the grasps contradict each other. Grade them one "
+            "by one",
         )
     return found, between, float(np.exp(-ln_s))
 
@@ -316,9 +317,11 @@ def _contradiction(tension: float) -> tuple[str, ...]:
     if tension <= MOST_TENSION:
         return ()
     return (
-        f"the pads differ {np.sqrt(tension):.1f} times as much as noise and the pit's prior allow: a soft "
-        "spot, one pad's gain, a wrong pose or a pit far from its expected place may be the cause; E is a "
-        "compromise with a wider error bar",
+        (
+            f"the pads differ by {np.sqrt(tension):.1f} times the expected noise and pit uncertainty. "
+            "Possible causes are a soft spot, a pad's gain, a wrong pose, or a misplaced pit. E is a "
+            "compromise with a wider error bar"
+        ),
     )
 
 
@@ -326,4 +329,4 @@ def _disagreement(grasps: Sequence[GraspEvidence], between: float) -> tuple[str,
     if np.sqrt(between) <= NOTICED:
         return ()
     each = ", ".join(f"{grasp.E_MPa:.3f}" for grasp in grasps)
-    return (f"grasps of this fruit disagree beyond their errors ({each} MPa)",)
+    return (f"the grasps of this fruit disagree beyond their errors ({each} MPa)",)

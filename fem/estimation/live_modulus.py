@@ -34,7 +34,9 @@ class LiveModel:
     def of(cls, model: GraspModel) -> "LiveModel":
         """Takes some milliseconds, once per grasp; raises ValueError for a model with large deformation."""
         if model.displacement_correction is not None:
-            raise ValueError("found a model with large deformation, expected small strain: frames are linear")
+            raise ValueError(
+                "found a model with large deformation, expected small strain, because frames are linear"
+            )
         return cls(
             compliance=model.compliance.astype(np.float32),
             rigid=rigid_motion(model.place_mm).reshape(-1, 6),

@@ -94,7 +94,7 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     tracks, force = marker_tracks(history, model, loaded)
     _require_markers(tracks)
     reason = (
-        "only one frame is loaded"
+        "only one frame is under load"
         if loaded.sum() == 1
         else f"fewer than {FEWEST_MARKERS} markers stay in contact for two frames"
     )
@@ -104,12 +104,13 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
         if fit.compliance_sd < NOISY * abs(fit.compliance):
             return _from_first_touch(history, model, tracks, force, fit, loaded, budget=budget)
         reason = (
-            f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
-            f"spread of more than {NOISY:.0%}"
+            f"noise makes the comparison of {loaded.sum()} loaded frames with each marker's first "
+            f"touch uncertain by more than {NOISY:.0%}"
         )
-        advice = "press deeper or lower the sensor's noise"
+        advice = "press deeper or reduce the sensor's noise"
     warning = (
-        f"{reason}: the modulus rests on one frame and the scanned surface, and its error is large; {advice}"
+        f"{reason}: the modulus depends on one frame and the scanned surface, and its error is large; "
+        f"{advice}"
     )
     return _absolute(history, model, tracks, force, loaded, warning, budget=budget)
 
@@ -257,8 +258,8 @@ def _require_markers(tracks: MarkerTracks) -> None:
     if touched < FEWEST_MARKERS:
         raise FemFailure(
             FemProblem.TOO_FEW_MARKERS,
-            f"found {touched} markers under load, expected at least {FEWEST_MARKERS}: press deeper, or look "
-            "for a pad that touches only with its edge",
+            f"found {touched} markers under load, expected at least {FEWEST_MARKERS}. Press deeper, "
+            "or check for a pad that touches only with its edge",
         )
 
 
@@ -267,8 +268,7 @@ def require_positive(compliance: float) -> float:
     if not (np.isfinite(compliance) and compliance > 0):
         raise FemFailure(
             FemProblem.NO_MODULUS,
-            f"found a compliance of {compliance:.3g} per MPa, expected one above zero: the markers do "
-            "not give way to "
-            "the forces; check the signs of force and pose, and that both are of the same moment",
+            f"found a compliance of {compliance:.3g} per MPa, expected a positive value. Check the "
+            "signs of forces and poses, and that both share one clock",
         )
     return 1 / compliance

@@ -52,19 +52,19 @@ def warnings_of(
     found: list[ModulusWarning] = []
     if energy_MPa is None:
         said = (
-            "the forces do no work on the displacement (they may be out of step): "
-            "there is no energy estimate, and the least-squares one is doubtful"
+            "the forces do no work on the displacement (their clocks may differ). There is no energy "
+            "estimate, and the least-squares estimate is uncertain"
         )
         found.append(ModulusWarning(ModulusSign.NO_WORK, said))
     elif abs(np.log(energy_MPa / least_squares_MPa)) > METHODS_APART:
         said = (
-            f"the energy ratio gives {energy_MPa:.3f} MPa and least squares {least_squares_MPa:.3f} MPa: "
-            "something in this grasp is not linear elastic flesh"
+            f"the energy ratio gives {energy_MPa:.3f} MPa and least squares gives "
+            f"{least_squares_MPa:.3f} MPa, so this grasp contains more than linear elastic flesh"
         )
         found.append(ModulusWarning(ModulusSign.METHODS_APART, said))
     if noise_mm > 0 and residual_rms_mm > RESIDUAL_OVER_NOISE * noise_mm:
         said = (
-            f"the linear model leaves {1e3 * residual_rms_mm:.0f} um of marker motion unexplained; "
+            f"the linear model leaves a residual of {1e3 * residual_rms_mm:.0f} um of marker motion; "
             f"noise in displacement and force explains {1e3 * noise_mm:.0f} um"
         )
         found.append(ModulusWarning(ModulusSign.RESIDUAL, said))
@@ -72,7 +72,10 @@ def warnings_of(
         total = [float(np.linalg.norm(pad.force_N.sum(axis=1), axis=1).max()) for pad in history.pads]
         if abs(total[0] - total[1]) > UNBALANCE * max(total):
             both = " and ".join(f"{pad.name} {t:.2f} N" for pad, t in zip(history.pads, total, strict=True))
-            said = f"the pads do not balance at their peak ({both}): check the gains of the sensors"
+            said = (
+                f"the forces of the pads do not balance at their peak ({both}); check the gains of "
+                "the sensors"
+            )
             found.append(ModulusWarning(ModulusSign.UNBALANCED, said))
     return tuple(found + _phases_apart(frames))
 
@@ -89,7 +92,7 @@ def _phases_apart(frames: tuple[FrameModulus, ...]) -> list[ModulusWarning]:
     if len(mean) < 2 or abs(mean["load"] / mean["unload"] - 1) <= PHASES_APART:
         return []
     said = (
-        f"loading gives {mean['load']:.3f} MPa and unloading {mean['unload']:.3f} MPa: "
-        "the flesh flows, yields or slips, or forces and positions are out of step"
+        f"loading gives {mean['load']:.3f} MPa and unloading {mean['unload']:.3f} MPa. Either the "
+        "flesh creeps, yields or slips, or forces and positions have different clocks"
     )
     return [ModulusWarning(ModulusSign.PHASES_APART, said)]

@@ -77,8 +77,8 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     if all((own < 0).all() for own in contacts):
         raise FemFailure(
             FemProblem.NO_LOAD,
-            f"found no frame in which a pad presses at {FEWEST_PRESSED} markers at once, expected a contact: "
-            "press deeper, or use a finer marker grid",
+            f"found no frame in which a pad presses on {FEWEST_PRESSED} markers at once, expected a "
+            "contact. Press deeper, or use a finer marker grid",
         )
     used = loaded_frames(replace(history, pads=tuple(pressing)))
     felt = [denoised_force(pad, turn, used) for pad, turn in zip(still, turns, strict=True)]

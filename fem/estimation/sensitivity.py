@@ -87,8 +87,8 @@ def leading_patterns(
     if not size[0] > 0:
         raise FemFailure(
             FemProblem.NO_LOAD,
-            "found no force in any frame in which a marker touches, expected the contact's: check the force "
-            "channel of the sensor",
+            "found no force in any frame with a marker in contact, expected the contact force; check "
+            "the sensor's force channel",
         )
     kept = np.flatnonzero(size[:MOST_MODES] > LEAST_SHARE * size[0])
     return right[kept].reshape(len(kept), -1, 3), left[:, kept] * size[kept]

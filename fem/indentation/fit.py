@@ -1,6 +1,6 @@
 """The most probable unknowns of a law, their covariance, and the evidence for the law."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -122,8 +122,10 @@ def fit(
     least = min(max([rig_error(trace), SHARES[0], *(e.error for e in law.effects)]), SHARES[-1])
     share, shares = TOLERANT, SHARES[least * (1 - 1e-9) <= SHARES]
 
+    of_all = noise_with(no_contact, trace, 1.0, frames)
+
     def posterior(share: float) -> Posterior:
-        noise = noise_with(no_contact, trace, share, frames)
+        noise = replace(of_all, wander_N=share * of_all.wander_N)
         return Posterior(law=law, trace=trace, frames=frames, noise=noise, mean=mean, precision=precision)
 
     target = posterior(share)
@@ -134,8 +136,7 @@ def fit(
     for _ in range(ROUNDS):
         _, scaled, force, slope, converged = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]
-        scores = [noise_with(no_contact, trace, one, frames).log_likelihood(gap) for one in shares]
-        before, share = share, float(shares[int(np.argmax(scores))])
+        before, share = share, float(shares[int(np.argmax(of_all.log_likelihoods(gap, shares)))])
         if share == before:
             break
         target = posterior(share)

@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtbtrs
 
 #: springs; the force then errs by about a third of their inverse square, relative to the largest
 SPRINGS = 40
@@ -75,9 +76,7 @@ def relaxing_force(
     pressed = np.maximum(pressed, 0.0)
     whole = np.einsum("ptn,pn->tp", pressed, stiffness)
     arms = np.zeros((turn + 1, *tau_s.shape))
-    added = take[:turn] * np.diff(whole, axis=0)[:, None]
-    for i in range(turn):
-        np.add(fade[i] * arms[i], added[i], out=arms[i + 1])
+    arms[1:] = _kept(fade[:turn], take[:turn] * np.diff(whole, axis=0)[:, None])
     growing = rest * whole + arms.sum(axis=1)
     if turn == len(time_s) - 1:
         return np.asarray(growing.T)
@@ -96,6 +95,19 @@ def relaxing_force(
         np.concatenate([always * rest, take[turn:]], axis=1)[..., None],
     )
     return np.concatenate([growing.T, np.einsum("tpn,pn->pt", springs_N, stiffness)], axis=1)
+
+
+def _kept(fade: Float[np.ndarray, "t k p"], added: Float[np.ndarray, "t k p"]) -> Float[np.ndarray, "t k p"]:
+    """x_i = fade_i x_(i-1) + added_i from x_(-1) = 0: a bidiagonal system for each arm of each row."""
+    frames = len(added)
+    if not frames:
+        return added
+    kept = np.empty((added[0].size, frames))
+    band = np.ones((2, frames), order="F")
+    for one, fades, source in zip(kept, fade.reshape(frames, -1).T, added.reshape(frames, -1).T, strict=True):
+        band[1, :-1] = -fades[1:]
+        one[:] = dtbtrs(band, source, uplo="L", diag="U")[0]
+    return np.asarray(kept.T.reshape(added.shape))
 
 
 def last_growing_frame(depth_mm: Float[np.ndarray, "p t"]) -> int:

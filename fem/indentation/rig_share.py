@@ -24,11 +24,11 @@ SAID_SHARE = 0.1
 """Of the same, from which it is said by how much E is too low. Set by hand."""
 SOFT_RIG_N_PER_MM = 8.0
 """Stiffness that is taken for a rig's of which nothing is known: of a parallel gripper with soft pads, the
-softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 to 4 N/mm over its way to 25 N
-(benchmarks/rig_golf_ball.py), arms have some 10 to 50 N/mm, presses on a frame some hundreds. With MOST_SHARE
+softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 to 4 N/mm over its way to 25 N,
+arms have some 10 to 50 N/mm, presses on a frame some hundreds. With MOST_SHARE
 contacts above 2.4 N/mm are said: 44 kiwis have 0.2 to 2.0 (two are said), pieces of meat and silicone 0.1 to
-0.7 (one of 37), mangoes 2.3 to 12 (half of 70), in a tenth to nine tenths (benchmarks/rig_golf_ball.py
---slopes)."""
+0.7 (one of 37), mangoes 2.3 to 12 (half of 70), from the tenth to the
+ninetieth percentile."""
 OF_A_TRACE = "(drupe calibrate --rigid, drupe convert --rig), or give rig_N_per_mm in case.toml"
 OF_A_BATCH = "(drupe calibrate --rigid) and name what it writes as `rig` in batch.toml"
 """How a rig is made known, beside squeezing a rigid object."""

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cholesky_banded, solveh_banded
+from scipy.linalg.lapack import dpttrf, dpttrs
 
+from fem.cached_value import cached_value
 from fem.indentation.trace import IndenterTrace
 
 #: independent looks at a model's error per peak force passed, and per recording
@@ -49,28 +50,58 @@ class TraceNoise:
     wander_N: Float[np.ndarray, " t"]
     clock: Float[np.ndarray, " t"]
 
-    def _banded(self) -> tuple[Float[np.ndarray, "2 t"], float]:
-        """I + white^2 Q, and the log determinant of Q."""
-        fade = np.exp(-np.diff(self.clock))
-        fresh = -np.expm1(-2 * np.diff(self.clock))
+    @cached_value
+    def _process(self) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t-1"], float]:
+        """O^-1, the process's precision on this clock: diagonal, off-diagonal, and log determinant."""
+        passed = np.diff(self.clock)
+        fade, fresh = np.exp(-passed), -np.expm1(-2 * passed)
         diagonal = np.ones(len(self.clock))
         diagonal[:-1] += fade**2 / fresh
         diagonal[1:] += 1 / fresh - 1
-        square = (self.white_N / self.wander_N) ** 2
-        off = -fade / fresh * self.white_N**2 / (self.wander_N[:-1] * self.wander_N[1:])
-        log_q = -np.log(fresh).sum() - 2 * np.log(self.wander_N).sum()
-        return np.stack([np.r_[0.0, off], 1 + square * diagonal]), float(log_q)
+        return diagonal, -fade / fresh, float(-np.log(fresh).sum())
+
+    def _factored(
+        self, wander_N: Float[np.ndarray, " t"]
+    ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t-1"]]:
+        """I + white^2 Q with this a as L D L': D, and L below its diagonal."""
+        diagonal, off, _ = self._process
+        square = (self.white_N / wander_N) ** 2
+        scaled_off = off * self.white_N**2 / (wander_N[:-1] * wander_N[1:])
+        if not np.isfinite(scaled_off).all():
+            raise ValueError("the noise of a force is not finite or not positive")
+        if not len(scaled_off):
+            return 1 + square * diagonal, np.zeros(1)
+        factor, below, info = dpttrf(1 + square * diagonal, scaled_off, overwrite_d=True, overwrite_e=True)
+        if info:
+            raise np.linalg.LinAlgError(f"not positive definite from row {info} on")
+        return factor, below
+
+    @cached_value
+    def _factors(self) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t-1"]]:
+        return self._factored(self.wander_N)
 
     def solve(self, columns: Float[np.ndarray, " t *c"]) -> Float[np.ndarray, " t *c"]:
         """C^-1 times columns."""
-        banded, _ = self._banded()
-        return np.asarray((columns - solveh_banded(banded, columns)) / self.white_N**2)
+        solved, _ = dpttrs(*self._factors, np.asarray_chkfinite(columns))
+        return np.asarray((columns - solved.reshape(columns.shape)) / self.white_N**2)
 
     def log_likelihood(self, residual: Float[np.ndarray, " t"]) -> float:
         """Natural logarithm of the normal density."""
-        banded, log_q = self._banded()
-        log_det = 2 * np.log(cholesky_banded(banded)[-1]).sum() - log_q
-        return float(-0.5 * (residual @ self.solve(residual) + log_det + len(residual) * np.log(2 * np.pi)))
+        return float(self.log_likelihoods(residual, np.ones(1))[0])
+
+    def log_likelihoods(
+        self, residual: Float[np.ndarray, " t"], shares: Float[np.ndarray, " s"]
+    ) -> Float[np.ndarray, " s"]:
+        """`log_likelihood` with a times each share in place of a."""
+        residual = np.asarray_chkfinite(residual)
+        log_o = self._process[2]
+        logs = []
+        for wander_N in shares[:, None] * self.wander_N:
+            factors = self._factored(wander_N)
+            weighted = (residual - dpttrs(*factors, residual)[0]) / self.white_N**2
+            log_det = np.log(factors[0]).sum() - log_o + 2 * np.log(wander_N).sum()
+            logs.append(-0.5 * (residual @ weighted + log_det + len(residual) * np.log(2 * np.pi)))
+        return np.array(logs)
 
 
 def joint_clock(trace: IndenterTrace, *, white_N: float) -> Float[np.ndarray, " t"]:

@@ -52,16 +52,16 @@ def must_enclose(
         worst = int(out_mm.argmax())
         raise FemFailure(
             FemProblem.PIT_OUTSIDE_FRUIT,
-            f"the pit pokes {out_mm[worst]:.2f} mm out of the fruit at {_place(pit_vertices_mm[worst])} mm; "
-            "check the pit prior and the scale of the scan",
+            f"the pit protrudes {out_mm[worst]:.2f} mm from the fruit at "
+            f"{_place(pit_vertices_mm[worst])} mm; check the pit prior and the scale of the scan",
         )
     thin = int(near.distance_mm.argmin())
     if near.distance_mm[thin] < thinnest_mm:
         raise FemFailure(
             FemProblem.PIT_OUTSIDE_FRUIT,
             f"the flesh between pit and skin is {near.distance_mm[thin]:.2f} mm thick at "
-            f"{_place(pit_vertices_mm[thin])} mm, but must be at least {thinnest_mm:.2f} mm for elements of "
-            "this size; check where the pit lies and how large it is, or mesh finer",
+            f"{_place(pit_vertices_mm[thin])} mm, expected at least {thinnest_mm:.2f} mm for elements "
+            "of this size. Check the pit's place and size, or use a finer mesh",
         )
 
 
@@ -97,9 +97,10 @@ def must_lie_on(surface: Surface, points_mm: Float[np.ndarray, "p 3"], *, within
     if gap_mm[worst] > within_mm:
         raise FemFailure(
             FemProblem.OFF_SURFACE,
-            f"{(gap_mm > within_mm).sum()} of {len(points_mm)} contact points lie more than {within_mm:.1f} "
-            f"mm off the {surface.name}'s surface, the worst at {_place(points_mm[worst])} mm by "
-            f"{gap_mm[worst]:.1f} mm; check the pad's pose against the fruit frame",
+            f"{(gap_mm > within_mm).sum()} of {len(points_mm)} contact points are more than "
+            f"{within_mm:.1f} mm from the {surface.name}'s surface (the worst at "
+            f"{_place(points_mm[worst])} mm, by {gap_mm[worst]:.1f} mm). Check the pad's pose in the "
+            "fruit frame",
         )
 
 
@@ -121,8 +122,8 @@ def checked_surface(
     ):
         raise FemFailure(
             FemProblem.BAD_SURFACE,
-            f"the {name} surface has {len(faces)} triangles on {len(vertices_mm)} vertices with missing or "
-            "non-finite ones; a closed surface in mm is expected",
+            f"the {name} surface has {len(faces)} triangles on {len(vertices_mm)} vertices with "
+            "missing or non-finite vertices; expected a closed surface in mm",
         )
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     forward = ends[:, 0] << 32 | ends[:, 1]
@@ -131,8 +132,8 @@ def checked_surface(
     if open_edges:
         raise FemFailure(
             FemProblem.NOT_WATERTIGHT,
-            f"the {name} surface has {open_edges} edges that do not join exactly two triangles of like "
-            "orientation; a closed surface is expected: repair the mesh",
+            f"the {name} surface has {open_edges} edges that do not join exactly two triangles of "
+            "equal orientation; expected a closed surface. Repair the mesh",
         )
     volume_mm3 = enclosed_volume_mm3(vertices_mm, faces)
     if volume_mm3 < 0:
@@ -141,8 +142,8 @@ def checked_surface(
     if not volume_mm3 > SMALLEST_FILL * float(size_mm.max()) ** 3:
         raise FemFailure(
             FemProblem.BAD_SURFACE,
-            f"the {name} surface encloses {volume_mm3:.3g} mm3 in a box of "
-            f"{' x '.join(f'{x:.3g}' for x in size_mm)} mm: next to nothing; a closed body in mm is expected",
+            f"the {name} surface encloses only {volume_mm3:.3g} mm3 in a box of "
+            f"{' x '.join(f'{x:.3g}' for x in size_mm)} mm; expected a closed body in mm",
         )
     return Surface(name, vertices_mm, faces, volume_mm3)
 
@@ -160,9 +161,9 @@ def split_boundary(
         middle = [nodes_mm[np.unique(faces[piece == k])].mean(axis=0) for k in range(piece.max() + 1)]
         raise FemFailure(
             FemProblem.DISCONNECTED_FLESH,
-            f"the flesh has {piece.max() + 1} separate boundaries where {1 + with_pit} are expected, around "
-            f"{', '.join(_place(m) for m in middle[:4])} mm; the pit may touch the skin, or the scan has "
-            "holes inside",
+            f"the flesh has {piece.max() + 1} separate boundaries, expected {1 + with_pit} (around "
+            f"{', '.join(_place(m) for m in middle[:4])} mm). The pit may touch the skin, or the scan "
+            "has holes inside",
         )
     skin = piece == piece[reach.argmax()]
     return faces[skin], faces[~skin]

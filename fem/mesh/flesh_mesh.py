@@ -228,9 +228,9 @@ def _quadratic(
         where = ", ".join(f"{x:.1f}" for x in nodes[tets10[worst]].mean(axis=0))
         raise FemFailure(
             FemProblem.INVERTED_ELEMENTS,
-            f"{folded.sum()} of {len(tets10)} elements are turned inside out, the worst near ({where}) mm "
-            f"(its smallest Jacobian is {lowest[worst]:.2g} of its largest, which must be positive); mesh "
-            "finer or smooth the surface there",
+            f"{folded.sum()} of {len(tets10)} elements are inverted, the worst near ({where}) mm "
+            f"(ratio of smallest to largest Jacobian {lowest[worst]:.2g}, expected above zero). Use a "
+            "finer mesh or smooth the surface there",
         )
     mesh = FleshMesh(nodes, tets10, skin, np.unique(inner))
     _check_volumes(mesh, inner, outer, pit)
@@ -245,8 +245,9 @@ def _check_volumes(mesh: FleshMesh, inner: np.ndarray, outer: Surface, pit: Surf
         if surface is not None and abs(found[name] / surface.volume_mm3 - 1) > VOLUME_TOLERANCE:
             raise FemFailure(
                 FemProblem.VOLUME_LOST,
-                f"the {name} holds {found[name]:.0f} mm3 in the mesh but {surface.volume_mm3:.0f} mm3 in its "
-                f"surface, more than {VOLUME_TOLERANCE:.1%} apart; mesh finer or smooth the surface",
+                f"the {name} has {found[name]:.0f} mm3 in the mesh but {surface.volume_mm3:.0f} mm3 "
+                f"in its surface, a difference above {VOLUME_TOLERANCE:.1%}. Use a finer mesh or "
+                "smooth the surface",
             )
 
 

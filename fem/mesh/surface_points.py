@@ -100,9 +100,9 @@ def locate(
         where = ", ".join(f"{x:.1f}" for x in points_mm[worst])
         raise FemFailure(
             FemProblem.OFF_SURFACE,
-            f"{(distance > within_mm).sum()} of {len(distance)} contact points lie more than "
-            f"{within_mm:g} mm off the skin, the worst at ({where}) mm by {distance[worst]:.2f} mm; "
-            "check the pad's pose against the fruit frame",
+            f"{(distance > within_mm).sum()} of {len(distance)} contact points are more than "
+            f"{within_mm:g} mm from the skin (the worst at ({where}) mm, by {distance[worst]:.2f} "
+            "mm). Check the pad's pose in the fruit frame",
         )
     return SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, distance)
 

@@ -66,7 +66,7 @@ def fill(
     except RuntimeError as error:
         raise FemFailure(
             FemProblem.MESHING_FAILED,
-            f"the tetrahedral mesher gave up on the surfaces: {error}; repair the mesh",
+            f"the tetrahedral mesher failed on the surfaces: {error}; repair the mesh",
         ) from error
     if len(tets) == 0:
         raise FemFailure(
@@ -83,9 +83,10 @@ def fill(
         where = ", ".join(f"{x:.1f}" for x in nodes[np.unique(tets[piece == loose])].mean(axis=0))
         raise FemFailure(
             FemProblem.DISCONNECTED_FLESH,
-            f"the flesh falls into {len(volume)} pieces (the largest holds "
-            f"{volume.max() / volume.sum():.1%}, the next {volume[loose]:.3g} mm3 around ({where}) mm); "
-            "look for a pit that cuts through the fruit, or loose parts in the scan",
+            f"the flesh consists of {len(volume)} pieces (the largest has "
+            f"{volume.max() / volume.sum():.1%} of the volume, the next {volume[loose]:.3g} mm3 "
+            f"around ({where}) mm). "
+            "Check for a pit that cuts through the fruit, or loose parts in the scan",
         )
     return compact(nodes, tets[piece == volume.argmax()])
 

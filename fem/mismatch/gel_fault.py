@@ -39,7 +39,7 @@ from fem.mismatch.signature_variant import ONE_WAY, Variant
 LEAST_EVIDENCE = 8.0
 """ln evidence of the relation from which an effect is seen. Cases without a fault of the gel have 3 at most,
 and seem to have a = 0.011, creep = 0.016, share = 0.008 at most; gels of which 0.4 of a marker's displacement
-follows its neighbours 0.028, at an evidence of 1 (`benchmarks/gel_fault_floor.py`, docs/validation.md)."""
+follows its neighbours 0.028, at an evidence of 1 (measured on simulated gels)."""
 KEPT, NO_FORCE_N = 1e-3, 1e-9
 """Patterns of a change of forces are kept down to this share of the largest, and to this size."""
 HELD = 0.01

@@ -63,8 +63,9 @@ NOT_SCREENED: Mapping[str, str] = {
 }
 """Effects that the screen leaves out, and why: none shows in first-order signatures of the bonded flesh."""
 MOST_FRAMES = 96
-"""Frames of all recordings together. A sound fruit with four recordings (open case 01 of docs/validation.md)
-has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of CPU more."""
+"""Frames of all recordings together. A sound fruit with four recordings (open-01 of
+benchmarks/results/mismatch.csv) has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of
+CPU more."""
 PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
 sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""

@@ -8,7 +8,8 @@ it sits. Gains are ln evidence over that of the plain model, beyond what null ca
 Null cases are those of `python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL`, cases with an injected
 effect those of `python benchmarks/mismatch.py FOLDER...`, both on folders of
 `python benchmarks/mismatch_bank.py`. Where "set by hand" stands no sweep of the number was made; that all of
-them together name the right effect is what `benchmarks/mismatch.py` shows on 86 cases (docs/validation.md).
+them together name the right effect is what `benchmarks/mismatch.py` shows on 86 cases
+(benchmarks/results/mismatch.csv).
 """
 
 DETECTION_P = 0.05

@@ -20,8 +20,8 @@ Step = Float[np.ndarray, "..."]
 RESOLVED = 1e-4
 """Share of a change df_j that counts as learnt: what the other changes leave of it, if less, may be rounding,
 of which stresses in single precision (fem.solid.flesh_pieces) make most. The least squares take every change
-at unit size, damped by the square of this (Tikhonov). From 1e-3 to 1e-7 the numbers of steps in
-benchmarks/finite_strain_cost.py are the same."""
+at unit size, damped by the square of this (Tikhonov). From 1e-3 to 1e-7 the numbers of steps
+are the same."""
 
 
 def as_one(step: Step) -> Float[np.ndarray, "1 n"]:

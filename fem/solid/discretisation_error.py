@@ -7,7 +7,7 @@ The difference to a smoother one, e* (fem.mesh.recovery), is taken for the error
 
 By Galerkin orthogonality the energy of the error is the energy that the mesh withholds: the mesh is too
 stiff, the compliance f'Cf on it too small by exactly that share.
-Measured (2026-11-20, benchmarks/convergence.py) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
+Measured (benchmarks/results/convergence.csv) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
 grasps, against extrapolated meshes: estimate over error 1.07 to 1.37 where nu is .45, 0.86 to 1.08 where it
 is .49; the energy times (1 + share) is within 0.4 % where T10 alone lacks 0.7 to 2.7 %.
 Source: Zienkiewicz and Zhu (fem.mesh.recovery); orthogonality: Ainsworth and Oden, "A Posteriori Error
@@ -51,8 +51,8 @@ def discretisation_error(
     if displacement.ndim != 3 or displacement.shape[1:] != mesh.nodes_mm.shape:
         raise FemFailure(
             FemProblem.BAD_LOAD,
-            f"displacements have the shape {displacement.shape}, but (loads, {len(mesh.nodes_mm)}, 3) is "
-            "expected: one vector for each node of this mesh",
+            f"displacements have the shape {displacement.shape}, expected (loads, "
+            f"{len(mesh.nodes_mm)}, 3): one vector for each node of this mesh",
         )
     n_loads = len(displacement)
     strain, volume_mm3 = _strains(mesh, displacement)

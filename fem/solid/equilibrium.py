@@ -24,8 +24,8 @@ State = TypeVar("State")
 PATIENCE = 30
 """A fresh factor costs about as much as this many residuals and solves."""
 MEMORY = 6
-"""Earlier steps that the next one learns from. Of the 23 steps of the deepest load in
-benchmarks/finite_strain_cost.py (nu 0.49, 1e-7) 10 save two; with 2 a new tangent is needed."""
+"""Earlier steps that the next one learns from. Measured on a deep load of 23 steps (nu 0.49,
+tolerance 1e-7): 10 save two steps; with 2 a new tangent is needed."""
 OVERSHOOT = 0.5
 """A step has gone too far where the forces along it have turned round to more than this share of before."""
 SHORTEST = 1e-4
@@ -84,8 +84,8 @@ class Ending(StrEnum):
     """How a search for equilibrium ended, as a sentence."""
 
     CONVERGED = "in equilibrium"
-    STALLED = "no step brings the forces closer to balance"
-    TOO_MANY = "still out of balance after the last allowed iteration"
+    STALLED = "no step reduces the force residual"
+    TOO_MANY = "the forces are not in balance after the last iteration"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,9 +60,9 @@ class FiniteResult:
         for k in np.flatnonzero(self.share < 1):
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
-                f"load {k + 1} of {len(self.share)} is balanced up to {self.share[k]:.0%} of it and no "
-                f"further ({self.ending[k].value}); expected a load that the flesh can bear: check forces "
-                "and modulus, or mesh finer where the load acts",
+                f"The nonlinear solve reached only {self.share[k]:.0%} of load {k + 1} of "
+                f"{len(self.share)} ({self.ending[k].value}). Check forces and modulus, or use a "
+                "finer mesh where the load acts",
             )
         return self
 
@@ -78,8 +78,8 @@ class FiniteStrainSolid:
         if self.law.poisson_ratio != self.solid.poisson_ratio:
             raise FemFailure(
                 FemProblem.BAD_POISSON_RATIO,
-                f"the law has Poisson's ratio {self.law.poisson_ratio:g}, the factorised solid "
-                f"{self.solid.poisson_ratio:g}; both must be the same",
+                f"the law has Poisson's ratio {self.law.poisson_ratio:g}, but the factorised solid "
+                f"has {self.solid.poisson_ratio:g}; both must be equal",
             )
 
     @cached_value

@@ -90,8 +90,9 @@ class GelField:
         if (areas == 0).mean() > LONE:
             raise FemFailure(
                 FemProblem.TOO_FEW_MARKERS,
-                f"{int((areas == 0).sum())} of {len(areas)} markers of a pad have no neighbours that span an "
-                "area with them, expected a grid: without it the gel of each marker is not known",
+                f"{int((areas == 0).sum())} of {len(areas)} markers of a pad have no neighbours that "
+                "span an area with them, expected a grid. Without a grid, the gel area of each "
+                "marker is unknown",
             )
         pitch = float(np.sqrt(np.median(areas[areas > 0])))
         areas = np.where(areas > 0, areas, pitch**2)

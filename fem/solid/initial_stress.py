@@ -37,7 +37,8 @@ def bounded(force: Fields, compliance: float) -> Fields:
     if not np.abs(force).max() < RUN_AWAY:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
+            f"The nonlinear solve of how flesh of {1 / compliance:.3g} MPa moves by this law did not "
+            "converge. Check the forces",
         )
     return force
 
@@ -120,9 +121,9 @@ class AddedStress:
         if found.ending is not Ending.CONVERGED:
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
-                f"the search for how flesh of {1 / self.compliance:.3g} MPa moves by this law still moves "
-                f"the skin by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, expected "
-                f"{1e3 * tolerance_mm:.2g} µm at most",
+                f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law did not "
+                f"converge. The skin still moves by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, "
+                f"expected at most {1e3 * tolerance_mm:.2g} µm. Check the forces",
             )
         # the last round's step is known and brings the answer nearer
         return np.asarray(found.state - self.tangent(found.state).solve(found.residual))

@@ -178,8 +178,8 @@ class UnitModulusSolid:
         ):
             raise FemFailure(
                 FemProblem.BAD_LOAD,
-                f"loads have the shape {nodal_force_N.shape} or hold non-finite numbers; "
-                f"(loads, {n}, 3) finite forces in N are expected",
+                f"loads have the shape {nodal_force_N.shape} or contain non-finite numbers, expected "
+                f"(loads, {n}, 3) finite forces in N",
             )
         return nodal_force_N.reshape(len(nodal_force_N), 3 * n).T
 
@@ -212,8 +212,8 @@ def _base_nodes(mesh: FleshMesh) -> np.ndarray:
     if len(held) < 3 or spread[1] < 0.1:
         raise FemFailure(
             FemProblem.NO_BASE,
-            f"only {len(held)} skin nodes lie within {BASE_HEIGHT_MM} mm of the lowest point, too few to "
-            "hold the fruit; mesh finer at the base (refine_at_mm) or use the support 'free'",
+            f"only {len(held)} skin nodes lie within {BASE_HEIGHT_MM} mm of the lowest point, too few "
+            "to support the fruit. Use a finer mesh at the base (refine_at_mm) or the support 'free'",
         )
     return np.asarray(held)
 

@@ -24,7 +24,8 @@ def with_pit_moved(mesh: FleshMesh, place: Float[np.ndarray, "4"]) -> FleshMesh:
         shift = ", ".join(f"{x:.1f}" for x in place[:3])
         raise FemFailure(
             FemProblem.INVERTED_ELEMENTS,
-            f"{folded} elements are turned inside out when the pit moves by ({shift}) mm and grows to "
-            f"{np.exp(place[3]):.2f} of its size; check the pit prior, or mesh anew with that pit",
+            f"{folded} elements become inverted when the pit moves by ({shift}) mm and grows to "
+            f"{np.exp(place[3]):.2f} of its size. Check the pit prior, or make a new mesh with that "
+            "pit",
         )
     return replace(mesh, nodes_mm=nodes)

@@ -81,7 +81,7 @@ class _Plan:
         if not self._has(stiffness):
             stiffness = _canonical(stiffness)
         if not self._has(stiffness):
-            raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
+            raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it again")
         return self.of(stiffness)
 
     def of(self, stiffness: csr_array) -> Factor:
@@ -94,7 +94,7 @@ class _Plan:
         answer = factor.solve(probe)
         missed = float(np.abs(stiffness @ answer - probe).max())
         if not (missed < 1e-6 and float((probe * answer).sum()) > 0):
-            raise _singular(f"a trial load is missed by {missed:.1e} of itself")
+            raise _singular(f"the relative residual of a trial load is {missed:.1e}")
         return factor
 
     def _has(self, stiffness: csr_array) -> bool:
@@ -142,6 +142,6 @@ def _canonical(stiffness: csr_array) -> csr_array:
 def _singular(why: str) -> FemFailure:
     return FemFailure(
         FemProblem.SINGULAR_STIFFNESS,
-        f"the stiffness matrix is not positive definite ({why}); look for loose or folded elements, "
-        "or a base that does not hold the fruit",
+        f"the stiffness matrix is not positive definite ({why}). Check for loose or inverted "
+        "elements, or a base that does not support the fruit",
     )

@@ -40,7 +40,7 @@ class BatchFruits(Collection[str]):
         if self._known is None:
             said = json_in(self._listed)
             if not is_run(said):
-                raise FileNotFoundError(f"{self._listed}: the run's list of its fruit is gone or damaged.")
+                raise FileNotFoundError(f"{self._listed}: the run's list of fruit is missing or damaged.")
             self._known = frozenset(map(str, said["fruits"]))
         return self._known
 

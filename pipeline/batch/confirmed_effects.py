@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, Entry
-from recon.plain_file import printable
+from pipeline.files.plain_file import printable
 from tactile.correction import (
     ComplianceFault,
     DriftFault,
@@ -60,7 +60,7 @@ class ConfirmedEffect(BaseModel):
         if effect not in SPECS:
             near = difflib.get_close_matches(effect, SPECS, n=1)
             hint = f'did you mean "{near[0]}"?' if near else f"known effects: {', '.join(SPECS)}"
-            raise ValueError(f"no effect that grading knows; {hint}")
+            raise ValueError(f"grading knows no such effect; {hint}")
         return effect
 
     @model_validator(mode="after")
@@ -79,10 +79,12 @@ class ConfirmedEffect(BaseModel):
             _require(name, self.parameters[name], known)
         for name in self.sd:
             if name not in self.parameters or isinstance(self.parameters[name], str):
-                raise ValueError(f'sd has "{name}", which is no number among the parameters')
+                raise ValueError(
+                    f'sd has the key "{name}", but the effect has no numeric parameter of that name'
+                )
             spread = self.spread(name)
             if not 0 <= spread <= MOST_SD:
-                raise ValueError(f"sd.{name} is {spread:g}, expected 0 or more and at most {MOST_SD:g}")
+                raise ValueError(f"sd.{name} is {spread:g}, expected 0 to {MOST_SD:g}")
         return self
 
     @property

@@ -22,9 +22,9 @@ from jaxtyping import Float
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.write_guard import batch_trees, require_file_apart
 from pipeline.files.lock_file import WAIT_S, holder_of, locked_within
+from pipeline.files.plain_file import NotReadable, read_text
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000
@@ -86,16 +86,16 @@ def chart_path(folder: BatchFolder, named: str, *, environment: Mapping[str, str
     path, root = folder.root / named, folder.root.resolve()
     if "\0" in named:
         raise BatchRefused(
-            [Problem(str(folder.settings), '"reference.chart" has a null character; remove it.')]
+            [Problem(str(folder.settings), '"reference.chart" contains a null character; remove it.')]
         )
     place = path.parent.resolve()
     allowed = [Path(one).resolve() for one in environment.get(ALLOWED_FOLDERS, "").split(os.pathsep) if one]
     if place == root.parent or any(place.is_relative_to(one) for one in (root, *allowed)):
         return path
     sentence = (
-        f'"reference.chart": found {named[:200]!r}, which is in {place}; expected a file in the batch or '
-        f'beside its folder ("../gripper.csv"). List another folder in the environment variable '
-        f"{ALLOWED_FOLDERS} to allow it."
+        f'"reference.chart": found {named[:200]!r}, which is in {place}; expected a file in the batch '
+        'or beside its folder ("../gripper.csv"). To allow another folder, list it in the '
+        f"environment variable {ALLOWED_FOLDERS}."
     )
     raise BatchRefused([Problem(str(folder.settings), sentence)])
 
@@ -107,11 +107,11 @@ def read_chart(path: Path) -> ControlChart:
         return BatchRefused([Problem(str(path), f"{sentence}; name another file in [reference] chart.")])
 
     if path.suffix.lower() != ".csv":
-        raise refused('is no name for a control chart, expected one that ends in ".csv"')
+        raise refused('is not a valid name for a control chart; expected a name that ends in ".csv"')
     if not path.parent.is_dir():
         raise refused(f"cannot be written: there is no folder {path.parent}")
     if path.is_symlink():
-        raise refused("is a link, and is not written through; name the file that it leads to")
+        raise refused("is a link, and drupe does not write through links; name the target file")
     if not path.exists():
         return ControlChart()
     try:
@@ -122,8 +122,8 @@ def read_chart(path: Path) -> ControlChart:
     if not lines or lines[0].removeprefix("\ufeff") != HEADER:
         found = lines[0][:120] if lines else ""
         raise refused(
-            f'is no control chart of drupe: its first line is "{found}", expected "{HEADER}"; it is not '
-            "overwritten"
+            f'is not a control chart of drupe: its first line is "{found}", expected "{HEADER}"; '
+            "drupe does not overwrite it"
         )
     kept = [line for line in lines[1:] if line.strip()]
     try:
@@ -131,22 +131,24 @@ def read_chart(path: Path) -> ControlChart:
     except (ValueError, csv.Error) as error:
         raise refused(f"is a damaged control chart: {error}") from None
     if len(points) != len(kept):
-        raise refused("is a damaged control chart: a row runs over several lines; expected one line a row")
+        raise refused("is a damaged control chart: one row spans several lines; expected one line per row")
     return ControlChart(points=points, lines=tuple(kept))
 
 
 def _point(row: Sequence[str], line: int) -> Point:
     """A row of the chart as a point; raises ValueError that names the row and the cell."""
     if len(row) != len(COLUMNS):
-        raise ValueError(f"row {line} has {len(row)} cells, expected {len(COLUMNS)}: correct or remove it")
+        raise ValueError(
+            f"row {line} has {len(row)} cells, expected {len(COLUMNS)}; correct or remove the row"
+        )
     cells: dict[str, str] = dict(zip(COLUMNS, row, strict=True))
     numbers = {}
     for name in ("E_known_MPa", "E_found_MPa", "ratio", "ratio_sd"):
         numbers[name] = decimal_number(cells[name]) or 0.0
         if not numbers[name] > 0:
             raise ValueError(
-                f'row {line}: {name} is "{cells[name][:40]}", expected a number above zero'
-                f"{meant(cells[name])}: correct or remove the row"
+                f'row {line}: {name} is "{cells[name][:40]}", expected a number above '
+                f"zero{meant(cells[name])}; correct or remove the row"
             )
     try:
         aware = datetime.fromisoformat(cells["time_utc"]).tzinfo is not None
@@ -154,8 +156,8 @@ def _point(row: Sequence[str], line: int) -> Point:
         aware = False
     if not aware:
         raise ValueError(
-            f'row {line}: time_utc is "{cells["time_utc"][:40]}", expected a time like '
-            "2026-08-14T09:30:00Z: correct or remove the row"
+            f'row {line}: time_utc is "{cells["time_utc"][:40]}", expected a time such as '
+            "2026-08-14T09:30:00Z; correct or remove the row"
         )
     return Point(
         time_utc=cells["time_utc"],
@@ -171,7 +173,9 @@ def require_chart_place(path: Path, folder: BatchFolder, results: Results, input
     advice = "name another file in [reference] chart."
     require_file_apart(path, inputs=inputs, folders=batch_trees(folder)[1:], advice=advice)
     if path.resolve().is_relative_to(results.root.resolve()):
-        sentence = f"lies in the results {results.root}, which each run writes anew; {advice}"
+        sentence = (
+            f"lies in the results folder {results.root}, and each run replaces the files there; {advice}"
+        )
         raise BatchRefused([Problem(str(path), sentence)])
 
 
@@ -224,8 +228,9 @@ def _alone_in(folder: Path) -> Iterator[None]:
     try:
         if not locked_within(handle, WAIT_S):
             sentence = (
-                f"another process{holder_of(handle)} has held this folder's lock for {WAIT_S:.0f} s; the "
-                "control chart in it was not updated. End that process, and make the report again."
+                f"another process{holder_of(handle)} locked this folder for more than {WAIT_S:.0f} s, "
+                "so drupe did not update the control chart in it. End that process, and run the "
+                "report again."
             )
             raise BatchRefused([Problem(str(folder), sentence)])
         yield
@@ -248,12 +253,15 @@ def out_of_control(z: Float[np.ndarray, " n"]) -> str:
     it beyond 2 on the same side.
 
     >>> out_of_control(np.array([2.1, -0.3, 2.4]))
-    'two of the last three batches are beyond 2 standard deviations on the same side'
+    'two of the last three batches deviate by more than 2 standard deviations on the same side'
     """
     last = float(z[-1])
     if abs(last) > FAR_SD:
-        return f"the last batch is beyond {FAR_SD:g} standard deviations ({last:+.1f})"
+        return f"the last batch deviates by more than {FAR_SD:g} standard deviations ({last:+.1f})"
     same_side = z[-3:] * math.copysign(1.0, last) > NEAR_SD
     if same_side[-1] and same_side.sum() >= 2:
-        return f"two of the last three batches are beyond {NEAR_SD:g} standard deviations on the same side"
+        return (
+            f"two of the last three batches deviate by more than {NEAR_SD:g} standard deviations "
+            "on the same side"
+        )
     return ""

@@ -6,16 +6,17 @@ import io
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, ConfigDict
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.input_names import is_of_the_system
+from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
 from tactile.io.specimen import Axis
@@ -41,11 +42,11 @@ SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
 """Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark, no sign."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FruitRow:
-    """What staff wrote of one fruit; a measure left empty is None."""
+class Given(BaseModel):
+    """What staff wrote of a fruit; a measure left empty is None."""
 
-    fruit_id: str
+    model_config = ConfigDict(frozen=True)
+
     height_mm: float | None = None
     mass_g: float | None = None
     shore_oo: float | None = None
@@ -60,17 +61,27 @@ class FruitRow:
     """Diameter of its pit over its own."""
     notes: str = ""
     reference: bool = False
-    """Whether this is no fruit but a body of known modulus."""
+    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
     reference_E_MPa: float | None = None
     reference_E_sd_MPa: float | None = None
     reference_poisson_ratio: float | None = None
-    unreadable: tuple[str, ...] = ()
-    """Measures that were written, but are no numbers."""
 
     @property
     def diameters(self) -> tuple[float | None, ...]:
         """Of DIAMETERS, in their order."""
         return self.diameter_a_mm, self.diameter_b_mm, self.diameter_c_mm
+
+
+class FruitRow(Given):
+    """A row of fruits.csv. `unreadable`: measures that were written, but are no numbers."""
+
+    fruit_id: str
+    unreadable: tuple[str, ...] = ()
+
+
+def given_of(row: FruitRow) -> Given:
+    """What a row says, without whose it is."""
+    return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitRow, ...], list[Problem]]:
@@ -99,11 +110,11 @@ def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitR
             at = ", ".join(map(str, where))
             problems.append(
                 Problem(
-                    str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.'
+                    str(path), f'fruit_id "{fruit_id}" appears on lines {at}; give every fruit its own id.'
                 )
             )
     if not rows and not may_be_empty:
-        problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
+        problems.append(Problem(str(path), "lists no fruit; add one row per fruit below the header."))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
@@ -125,7 +136,7 @@ def _known_column(found: str) -> str:
     if not near:
         return f"known columns: {', '.join(COLUMNS)}"
     unit = re.search(r"_(mm|g|N|MPa)$", near[0])
-    return f"write {near[0]}, if that is meant" + (f", with its values in {unit[1]}" if unit else "")
+    return f"if you mean it, write {near[0]}" + (f", with its values in {unit[1]}" if unit else "")
 
 
 def _plainly(column: str) -> str:
@@ -144,7 +155,7 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     """
     if not path.is_symlink() and not path.exists():
         raise BatchRefused(
-            [Problem(str(path), "is missing; it lists the fruit, one row each: fruit_id,height_mm,...")]
+            [Problem(str(path), "is missing; it lists the fruit, one row per fruit: fruit_id,height_mm,...")]
         )
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
@@ -171,11 +182,11 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         if any(cell.strip() for cell in cells[len(names) :]):
             comma = _torn_number(names, cells)
             found = f"line {line} has more cells than the header; " + (
-                f"{comma}." if comma else "put a text that holds commas in quotation marks."
+                f"{comma}." if comma else "put texts that contain commas in quotation marks."
             )
             raise BatchRefused([*problems, Problem(str(path), found)])
     if len(rows) - 1 > MOST_FRUIT:
-        found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
+        found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: split the batch."
         raise BatchRefused([Problem(str(path), found)])
     return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
 
@@ -242,7 +253,7 @@ def _misread(text: str) -> str:
             if not any(names):
                 names = [name.strip() for name in row]
                 if twice := next((name for name in names if name and names.count(name) > 1), ""):
-                    return f'has the column "{twice[:80]}" twice; take one of the two away.'
+                    return f'has the column "{twice[:80]}" twice; remove one of them.'
             if any(len(cell) > MOST_CELL for cell in row):
                 return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
             begun = lines.line_num + 1
@@ -250,8 +261,8 @@ def _misread(text: str) -> str:
         if "field limit" in str(error):
             return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
         return (
-            f"line {begun} has a quotation mark that is not closed, or has text behind it; take it out, or "
-            "put the whole cell in quotation marks and write those inside twice."
+            f"line {begun} has an open quotation mark, or text after a closing one. Remove the mark, "
+            "or quote the whole cell and double the marks inside it."
         )
     return ""
 
@@ -263,8 +274,8 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
         problems.append(
             Problem(
                 str(path),
-                f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder; use letters, digits, '
-                "dot, dash, underscore and space, at most 80, starting with a letter or digit.",
+                f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder. Use letters, digits, '
+                "dot, dash, underscore and space (at most 80), and start with a letter or digit.",
             )
         )
     measures: dict[str, float | None] = {}
@@ -276,7 +287,9 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             continue
         value = decimal_number(text)
         if value is None or value <= 0:
-            sentence = f'{name} is "{text[:40]}"; expected a number above zero, or nothing{meant(text)}.'
+            sentence = (
+                f'{name} is "{text[:40]}"; expected a number above zero, or an empty cell{meant(text)}.'
+            )
             problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
             unreadable.append(name)
             continue
@@ -304,18 +317,18 @@ def _pressed(
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
         wrong(
-            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters, or none: measure "
-            "the fruit."
+            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters or "
+            "none; measure the fruit."
         )
     axis = cells["axis"].lower()
     if axis not in ("", *AXES):
-        wrong(f'axis is "{cells["axis"][:40]}"; expected a, b or c, the diameter between the plates.')
+        wrong(f'axis is "{cells["axis"][:40]}"; expected a, b or c (the diameter between the plates).')
     text, share = cells["pit_share"], decimal_number(cells["pit_share"])
     if text and (share is None or not 0 <= share <= LARGEST_PIT):
         percent = "; is it in percent?" if share is not None and share > 1 else meant(text)
         wrong(
-            f"pit_share is \"{text[:40]}\"; expected the pit's diameter over the fruit's, 0 (no pit) to "
-            f"{LARGEST_PIT:g}{percent}."
+            f'pit_share is "{text[:40]}"; expected the diameter of the pit divided by that of the '
+            f"fruit, 0 (no pit) to {LARGEST_PIT:g}{percent}."
         )
         share = None
     return {"axis": axis if axis in AXES else None, "pit_share": share if text else None}
@@ -337,14 +350,14 @@ def _reference(
     flag = cells.pop("reference").lower()
     if flag not in YES | NO:
         wrong(
-            f'reference is "{flag[:40]}"; expected true for a body of known modulus, and nothing (or false) '
-            "for a fruit."
+            f'reference is "{flag[:40]}"; expected true for a reference body of known modulus, or '
+            "false or an empty cell for a fruit."
         )
     if flag not in YES:
         for name in [name for name, text in cells.items() if text and flag in NO]:
             wrong(
-                f'{name} is "{cells[name][:40]}", and reference is not true; write true into its column '
-                "reference, or empty the cell."
+                f'{name} is "{cells[name][:40]}", but reference is not true; write true into the '
+                "column reference, or empty the cell."
             )
         return {}
     found = {name: decimal_number(text) for name, text in cells.items()}
@@ -368,7 +381,7 @@ def _reference(
     if text and (ratio is None or not LEAST_POISSON_RATIO <= ratio <= LARGEST_POISSON_RATIO):
         wrong(
             f"reference_poisson_ratio {_as_found(text)}; expected {LEAST_POISSON_RATIO:g} to "
-            f"{LARGEST_POISSON_RATIO:g}, for example 0.48 for silicone; correct it."
+            f"{LARGEST_POISSON_RATIO:g}, for example 0.48 for silicone."
         )
     return {"reference": True, **found}
 

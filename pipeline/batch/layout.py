@@ -80,15 +80,19 @@ class FruitFolder:
             return ""
         misplaced = photo_paths(self.root)
         if misplaced:
-            return f"holds no photo, but {len(misplaced)} lie beside it; move them into photos/."
+            return f"holds no photo, but drupe found {len(misplaced)} beside it; move them into photos/."
         others = [p for p in self.photos.iterdir() if p.is_file()] if self.photos.is_dir() else []
         if others:
             kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
             return (
-                f"holds {len(others)} files ({kinds}), but only {', '.join(SUFFIXES)} are read; convert "
-                "them to JPEG, or rename those that are JPEG."
+                f"holds {len(others)} files ({kinds}), but drupe reads only {', '.join(SUFFIXES)}; "
+                "convert them to JPEG, or rename those that are JPEG."
             )
-        return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
+        return (
+            ""
+            if self.photos.is_dir()
+            else ("does not exist; create it, and put this fruit's photos into it.")
+        )
 
     def unused_photos(self) -> list[str]:
         """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""

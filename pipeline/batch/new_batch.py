@@ -11,13 +11,13 @@ from pathlib import Path
 from pipeline.batch.batch_template import TEMPLATE
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
-from pipeline.files.scratch import moved_in, scratch
+from pipeline.batch.scratch import moved_in, scratch
+from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
 from recon.pit.priors import known_categories
-from recon.plain_file import not_plain
 
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""
@@ -60,27 +60,36 @@ def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatc
     known = known_categories()
     problems = []
     if category not in known and not category.endswith(".toml"):
-        said = f'knows no category "{category}"; known: {", ".join(known)}, or name a file of your own.'
+        said = (
+            f'drupe knows no category "{category}"; known: {", ".join(known)}. You can also name '
+            "your own file."
+        )
         problems.append(Problem("drupe new", said))
     if root.is_symlink() or (root.exists() and (not root.is_dir() or any(root.iterdir()))):
-        problems.append(Problem(str(root), "is there already and not empty; name a new folder."))
+        problems.append(Problem(str(root), "exists already and is not empty; name a new folder."))
     fruits = []
     for folder in folders:
         if not folder.is_dir():
-            problems.append(Problem(str(folder), "is no folder; name a folder of photos."))
+            problems.append(Problem(str(folder), "is not a folder; name a folder of photos."))
             continue
         found = list(_sources(folder))
         if not found:
-            sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings, nor does a folder in it."
+            sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings; nor do its subfolders."
             problems.append(Problem(str(folder), sentence))
         fruits += found
     for one in fruits:
         if not SAFE_ID.fullmatch(one.fruit_id):
-            sentence = f'"{one.fruit_id}" is no fruit_id (letters, digits, . _ - and spaces); rename it.'
+            sentence = (
+                f'"{one.fruit_id}" is not a valid fruit_id (letters, digits, . _ - and '
+                "spaces); rename the folder."
+            )
             problems.append(Problem("a folder's name", sentence))
     names = [one.fruit_id for one in fruits]
     problems += [
-        Problem("drupe new", f'two folders are named "{name}"; rename one, every fruit needs its own id.')
+        Problem(
+            "drupe new",
+            f'two folders have the name "{name}"; rename one, because every fruit needs its own id.',
+        )
         for name in sorted({name for name in names if names.count(name) > 1})
     ]
     if problems:
@@ -153,15 +162,17 @@ def _missing(root: Path, fruits: Sequence[FruitSource]) -> Iterator[str]:
     photographed = [one for one in fruits if one.photos and not one.mesh]
     if photographed:
         yield (
-            "scale: write height_mm of each fruit into fruits.csv, or put the mat.json of the marker mat "
-            f"into {root}, or name the coin beside the fruit under [photos] in batch.toml"
+            "scale: write height_mm of each fruit into fruits.csv, or copy the mat's mat.json into "
+            f"{root}, or name a coin under [photos] in batch.toml"
         )
     yield from (
         f"photos of {one.fruit_id}: {said.rstrip('.')}" for one in photographed for said in one.unused
     )
     few = [one.fruit_id for one in photographed if len(one.photos) < FEW]
     if few:
-        yield f"photos: {_named(few)} fewer than {FEW}; 20 to 36 from all round and two heights are asked for"
+        yield (
+            f"photos: {_named(few)} fewer than {FEW} photos; take 20 to 36 from all around, at two heights"
+        )
     bare = [one.fruit_id for one in fruits if not one.photos and not one.mesh]
     if bare:
         yield f"shape: {_named(bare)} no photos and no fruit.ply"
@@ -169,7 +180,7 @@ def _missing(root: Path, fruits: Sequence[FruitSource]) -> Iterator[str]:
     if ungrasped:
         yield (
             f"grasps: {_named(ungrasped)} no recording; put .h5 files or folders of frames into "
-            f"{root}/fruits/<fruit_id>/grasps (`drupe convert` reads what sensors write)"
+            f"{root}/fruits/<fruit_id>/grasps (`drupe convert` reads sensor files)"
         )
 
 

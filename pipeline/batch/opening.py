@@ -17,25 +17,25 @@ from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doub
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
+from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.measured import load_pit
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
-from recon.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES
 
 T = TypeVar("T")
 _NO_POISSON_RATIO = (
-    'Poisson\'s ratio of the flesh is not known for the category "{}"; add the key poisson_ratio, '
-    "for example poisson_ratio = 0.45."
+    'Poisson\'s ratio of the flesh is unknown for the category "{}"; add poisson_ratio to '
+    "batch.toml, for example poisson_ratio = 0.45."
 )
 _NO_PITS = (
-    'the category "{}" has no pit of its own, and {} no pit.ply; add it beside fruit.ply, or name a pit for '
-    'all under [pit]: prior = "core.toml" (or an STL, PLY or OBJ of it, mm), or prior = "none" where there '
-    "is none."
+    'the category "{}" has no default pit, and {} no pit.ply. Add pit.ply beside fruit.ply, or '
+    'set [pit] prior to a file such as "core.toml" (or STL, PLY, OBJ in mm). For fruit without a '
+    'pit, set prior = "none".'
 )
 
 
@@ -165,7 +165,7 @@ def _implausible(
     columns = table_doubts(rows or (), kind).values()
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
     said += [(folder.table, sentence) for sentence in columns]
-    hint = "If it is right: `drupe grade --force`."
+    hint = "If the value is right, run `drupe grade --force`."
     return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
 
 
@@ -301,8 +301,8 @@ def _effects_without_pit(
     return [
         Problem(
             str(folder.settings),
-            f'"mismatch": {one.effect} is of the pit, and {fruit_id} has none (pit.prior is "none"); name '
-            "other fruit in its fruits, or take it out.",
+            f'"mismatch": {one.effect} is an effect of the pit, but {fruit_id} has no pit (pit.prior '
+            'is "none"); name other fruit, or remove the entry.',
         )
         for one in settings.mismatch
         if one.spec.of_the_pit
@@ -316,8 +316,8 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
     problems = []
     if settings.reference.correct and rows and not any(row.reference for row in rows):
         sentence = (
-            '"reference.correct" is true, and no row of fruits.csv is a reference body; write true into the '
-            "column reference of the row that is one, or take the line out."
+            '"reference.correct" is true, but fruits.csv lists no reference body; write true into '
+            "the column reference of its row, or remove the line."
         )
         problems.append(Problem(str(folder.settings), sentence))
     if (chart := settings.reference.chart) is not None:
@@ -327,22 +327,24 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             continue
         if reference_ratio(row, settings) is None:
             sentence = (
-                f'reference_poisson_ratio of "{row.fruit_id}" is empty; expected the Poisson\'s ratio of the '
-                "reference body, for example 0.48 for silicone: fill the column."
+                f'reference_poisson_ratio of "{row.fruit_id}" is empty; expected the Poisson\'s ratio '
+                "of the reference body, for example 0.48 for silicone."
             )
             problems.append(Problem(str(folder.table), sentence))
         problems += [
             Problem(
                 str(folder.settings),
-                f'"mismatch": {one.effect} is of the pit, and {row.fruit_id} is a reference body, which has '
-                "none; take it out of its fruits.",
+                f'"mismatch": {one.effect} is an effect of the pit, but the reference body '
+                f"{row.fruit_id} has none; remove it from the entry's fruits.",
             )
             for one in settings.mismatch
             if one.spec.of_the_pit and row.fruit_id in (one.fruits or ())
         ]
         pit = folder.fruit(row.fruit_id).pit_ply
         if pit.exists() or pit.is_symlink():
-            sentence = "is the pit of a reference body, which must be solid; remove it, or take another body."
+            sentence = (
+                "gives a pit for a reference body, which must be solid; remove the file, or use another body."
+            )
             problems.append(Problem(str(pit), sentence, fruit_id=row.fruit_id))
     return problems
 
@@ -361,8 +363,9 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
     return [
         Problem(
             str(folder.table),
-            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale; add "
-            "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
+            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale. "
+            "Add the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its "
+            "mat.json.",
         )
     ]
 
@@ -390,8 +393,10 @@ def _effects_of_strangers(
         for fruit_id in one.fruits or ():
             if fruit_id not in known:
                 near = difflib.get_close_matches(fruit_id, known, n=1)
-                hint = f'did you mean "{near[0]}"?' if near else "take it out."
-                sentence = f'"mismatch": {one.effect} is of fruit "{fruit_id}", not in fruits.csv; {hint}'
+                hint = f'did you mean "{near[0]}"?' if near else "remove it."
+                sentence = (
+                    f'"mismatch": {one.effect} names fruit "{fruit_id}", which is not in fruits.csv; {hint}'
+                )
                 problems.append(Problem(str(folder.settings), sentence))
     return problems
 
@@ -410,8 +415,8 @@ def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
     return [
         Problem(
             str(folder.settings),
-            f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is no file; '
-            "give the path of an ONNX file relative to the batch, or take the line out.",
+            f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is not a '
+            "file; give the path of an ONNX file relative to the batch, or remove the line.",
         )
     ]
 

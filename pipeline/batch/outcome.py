@@ -11,50 +11,65 @@ from enum import Enum
 from pathlib import Path
 
 from pipeline.address_space import is_lack_of_memory
+from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import MACHINE_FAULTS, NotWritten
-from recon.plain_file import printable
 
 
 class Outcome(Enum):
     """Code and sentence of an ending that no room speaks for; `{}` takes the particulars."""
 
     GRADED = ("graded", "")
-    NO_GRASP = ("no-grasp", "No tactile recording in grasps/, so there is a mesh but no modulus; {}")
-    ALL_GRASPS_FAILED = ("grasps-failed", "None of its recordings could be used: {}")
-    NO_SHAPE = ("no-shape", "Neither photos nor fruit.ply found in {}; add one of the two.")
+    NO_GRASP = (
+        "no-grasp",
+        ("grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}"),
+    )
+    ALL_GRASPS_FAILED = ("grasps-failed", "No recording of this fruit is usable: {}")
+    NO_SHAPE = ("no-shape", "{} holds neither photos nor fruit.ply; add one of them.")
     NO_SCALE = (
         "no-scale",
-        "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "
-        "or photograph on a marker mat and put mat.json beside batch.toml ({}).",
+        (
+            "Without a mat, photos have no scale ({}). Fill height_mm in fruits.csv, or photograph on a "
+            "marker mat and put mat.json beside batch.toml."
+        ),
     )
     IMPLAUSIBLE_INPUT = (
         "implausible-input",
-        "{} Correct it; if it is right, `drupe grade --force` grades the fruit all the same.",
+        "{} Correct it; if it is right, run `drupe grade --force`.",
     )
-    IMPLAUSIBLE_PIT = ("implausible-pit", "{} Put the fruit's own pit there, in the fruit's frame and mm.")
+    IMPLAUSIBLE_PIT = (
+        "implausible-pit",
+        ("{} Replace pit.ply by the fruit's own pit, in mm and in the fruit's frame."),
+    )
     IMPLAUSIBLE_MODULUS = (
         "implausible-modulus",
-        "E would be {}, which no flesh of this category has: look for a unit or a factor in forces, "
-        "displacements and meshes.",
+        (
+            "E would be {}, outside the plausible range of this category. Check forces, displacements "
+            "and meshes for wrong units or factors."
+        ),
     )
     WITHHELD_MODULUS = (
         "withheld-modulus",
-        "E is not given: {}. `drupe explain` says what the recordings show.",
+        "drupe gives no E: {}. Run `drupe explain` to see what the recordings show.",
     )
     CRASHED = (
         "crashed",
-        "The process working on this fruit died ({}); the other fruit are not touched. Run the same command "
-        "again; if it dies again, take this fruit's inputs to the maintainers.",
+        (
+            "The process for this fruit died ({}); other fruit are not affected. Run the same command "
+            "again. If it dies again, report it with this fruit's inputs."
+        ),
     )
-    TIMED_OUT = ("timed-out", "Took longer than the limit of {} s; raise it with --time-limit.")
+    TIMED_OUT = (
+        "timed-out",
+        ("The fruit took longer than the limit of {} s; raise the limit with --time-limit."),
+    )
     OUT_OF_MEMORY = (
         "out-of-memory",
-        "Ran out of memory ({}); run with fewer --jobs, or close other programs.",
+        "drupe ran out of memory ({}); use fewer --jobs, or close other programs.",
     )
-    NOT_WRITTEN = ("not-written", "A result could not be written: {} Then run the same command again.")
+    NOT_WRITTEN = ("not-written", ("drupe could not write a result: {} Then run the same command again."))
     INTERNAL = (
         "internal-error",
-        "A fault of drupe itself ({}); please report it with traceback.txt from this fruit's results.",
+        ("drupe has an internal error ({}); please report it with traceback.txt from this fruit's results."),
     )
 
     @property

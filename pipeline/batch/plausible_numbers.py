@@ -218,7 +218,7 @@ def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Plausible
             )
     if height_mm is not None and not 1 / BATCH_FACTOR < box_mm[2] / height_mm < BATCH_FACTOR:
         return (
-            f"the mesh is {box_mm[2]:.3g} mm high ({size} mm), and fruits.csv says height_mm {height_mm:g}: "
+            f"the mesh is {box_mm[2]:.3g} mm high ({size} mm), but fruits.csv says height_mm {height_mm:g}; "
             "is it in mm, with the stem along z, and of this fruit?"
         )
     return ""
@@ -261,7 +261,7 @@ def _exchanged(own: Mapping[str, float], kind: PlausibleRange) -> str:
             continue
         lost = not (_in_some_unit(a, own[a], of_a) and _in_some_unit(b, own[b], of_b))
         if lost and _within(own[a], of_b) and _within(own[b], of_a):
-            return f"{a} {own[a]:g} and {b} {own[b]:g}: are the two exchanged? {_range(a, kind)}."
+            return f"{a} {own[a]:g} and {b} {own[b]:g}: are the two swapped? {_range(a, kind)}."
     return ""
 
 
@@ -285,7 +285,7 @@ def _apart(name: str, value: float, middle: float | None, kind: PlausibleRange) 
     if 1 / factor < value / middle < factor:
         return ""
     slip = _meant(value, SLIPS[name], (middle / LIKE_OTHERS, middle * LIKE_OTHERS), UNITS[name], like=middle)
-    return f"{name} {value:g}: the other fruit of the batch have about {middle:.4g}{slip}"
+    return f"{name} {value:g}: other fruit of the batch have about {middle:.4g}{slip}"
 
 
 def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
@@ -297,8 +297,8 @@ def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
         return
     if height is not None and diameter is not None and not 1 / most <= height / diameter <= most:
         yield (
-            f"height_mm {height:g} and diameter_mm {diameter:g}: no {kind.name} is {most:.2g} times as long "
-            "as wide or wide as long; is one of them in another unit?"
+            f"height_mm {height:g} and diameter_mm {diameter:g}: no {kind.name} has a ratio of "
+            f"{most:.2g} or more between the two; is one of them in another unit?"
         )
         return
     if mass is None or (height is None and diameter is None):
@@ -312,16 +312,16 @@ def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
         least, greatest = (math.pi / 6000 * float(diameter or 0) ** 3 * share for share in (1 / most, most))
     if mass / least < limits[0] or mass / greatest > limits[1]:
         if diameter is not None and height is not None and _swapped(mass, diameter, height, kind, limits):
-            yield f"diameter_mm {diameter:g} and mass_g {mass:g}: are the two exchanged?"
+            yield f"diameter_mm {diameter:g} and mass_g {mass:g}: are the two swapped?"
             return
         if diameter is not None and height is not None and _swapped(mass, height, diameter, kind, limits):
-            yield f"height_mm {height:g} and mass_g {mass:g}: are the two exchanged?"
+            yield f"height_mm {height:g} and mass_g {mass:g}: are the two swapped?"
             return
         said = ", ".join(f"{name} {value:g}" for name, value in own.items() if name not in HARDNESS)
         density = mass / least if mass / least < limits[0] else mass / greatest
         yield (
-            f"{said}: together they make {density:.2g} g per cm3, and {kind.a_fruit} has {limits[0]:g} to "
-            f"{limits[1]:g}; one of them is mistyped or in another unit."
+            f"{said}: together they give a density of {density:.2g} g per cm3, but {kind.a_fruit} has "
+            f"{limits[0]:g} to {limits[1]:g}. Check both for typing errors and units."
         )
 
 

@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from pipeline.batch.cache import LIBRARIES, ROOMS, code_version, file_hash
+from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
 from pipeline.batch.layout import write_whole
 
 
@@ -19,7 +19,7 @@ def versions() -> dict[str, str]:
         "drupe code": code_version(ROOMS)[:16],
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
-        **{name: metadata.version(name) for name in LIBRARIES},
+        **library_versions(),
     }
 
 

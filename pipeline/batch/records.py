@@ -1,16 +1,14 @@
 """What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import Literal, Self, TypeVar
+from typing import Literal, TypeVar
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import write_whole
-from recon.checks.quality import ReconQuality
-from recon.plain_file import not_plain
+from pipeline.files.plain_file import not_plain
+from reports.grasp_record import GraspRecord
 
 
 class _Record(BaseModel):
@@ -18,34 +16,6 @@ class _Record(BaseModel):
 
 
 R = TypeVar("R", bound=BaseModel)
-
-
-class Given(_Record):
-    """What staff wrote of the fruit in fruits.csv."""
-
-    height_mm: float | None = None
-    mass_g: float | None = None
-    shore_oo: float | None = None
-    penetrometer_N: float | None = None
-    diameter_mm: float | None = None
-    diameter_a_mm: float | None = None
-    diameter_b_mm: float | None = None
-    diameter_c_mm: float | None = None
-    axis: Literal["a", "b", "c"] | None = None
-    """The diameter along which plates squeeze it."""
-    pit_share: float | None = None
-    """Diameter of its pit over its own."""
-    notes: str = ""
-    reference: bool = False
-    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
-    reference_E_MPa: float | None = None
-    reference_E_sd_MPa: float | None = None
-    reference_poisson_ratio: float | None = None
-
-
-def given_of(row: FruitRow) -> Given:
-    """What a row of fruits.csv says."""
-    return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 class OrientationRecord(_Record):
@@ -61,41 +31,6 @@ class OrientationRecord(_Record):
     groove_mm: float
 
 
-class QualityRecord(_Record):
-    """How good the mesh of photos is, as recon.checks.quality.ReconQuality; None: not known, not written."""
-
-    views_given: int | None = None
-    views_used: int | None = None
-    reprojection_px: float | None = None
-    silhouette_iou: float | None = None
-    outline_rms_mm: float | None = None
-    clear_outline_share: float | None = None
-    focal_px: float | None = None
-    focal_sd_px: float | None = None
-    k1: float | None = None
-    widest_gap_deg: float | None = None
-    seen_share: float | None = None
-    unseen_mm2: float | None = None
-    decimation_rms_mm: float | None = None
-    relief_share: float | None = None
-    flipped_views: int | None = None
-    flipped_miss_mm: float | None = None
-    offset_rms_mm: float | None = None
-    offset_local_mm: float | None = None
-    offset_volume_share: float | None = None
-    ground_known_share: float | None = None
-
-    @classmethod
-    def of(cls, quality: ReconQuality) -> Self:
-        """What is finite of a reconstruction's quality."""
-        return cls(**{name: value for name, value in asdict(quality).items() if np.isfinite(value)})
-
-    @model_serializer
-    def known(self) -> dict[str, int | float]:
-        """The numbers that are known, by name."""
-        return {name: value for name, value in self if value is not None}
-
-
 class MeshRecord(_Record):
     """The fruit's surface: where it came from, its size, and how good it is."""
 
@@ -107,7 +42,8 @@ class MeshRecord(_Record):
     box_mm: tuple[float, float, float]
     scale_sd: float | None = None
     surface_sd_mm: float | None = None
-    quality: QualityRecord = QualityRecord()
+    quality: dict[str, int | float] = {}
+    """What is known of a mesh of photos, by the names of recon.checks.quality.ReconQuality."""
     stance: OrientationRecord | None = None
 
 
@@ -122,34 +58,6 @@ class PitRecord(_Record):
     flesh_volume_mm3: float
 
 
-class ModelCurveRecord(_Record):
-    """Travel that the fitted model has under a pad's recorded force, in the frames that were used; `sd_mm`:
-    of that travel, by E's error.
-    """
-
-    travel_mm: list[float]
-    force_N: list[float]
-    sd_mm: list[float]
-
-
-class CurveRecord(_Record):
-    """Normal force of one pad against travel since first touch."""
-
-    pad: str
-    travel_mm: list[float]
-    force_N: list[float]
-    model: ModelCurveRecord | None = None
-
-
-class FrameRecord(_Record):
-    """E by one frame alone, by the noise of its markers; whether the jaws were opening."""
-
-    travel_mm: float
-    E_MPa: float
-    E_sd_MPa: float
-    unloading: bool = False
-
-
 class PressedRecord(_Record):
     """A fruit of which there is no mesh, only its diameters (mm) and plates that squeezed it along the first
     of `compressed_along`; `pit_share`: the pit's diameter over the fruit's, said by `pit_source`.
@@ -162,34 +70,6 @@ class PressedRecord(_Record):
     pit_share: float
     pit_source: str
     shape_sd: float
-
-
-class GraspRecord(_Record):
-    """What one recording gave; `failure` says why it gave nothing."""
-
-    grasp: str
-    failure: str | None = None
-    digest: str = ""
-    """Of the displacements and forces that it was made of (tactile.recording_digest)."""
-    E_MPa: float | None = None
-    E_sd_MPa: float | None = None
-    parts_sd_MPa: dict[str, float] = {}
-    discretisation: float | None = None
-    E_energy_MPa: float | None = None
-    E_energy_sd_MPa: float | None = None
-    E_least_squares_MPa: float | None = None
-    E_least_squares_sd_MPa: float | None = None
-    residual_um: float | None = None
-    noise_um: float | None = None
-    registration_mm: float | None = None
-    frames_used: int | None = None
-    markers_used: int | None = None
-    peak_force_N: float | None = None
-    """The largest normal force of any one pad in any frame: not the sum of the pads."""
-    travel_mm: float | None = None
-    contact_mm: dict[str, list[tuple[float, float, float]]] = {}
-    curves: list[CurveRecord] = []
-    frames: list[FrameRecord] = []
 
 
 class FleshRecord(_Record):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.files.scratch import moved_in, scratch
+from pipeline.batch.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 
@@ -45,6 +45,6 @@ def _copied(folder: Path, name: str) -> None:
 
     known = shipped_batches()
     if name not in known:
-        sentence = f"no such shipped batch; there are: {', '.join(known)}."
+        sentence = f"drupe ships no such batch; known: {', '.join(known)}."
         raise BatchRefused([Problem(f"--name {name}", sentence)])
     write_shipped(name, folder)

@@ -20,11 +20,11 @@ from pydantic import (
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from tactile.io.decimal_number import meant
 
@@ -93,11 +93,12 @@ class Grading(Strict):
             numbers = [limit for limit in limits if math.isfinite(limit)]
             slip = ": is one of them in kPa?" if numbers and max(numbers) > 100 * min(numbers) else ""
             raise ValueError(
-                f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}{slip}"
+                "E_max_MPa must grow from class to class, and only the last may omit it; found "
+                f"{limits}{slip}"
             )
         if limits and limits[-1] != math.inf:
             raise ValueError(
-                "the last (firmest) class must have no E_max_MPa, so that every fruit has a class"
+                "the last (firmest) class must have no E_max_MPa, so that every fruit gets a class"
             )
         names = [c.name for c in self.classes]
         if len(set(names)) != len(names):
@@ -294,9 +295,9 @@ def read_settings(path: Path) -> Settings:
 def require_folder(root: Path) -> None:
     """Raises BatchRefused where the batch's folder is not there, or is no folder."""
     if root.exists() and not root.is_dir():
-        raise BatchRefused([Problem(str(root), "is a file; give the batch's folder.")])
+        raise BatchRefused([Problem(str(root), "is a file; give the batch folder.")])
     if not root.is_dir():
-        raise BatchRefused([Problem(str(root), "there is no such batch folder.")])
+        raise BatchRefused([Problem(str(root), "does not exist; give an existing batch folder.")])
 
 
 def require_settings_file(path: Path) -> None:
@@ -331,14 +332,14 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
 
 
 _MISSING = (
-    "there is no batch.toml in this folder; write one with at least the line "
-    'category = "nectarine", or make an example with `drupe sample DIR`.'
+    'does not exist. Write one with at least the line category = "nectarine", or create an '
+    "example with `drupe sample DIR`."
 )
 _PHOTOS = (
-    "there is no batch.toml in this folder, only photos; make a batch of them with "
-    "`drupe new BATCH --photos {folder}` and grade that."
+    "does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos "
+    "{folder}`, then grade that batch."
 )
-_A_CASE = "there is no batch.toml but a case.toml: this is a case of its own, which `drupe explain` takes."
+_A_CASE = "does not exist, but a case.toml does: this is a single case; use `drupe explain`."
 
 
 def _decimal_comma(text: str, fault: str) -> str:
@@ -389,11 +390,11 @@ def _expected(error: Any) -> str:
             else f"found {found}; {message[:1].lower()}{message[1:]}"
         )
     if kind == "too_long":
-        return f"holds {limits['actual_length']} entries; at most {limits['max_length']} are read"
+        return f"holds {limits['actual_length']} entries; expected at most {limits['max_length']}"
     if kind == "string_too_long":
         return f"is longer than {limits['max_length']} characters; shorten it"
     if kind == "string_too_short":
-        return f"found {found}; expected a text that is not empty"
+        return f"found {found}; expected a non-empty text"
     words = {
         "greater_than_equal": "expected {ge} or more",
         "greater_than": "expected more than {gt}",

@@ -7,17 +7,17 @@ from pathlib import Path
 from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.confirmed_effects import effects_on, keyed
+from pipeline.batch.fruits_table import Given, given_of
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
-from pipeline.batch.records import Given, given_of
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from pipeline.batch.unused_files import unused_of_fruit
+from pipeline.files.plain_file import printable
 from recon.cameras.printed_mat import Mat
 from recon.learned.onnx_file import model_files
 from recon.pit.priors import PitBody, PitPrior
-from recon.plain_file import printable
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "measured_on", "notes", "reference"}
 """Settings that change no fruit's result."""

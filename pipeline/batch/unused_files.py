@@ -15,8 +15,8 @@ from pathlib import Path
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, meshes_named, names_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
+from pipeline.files.plain_file import not_plain
 from recon.cameras.photos import SUFFIXES as PHOTOS
-from tactile.io.named_file import not_plain
 
 KINDS: dict[str, tuple[str, ...]] = {
     "recording": RECORDINGS,
@@ -136,7 +136,7 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
         if path in meshes or not kind or (textured and kind == "photo"):
             continue
         if path in second:
-            yield path, f"{second[path].name} is read instead; keep one"
+            yield path, f"drupe reads {second[path].name} instead; keep one"
         elif not kind.endswith("photo") or folder.photo_files() or folder.fruit_ply.is_file():
             yield path, _FOR_A_FRUIT.get(kind, _NO_INPUT)  # else photos_elsewhere says it
     parts = (folder.photos, folder.photos_flipped, folder.grasps)
@@ -148,25 +148,30 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
             held = f"it holds {inside[0].name}" + (f" and {len(inside) - 1} more" if inside[1:] else "")
             yield (
                 place,
-                f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it or move "
-                "the files",
+                (
+                    f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
+                    "or move the files"
+                ),
             )
 
 
-_NO_INPUT = "its kind is not read; move it away, or convert it"
+_NO_INPUT = "drupe does not read this kind of file; move it away, or convert it"
 _FOR_A_FRUIT = {
-    "recording": "recordings are read in grasps/; move it there",
-    "mesh": f"a ready mesh is read under the name fruit ({', '.join(MESHES)}), a pit's under the name pit; "
-    "rename it or move it away",
-    "other mesh": f"meshes are read as {', '.join(MESHES)}; export it as one of these, named fruit.ply",
-    "point cloud": "points are no surface; mesh them first, and save the mesh as fruit.ply",
+    "recording": "drupe reads recordings in grasps/; move it there",
+    "mesh": (
+        f"drupe reads a mesh under the name fruit ({', '.join(MESHES)}) or pit; rename it or move it away"
+    ),
+    "other mesh": (
+        f"meshes are read as {', '.join(MESHES)}; export it in one of these formats, named fruit.ply"
+    ),
+    "point cloud": "points are not a surface; mesh them first, and save the mesh as fruit.ply",
     "photo": "photos are read in photos/; move it there",
     "other photo": "photos are read in photos/; move it there and convert it to JPEG",
     "raw photo": "photos are read in photos/; develop it to JPEG and move it there",
-    "video": "a video is read only where grasp.toml of a raw grasp names it, in grasps/",
-    "table": "a table is no recording; make one of it with `drupe convert`, in grasps/",
-    "arrays": "arrays are no recording; make one of them with `drupe convert`, in grasps/",
-    "archive": "archives are not opened; unpack it",
+    "video": "drupe reads a video only if grasp.toml of a raw grasp names it, in grasps/",
+    "table": "a table is not a recording; convert it with `drupe convert`, into grasps/",
+    "arrays": "arrays are not a recording; convert them with `drupe convert`, into grasps/",
+    "archive": "drupe does not open archives; unpack it",
 }
 
 
@@ -176,18 +181,19 @@ def _among_grasps(folder: FruitFolder) -> Unused:
         if (kind := kind_of(path)) and kind != "recording":
             yield path, _FOR_GRASPS.get(kind, _NO_RECORDING)
         elif kind and (fault := not_plain(path)):
-            yield path, f"it {fault}; put the file itself there, or take it away"
+            yield path, f"it {fault}; put the file itself there, or remove it"
 
 
 _NO_RECORDING = (
-    f"it is no recording ({', '.join(RECORDINGS)}) and no folder of gel frames; convert it or move it away"
+    f"it is neither a recording ({', '.join(RECORDINGS)}) nor a folder of gel frames; convert it "
+    "or move it away"
 )
 _FOR_GRASPS = {
-    "table": "a table is no recording; make one of it with `drupe convert`",
-    "arrays": "arrays are no recording; make one of them with `drupe convert`",
-    "mesh": "a mesh is read beside grasps/, not in it; move it there",
-    "video": "a video is read from the folder of a raw grasp, with its grasp.toml; move it there",
-    "archive": "archives are not opened; unpack it",
+    "table": "a table is not a recording; convert it with `drupe convert`",
+    "arrays": "arrays are not a recording; convert them with `drupe convert`",
+    "mesh": "drupe reads a mesh beside grasps/, not in it; move it there",
+    "video": "drupe reads a video from the folder of a raw grasp, with its grasp.toml; move it there",
+    "archive": "drupe does not open archives; unpack it",
 }
 
 
@@ -197,18 +203,18 @@ def _in_the_batch_folder(folder: BatchFolder) -> Unused:
     for path in _files_in(folder.root):
         kind, first = kind_of(path), own.get(path.name.lower())
         if first is not None and first != path:
-            yield path, f"{first.name} is read instead; keep one"
+            yield path, f"drupe reads {first.name} instead; keep one"
         elif first is None and kind not in ("", "unknown"):
             yield (
                 path,
-                _FOR_A_BATCH.get(kind, "a fruit's inputs are read in fruits/<fruit_id>/; move it there"),
+                _FOR_A_BATCH.get(kind, "drupe reads a fruit's inputs in fruits/<fruit_id>/; move it there"),
             )
 
 
 _FOR_A_BATCH = {
-    "table": "the fruit are listed in fruits.csv; write them there, or move it away",
-    "mesh": "a fruit's mesh is read in fruits/<fruit_id>/, and a pit's for all where [pit] prior names it",
-    "archive": "archives are not opened; unpack it",
+    "table": "fruits.csv lists the fruit; write them there, or move it away",
+    "mesh": ("drupe reads a fruit's mesh in fruits/<fruit_id>/, and a common pit where [pit] prior names it"),
+    "archive": "drupe does not open archives; unpack it",
 }
 
 
@@ -216,13 +222,15 @@ def _among_fruits(folder: BatchFolder) -> Unused:
     """Files in fruits/, and folders that can be no fruit's."""
     for path in _files_in(folder.fruits):
         if kind_of(path):
-            yield path, "a fruit's inputs are read in a folder of its own, fruits/<fruit_id>/; move it there"
+            yield path, ("drupe reads a fruit's inputs in its own folder, fruits/<fruit_id>/; move it there")
     for place in _folders_in(folder.fruits):
         if not SAFE_ID.fullmatch(unicodedata.normalize("NFC", place.name)):
             yield (
                 place,
-                "a fruit_id has letters, digits, dot, dash, underscore and space, and begins with a letter "
-                "or digit; rename the folder, and add a row to fruits.csv",
+                (
+                    "a fruit_id has letters, digits, dot, dash, underscore and space, and starts with a "
+                    "letter or digit. Rename the folder, and add a row to fruits.csv"
+                ),
             )
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pipeline.batch.layout import PARTS, BatchFolder, CaseFolder, FruitResults, Results
 from pipeline.files.manifest import was_ours
-from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import not_plain
+from pipeline.files.plain_file import not_plain
+from pipeline.problem import BatchRefused, Problem, refused
 
 Place = tuple[int, int]
 MOVE = "choose another place"
@@ -22,17 +22,17 @@ def require_results_apart(results: Results, batch: BatchFolder, inputs: Iterable
     """Raises BatchRefused where `results` is the batch, holds inputs of it or of another, or lies in them."""
     root = results.root
     if root == batch.default_results and root.is_symlink():
-        raise _refused(root, f"is a link; name the place it leads to with {option}.")
+        raise refused(root, f"is a link; name the place it leads to with {option}.")
     above = _places_above(inputs) | _lineage(batch.root)
     if (at := _place(root)) is not None and at in above:
         held = (
             "is the batch itself" if at == _place(batch.root) else "holds the batch, or a file that it reads"
         )
-        raise _refused(root, f"{held}; {MOVE} with {option} (without it: {batch.default_results}).")
+        raise refused(root, f"{held}; {MOVE} with {option} (without it: {batch.default_results}).")
     _require_outside(root, _trees(batch), f"{MOVE} with {option}.")
     for found in results.inputs_inside():
         name = found.relative_to(root)
-        raise _refused(root, f"holds {name}, so it is no folder of results; {MOVE} with {option}.")
+        raise refused(root, f"holds {name}, so it is no folder of results; {MOVE} with {option}.")
     _require_outside(root, _fruit_of_others(root), f"{MOVE} with {option}.")
 
 
@@ -63,10 +63,10 @@ def require_work_apart(work: Path, case: CaseFolder, inputs: Iterable[Path]) -> 
     """Raises BatchRefused where a case's meshes must not be kept in `work`."""
     at = _place(work)
     if at is not None and at in _places_above(inputs) | _lineage(case.root):
-        raise _refused(work, f"is the case, or holds what it reads; {MOVE} with --work.")
+        raise refused(work, f"is the case, or holds what it reads; {MOVE} with --work.")
     _require_outside(work, [case.root], f"{MOVE} with --work.")
     for found in Results(work).inputs_inside():
-        raise _refused(work, f"holds {found.name}, so it is no folder to keep meshes in; {MOVE} with --work.")
+        raise refused(work, f"holds {found.name}, so it is no folder to keep meshes in; {MOVE} with --work.")
     if taken := list(FruitResults(work).in_the_way()):
         raise BatchRefused(_in_the_way(path, "--work") for path in taken)
 
@@ -85,7 +85,7 @@ def require_file_apart(
     """
     at = _place(target)
     if at is not None and at in {_place(path) for path in inputs}:
-        raise _refused(target, f"is read by this command, and is not overwritten; {advice}")
+        raise refused(target, f"is read by this command, and is not overwritten; {advice}")
     if but_in is None or _place(but_in) not in _lineage(target):
         _require_outside(target, folders, advice)
 
@@ -93,11 +93,11 @@ def require_file_apart(
 def require_new_or_ours(target: Path, is_ours: Callable[[Path], bool], what: str) -> None:
     """Raises BatchRefused where a file stands at `target` that is not `what`, as `is_ours` tells."""
     if not target.name or target.is_dir():
-        raise _refused(target, "is a folder; give the name of a file.")
+        raise refused(target, "is a folder; give the name of a file.")
     if not target.exists() and not target.is_symlink():
         return
     if target.is_symlink() or not_plain(target) or not is_ours(target):
-        raise _refused(
+        raise refused(
             target, f"exists and is not {what}, so it is not overwritten; move it away or give another name."
         )
 
@@ -146,7 +146,7 @@ def _require_outside(target: Path, trees: Iterable[Path | str], advice: str) -> 
     around = _lineage(target)
     for tree in trees:
         if _place(tree) in around:
-            raise _refused(target, f"lies in {tree}, which is read and never written into; {advice}")
+            raise refused(target, f"lies in {tree}, which is read and never written into; {advice}")
 
 
 def _in_the_way(path: Path, option: str) -> Problem:
@@ -193,7 +193,3 @@ def _real(path: Path) -> Path:
         return path.resolve()
     except (OSError, RuntimeError):
         return path
-
-
-def _refused(path: Path, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(str(path), sentence)])

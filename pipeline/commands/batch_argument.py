@@ -6,5 +6,5 @@ from typing import Annotated
 import typer
 
 BatchArgument = Annotated[
-    Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
+    Path, typer.Argument(metavar="BATCH", help="The batch: a folder with batch.toml and fruits.csv.")
 ]

@@ -25,60 +25,85 @@ def calibrate(
         Path,
         typer.Argument(
             metavar="SENSOR.toml|SQUEEZE",
-            help="The sensor's description as far as it is known; with --rigid a recording of a squeeze.",
+            help="The sensor's description, complete or not. With --rigid: a recording of a squeeze.",
         ),
     ],
-    out: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The description to write.")],
-    ball_mm: Annotated[float | None, typer.Option(min=0.001, help="Radius of the ball pressed in.")] = None,
+    out: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The description file to write.")],
+    ball_mm: Annotated[
+        float | None, typer.Option(min=0.001, help="Radius of the calibration ball, in mm.")
+    ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture of the untouched gel, for the ball.")
+        Path | None,
+        typer.Option(metavar="FILE", help="A picture of the untouched gel, for the ball calibration."),
     ] = None,
     press: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="A picture of the ball in the gel (repeat).")
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="A picture of the ball pressed into the gel. Repeat the option for more pictures.",
+        ),
     ] = None,
     load_cell: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="A raw press (grasp.toml, log.csv with fx_N to fz_N, frames)."),
+        typer.Option(
+            metavar="DIR",
+            help="A raw press on a load cell: grasp.toml, frames, and log.csv with fx_N, fy_N and fz_N.",
+        ),
     ] = None,
     rigid: Annotated[
         RigidShape | None,
-        typer.Option(help="Calibrate a rig instead: the shape of the rigid object squeezed."),
+        typer.Option(help="Calibrate a rig instead of a sensor; this is the shape of the rigid object."),
     ] = None,
     size_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=1000, help="The rigid ball's diameter, or block's thickness.")
+        float | None,
+        typer.Option(min=0.1, max=1000, help="Diameter of the rigid ball, or thickness of the block, in mm."),
     ] = None,
     rigid_object: Annotated[
-        str | None, typer.Option("--object", metavar="WORDS", help="What it is, for the record.")
+        str | None,
+        typer.Option(
+            "--object", metavar="WORDS", help="Description of the rigid object, stored in OUT.toml."
+        ),
     ] = None,
     squeeze: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="Another squeeze of the same object (repeat).")
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE", help="Another squeeze of the same object. Repeat the option for more squeezes."
+        ),
     ] = None,
     columns: Annotated[
-        str | None, typer.Option(metavar="LIST", help="A table's columns, as of drupe convert.")
+        str | None, typer.Option(metavar="LIST", help="Columns of a load cell's table, as for drupe convert.")
     ] = None,
     units: Annotated[
-        str | None, typer.Option(metavar="LIST", help="A table's units, as of drupe convert.")
+        str | None, typer.Option(metavar="LIST", help="Units of a load cell's table, as for drupe convert.")
     ] = None,
-    sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
+    sheet: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
+    ] = None,
 ) -> None:
-    """Complete a sensor's description from presses, or measure how far a rig gives way by itself.
+    """Calibrate a sensor from presses, or measure the compliance of a rig.
 
-    A ball of known radius gives a photometric sensor's look-up of slopes (written beside OUT.toml), a press
-    with the machine's load cell the gel's modulus. With --rigid and --size-mm, squeezes of a rigid object
-    give the rig's own travel over the force, which drupe convert --rig and rig = "OUT.toml" in batch.toml
-    take off. Exit status: 0 written, 1 internal error, 2 usage, 3 a press cannot be used, 130 interrupted.
+    For a photometric sensor, give pictures of a ball pressed into the gel. drupe writes a table of slopes
+    beside OUT.toml. For the modulus of the gel, give a press on a load cell (--load-cell).
+
+    For a rig, give --rigid, --size-mm and recordings of squeezes of a rigid object. OUT.toml then holds the
+    rig's own travel as a function of force. Use it with drupe convert --rig, or with rig = "OUT.toml" in
+    batch.toml.
+
+    Exit status: 0 written; 1 internal error; 2 usage; 3 unusable press; 130 interrupted.
+
+    Example: drupe calibrate squeeze.csv rig.toml --rigid ball --size-mm 40
     """
     of_rigs = size_mm, rigid_object, squeeze, columns, units, sheet
     of_sensors = ball_mm, reference, press, load_cell
     if rigid is None and any(of_rigs):
         raise typer.BadParameter(
-            "--size-mm, --object, --squeeze, --columns, --units and --sheet are of a rig; give --rigid "
-            "ball or --rigid block with them."
+            "The options --size-mm, --object, --squeeze, --columns, --units and --sheet calibrate a "
+            "rig; add --rigid ball or --rigid block."
         )
     if rigid is not None and (size_mm is None or any(of_sensors)):
         raise typer.BadParameter(
-            "--rigid calibrates a rig: give --size-mm with it, and none of --ball-mm, --reference, "
-            "--press and --load-cell, which are of a sensor."
+            "--rigid calibrates a rig and needs --size-mm. Remove --ball-mm, --reference, --press "
+            "and --load-cell, which calibrate a sensor."
         )
     with elsewhere():
         from pipeline.recordings.rig_calibration import RigidObject, calibrate_rig
@@ -108,7 +133,7 @@ def calibrate(
         typer.echo(f"drupe: {about(sensor, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; nothing was written", err=True)
+        typer.echo("drupe: interrupted; drupe wrote no file", err=True)
         raise typer.Exit(INTERRUPTED) from None
     for line in said:
         typer.echo(line)

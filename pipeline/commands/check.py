@@ -14,15 +14,20 @@ from pipeline.safe_start import elsewhere
 def check(
     batch: BatchArgument,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Read photos, but do not look at them: saves seconds for a fruit.")
+        bool,
+        typer.Option(
+            "--quick", help="Read the photos but skip the image checks. Saves some seconds per fruit."
+        ),
     ] = False,
 ) -> None:
-    """Say everything that is wrong with a batch, without computing.
+    """Check a batch for problems without computing.
 
-    Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
-    "E will be in doubt". Remarks name files that look like inputs and are not used, photos to retake and
-    sides without a photo. Exit status: 0 nothing found, 2 problems found, 4 no problem, but some E will be in
-    doubt or a remark.
+    A problem stops the batch or one of its fruit. A finding marked "E will be in doubt" widens the error bar
+    of E. A remark names unused files, photos to retake and sides without a photo.
+
+    Exit status: 0 no findings; 2 problems; 4 findings that put E in doubt, or remarks.
+
+    Example: drupe check monday --quick
     """
     require_libraries()
     with elsewhere():

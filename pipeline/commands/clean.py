@@ -9,16 +9,20 @@ from pipeline.safe_start import elsewhere
 
 
 def clean(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Results of `drupe grade`.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
     everything: Annotated[
-        bool, typer.Option("--all", help="Remove ranking, report and records too.")
+        bool, typer.Option("--all", help="Also remove ranking, report and records.")
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would go; remove nothing.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="List the files to remove, and remove nothing.")
+    ] = False,
 ) -> None:
-    """Remove what drupe keeps between runs (meshes, elements, responses); results stay unless --all.
+    """Remove the files that drupe keeps to avoid recomputation: meshes, elements and responses.
 
-    Only files that drupe wrote and nobody has changed are removed, and no link is followed. The next
-    `drupe grade` computes the fruit again. Example: drupe clean monday/results --dry-run
+    Results stay, unless you give --all. drupe removes only files that it wrote and that nobody changed.
+    drupe follows no links. The next `drupe grade` computes the fruit again.
+
+    Example: drupe clean monday/results --dry-run
     """
     with elsewhere():
         from pipeline.run.cleaning import clean as clean_results
@@ -26,4 +30,4 @@ def clean(
     would = "would be removed" if dry_run else "removed"
     typer.echo(f"{out}: {len(done.removed)} files, {done.size_bytes / 1e6:.1f} MB {would}")
     for path in done.left:
-        typer.echo(f"left: {path}: not written by drupe, or changed since")
+        typer.echo(f"kept: {path}: drupe did not write this file, or somebody changed it")

@@ -57,83 +57,115 @@ def convert(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A raw grasp (folder with grasp.toml), Tac3D arrays, .h5 with images, .npz, or a table "
-            "(.csv, .txt, .tsv, .xls, .xlsx).",
+            help="A raw grasp (a folder with grasp.toml), Tac3D arrays, an .h5 with images, a .npz, "
+            "or a table (.csv, .txt, .tsv, .xls, .xlsx).",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The recording to write.")],
     sensor: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The sensor's description, for every pad.")
+        Path | None, typer.Option(metavar="FILE", help="The sensor's description, used for every pad.")
     ] = None,
     fruit: Annotated[
-        str, typer.Option(metavar="ID", help="Whose recording, where SOURCE does not say.")
+        str, typer.Option(metavar="ID", help="The fruit's id, if SOURCE does not state it.")
     ] = "unknown",
-    category: Annotated[str, typer.Option(help="Kind of fruit, where SOURCE does not say.")] = "unknown",
-    indenter: Annotated[Indenter | None, typer.Option(help="Of a bare load cell's trace.")] = None,
-    radius_mm: Annotated[float | None, typer.Option(min=0.001, help="The ball's or punch's radius.")] = None,
-    thickness_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=200, help="Of a slab on a rigid base, under a ball or punch.")
+    category: Annotated[str, typer.Option(help="Kind of fruit, if SOURCE does not state it.")] = "unknown",
+    indenter: Annotated[
+        Indenter | None, typer.Option(help="Shape of the indenter of a bare load cell.")
     ] = None,
-    specimen: Annotated[SpecimenChoice | None, typer.Option(help="What is between plates.")] = None,
+    radius_mm: Annotated[
+        float | None, typer.Option(min=0.001, help="Radius of the ball or punch, in mm.")
+    ] = None,
+    thickness_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=200,
+            help="Thickness in mm of a slab on a rigid base under a ball or "
+            "punch. Default: a thick specimen.",
+        ),
+    ] = None,
+    specimen: Annotated[SpecimenChoice | None, typer.Option(help="The specimen between the plates.")] = None,
     height_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=500, help="Of a cylinder between plates, unloaded.")
+        float | None,
+        typer.Option(min=0.1, max=500, help="Height in mm of the unloaded cylinder between plates."),
     ] = None,
     diameter_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=500, help="Of a cylinder between plates, unloaded.")
+        float | None,
+        typer.Option(min=0.1, max=500, help="Diameter in mm of the unloaded cylinder between plates."),
     ] = None,
     ends: Annotated[
-        EndsChoice | None, typer.Option(help="Of a cylinder: glued (or rough), or sliding on oil.")
+        EndsChoice | None,
+        typer.Option(
+            help="Ends of the cylinder: bonded (glued or rough plates) or lubricated (oiled plates)."
+        ),
     ] = None,
     diameters_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="A B C", help="Of a fruit between plates: its three diameters."),
+        typer.Option(metavar="A B C", help="The three diameters in mm of the fruit between plates."),
     ] = None,
     axis: Annotated[
-        AxisChoice | None, typer.Option(help="Which of a fruit's diameters is between the plates.")
+        AxisChoice | None, typer.Option(help="The diameter of the fruit that lies between the plates.")
     ] = None,
     pit_share: Annotated[
         float | None,
         typer.Option(
-            min=0, max=0.65, help="The pit's diameter over the fruit's; 0 for none (else the category's)."
+            min=0,
+            max=0.65,
+            help="Diameter of the pit divided by the diameter of the fruit; 0 for "
+            "no pit. Default: the category's value.",
         ),
     ] = None,
     columns: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="A load cell's columns: time=Time,force=Force,travel=Pos (or gap=..., which closes).",
+            help="Columns of a load cell's table, for example time=Time,force=Force,travel=Pos. Use "
+            "gap=NAME for a distance that decreases.",
         ),
     ] = None,
     units: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="Units that the table does not state: force=N (kN, lbf, kgf, ...), travel=mm (um, in, ...), "
-            "time=s (ms, min, ...).",
+            help="Units, if the table does not state them, for example force=N,travel=mm,time=s. "
+            "Also known: kN, lbf, kgf, um, in, ms, min and others.",
         ),
     ] = None,
-    sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
+    sheet: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
+    ] = None,
     run: Annotated[
         str | None,
         typer.Option(
             metavar="N|all",
-            help="Which of several runs in one table, from 1; all writes OUT-1.h5, OUT-2.h5, ...",
+            help='Number of the run to read from a table with several runs, from 1. "all" writes '
+            "OUT-1.h5, OUT-2.h5 and so on.",
         ),
     ] = None,
     rig: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="The rig (drupe calibrate --rigid), whose give is taken off."),
+        typer.Option(
+            metavar="FILE",
+            help="The rig's description from drupe calibrate --rigid. drupe "
+            "subtracts the rig's compliance from the travel.",
+        ),
     ] = None,
     covariance: Annotated[
-        bool, typer.Option("--covariance", help="Keep each gel's joint covariance at its greatest force.")
+        bool,
+        typer.Option(
+            "--covariance", help="Store the joint covariance of each gel's displacement at its peak force."
+        ),
     ] = False,
 ) -> None:
-    """Turn frames, tables or another maker's files into a recording that grade and explain read.
+    """Convert gel frames, tables or other formats to a recording for grade and explain.
 
-    Notes tell what was noticed (lost frames, torn markers, clocks apart, ...). The checks of `drupe check`
-    that need no fruit run too. OUT.h5 appears whole or not at all. Exit status: 0 written, 1 internal error,
-    2 usage, 3 SOURCE cannot be used (nothing is written) or `drupe grade` will refuse OUT.h5, 4 written, but
-    E from it will be in doubt, 130 interrupted.
+    Notes report lost frames, torn markers, clock offsets and similar faults. drupe also runs the checks of
+    `drupe check` that need no fruit. OUT.h5 appears only when it is complete.
+
+    Exit status: 0 written; 1 internal error; 2 usage; 3 unusable SOURCE or refused OUT.h5; 4 written but E
+    will be in doubt; 130 interrupted. `drupe grade` does not accept a refused OUT.h5.
+
+    Example: drupe convert press.csv fruit7.h5 --indenter ball --radius-mm 4
     """
     with elsewhere():
         from pipeline.recordings.conversion import ConvertRequest, convert_runs
@@ -169,7 +201,7 @@ def convert(
         typer.echo(f"drupe: {about(source, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; nothing was written", err=True)
+        typer.echo("drupe: interrupted; drupe wrote no file", err=True)
         raise typer.Exit(INTERRUPTED) from None
     for path, done in written:
         for note in done.notes:

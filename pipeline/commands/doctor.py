@@ -12,13 +12,20 @@ from pipeline.safe_start import elsewhere
 
 def doctor(
     folder: Annotated[
-        Path, typer.Argument(metavar="[DIR]", help="Where results would go: its disk is looked at.")
+        Path,
+        typer.Argument(
+            metavar="[DIR]",
+            help="The folder for results; drupe checks its disk. Default: the current folder.",
+        ),
     ] = Path(),
 ) -> None:
-    """Say whether this machine can grade: libraries, threads, memory, disk, and a computation whose answer
-    is known (a few seconds).
+    """Check whether this machine can grade: libraries, threads, memory, disk and a test computation.
 
-    Exit status: 0 all well, 1 the computation is wrong, 2 something is missing. Example: drupe doctor
+    The test solves a problem with a known answer and takes a few seconds.
+
+    Exit status: 0 all well; 1 wrong result; 2 missing parts.
+
+    Example: drupe doctor
     """
     with elsewhere():
         from pipeline.run.machine_check import machine_check

@@ -25,51 +25,57 @@ def explain(
         ),
     ],
     fruit: Annotated[
-        str | None, typer.Option("--fruit", metavar="ID", help="Which fruit, where CASE is a batch.")
+        str | None, typer.Option("--fruit", metavar="ID", help="The fruit to explain, if CASE is a batch.")
     ] = None,
     json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the answer for programs here.")
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON to this file.")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE", help="Write the page for people here.")
+        Path | None,
+        typer.Option("--html", metavar="FILE", help="Write the answer as an HTML page to this file."),
     ] = None,
     apply: Annotated[
         bool,
         typer.Option(
             "--apply",
-            help="Write the effect into the batch's batch.toml, for `drupe grade`, where it is one name and "
-            "helps recordings that the fit did not see; else say why not.",
+            help="Write the effect into batch.toml for `drupe grade`. This needs a single effect "
+            "that improves the prediction of held-out recordings; otherwise drupe says why not.",
         ),
     ] = False,
     work: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Keep meshes here for a second run of a case.", show_default="nothing is kept"
+            metavar="DIR",
+            help="Keep meshes in this folder, for a second run of the case.",
+            show_default="no folder",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where a batch's results are.", show_default="BATCH/results"),
+        typer.Option(metavar="DIR", help="The batch's results folder.", show_default="BATCH/results"),
     ] = None,
     jobs: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help="Grasps and effects worked on at the same time; memory grows with each.",
+            help="Number of grasps and effects to compute in parallel. Each needs memory.",
             show_default=f"one per core, at most {MOST_EXPLAINING}",
         ),
     ] = None,
 ) -> None:
-    """Say what physics the simulation leaves out of one fruit's recordings, where, when, and how surely.
+    """Find physics that the model misses in one fruit's recordings: what, where, when and how certain.
 
-    All recordings of the fruit are looked at together; four that differ in place, speed and hold, each with
-    frames in the air before it, tell most effects apart. The verdict is "none", one effect, several that
-    these recordings cannot tell apart, or "unknown". Nothing is written but the files asked for and, for a
-    batch's fruit, what belongs to it among the results (--out; BATCH/results without): mismatch.json, which a
-    later `drupe grade` puts into its table, and shape and pictures, made anew where they are not there yet.
+    drupe fits all recordings of the fruit together. Four recordings that differ in place, speed and hold
+    distinguish most effects. Each should start with frames in the air. The verdict is "none", one effect,
+    several indistinguishable effects, or "unknown".
 
-    Exit status: 0 an answer was given (whatever it says), 1 internal error, 2 usage or settings, 3 the fruit
-    or its recordings could not be used, 4 an answer was given but its E is in doubt, 130 interrupted.
+    drupe writes the files that you name. For a fruit of a batch it also writes mismatch.json into the
+    results, and missing shapes and pictures. The next `drupe grade` adds mismatch.json to its table.
+
+    Exit status: 0 answered; 1 internal error; 2 usage or settings; 3 unusable fruit or recordings; 4
+    answered but E is in doubt; 130 interrupted.
+
+    Example: drupe explain monday --fruit 7 --html fruit7.html
     """
     require_libraries()
     with elsewhere():
@@ -92,7 +98,7 @@ def explain(
         typer.echo(f"drupe: {case}: {reason}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; no answer was written", err=True)
+        typer.echo("drupe: interrupted; drupe wrote no answer", err=True)
         raise typer.Exit(INTERRUPTED) from None
     print_explanation(found, [path for path in (json, html) if path], console=Console())
     if found.doubts:

@@ -17,48 +17,48 @@ from pipeline.safe_start import elsewhere
 
 def grade(
     batch: BatchArgument,
-    out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")
+    ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core"),
+        typer.Option(min=1, help="Number of fruit to compute in parallel.", show_default="one per core"),
     ] = None,
-    time_limit: Annotated[
-        float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
-    ] = 1800,
+    time_limit: Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")] = 1800,
     force: Annotated[
         bool,
-        typer.Option("--force", help="Grade in spite of numbers that no fruit of the category has."),
+        typer.Option("--force", help="Accept values outside the category's plausible range."),
     ] = False,
     screen: Annotated[
         bool,
-        typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
+        typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit)."),
     ] = True,
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Grade on several machines: the address of the program that hands fruit out to them, a "
-            "scheduler of dask (tcp://node1:8786). BATCH and OUT must lie on a file system that all share.",
+            help="Grade on several machines with this dask scheduler, for example tcp://node1:8786. "
+            "All machines must share the file system with BATCH and OUT.",
         ),
     ] = None,
     slurm: Annotated[
         bool,
         typer.Option(
             "--slurm",
-            help="Grade on a computing cluster whose machines Slurm gives out, in as many of its jobs as "
-            "--jobs says, one fruit at a time each.",
+            help="Grade on a Slurm cluster. --jobs sets the number of Slurm jobs; each computes one "
+            "fruit at a time.",
         ),
     ] = False,
     tls: Annotated[
         bool,
         typer.Option(
             "--tls/--no-tls",
-            help="Encrypt what jobs of --slurm and this command send each other, and let nobody else join.",
+            help="Encrypt the connections to Slurm jobs and refuse other clients.",
         ),
     ] = True,
     provenance: Annotated[
         bool,
-        typer.Option("--provenance", help="List the checksums of all inputs in the report (for an annex)."),
+        typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report."),
     ] = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
@@ -67,11 +67,14 @@ def grade(
     verbose: VerboseOption = False,
     log: LogOption = None,
 ) -> None:
-    """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
+    """Grade a batch: compute E of every fruit and write ranking.csv and report.html.
 
-    A second run does only what is missing or changed. Exit status: 0 all graded, 1 internal error, 2 usage or
-    settings, 3 some fruit not graded, 4 all graded but some E in doubt (or the reference bodies or their
-    chart call for somebody), 130 interrupted.
+    A second run computes only missing or changed fruit.
+
+    Exit status: 0 all graded; 1 internal error; 2 usage or settings; 3 some fruit not graded; 4 all graded
+    but some E in doubt or a reference body failed its check; 130 interrupted.
+
+    Example: drupe grade monday --jobs 4
     """
     require_libraries()
     language = chosen_language(lang)
@@ -96,7 +99,8 @@ def grade(
         )
     except KeyboardInterrupt:
         typer.echo(
-            "drupe: interrupted; finished fruit are kept, the same command goes on from here", err=True
+            "drupe: interrupted; drupe kept the finished fruit. Run the same command again to continue.",
+            err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
     if not quiet:

@@ -12,26 +12,33 @@ from pipeline.safe_start import elsewhere
 def history(
     outs: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[OUT]...", help="Folders of results, each of one `drupe grade`."),
+        typer.Argument(metavar="[OUT]...", help="Results folders of `drupe grade`, one per batch."),
     ] = None,
     store: Annotated[
         Path | None,
         typer.Option(
-            "--store", metavar="FILE", help="Keep batches here, and show those kept before (SQLite)."
+            "--store",
+            metavar="FILE",
+            help="Store the batches in this SQLite file, and include the batches already in it.",
         ),
     ] = None,
     html: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE", help="Write the page for people here.")
+        Path | None,
+        typer.Option("--html", metavar="FILE", help="Write the history as an HTML page to this file."),
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write a row per fruit and day here.")
+        Path | None,
+        typer.Option(
+            "--csv", metavar="FILE", help="Write a table with one row per fruit and day to this file."
+        ),
     ] = None,
     fit: Annotated[
         list[str] | None,
         typer.Option(
             "--fit",
             metavar="SCALE",
-            help="Fit shore_oo or penetrometer_N against E, per cultivar, and keep it as a new version.",
+            help="Fit shore_oo or penetrometer_N against E for each cultivar, and store the fit as a "
+            "new version. Needs --store.",
         ),
     ] = None,
     convert: Annotated[
@@ -39,7 +46,7 @@ def history(
         typer.Option(
             "--convert",
             metavar="SCALE[@N]",
-            help="Predict these readings in the table by the last conversion kept, or by version N.",
+            help="Predict these readings in the table. drupe uses the newest stored fit, or version N.",
         ),
     ] = None,
     forget: Annotated[
@@ -47,24 +54,27 @@ def history(
         typer.Option(
             "--forget",
             metavar="BATCH_OR_LOT[/FRUIT]",
-            help="Remove a batch (its name in the store or its folder), a lot, or one fruit from the store.",
+            help="Remove a batch (by name or folder), a lot, or one fruit from the store.",
         ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="With --forget: list what would be removed, and remove nothing.")
+        bool,
+        typer.Option("--dry-run", help="With --forget: list what drupe would remove, and remove nothing."),
     ] = False,
 ) -> None:
     """Show how lots soften over days, when they reach a class, and whether the gripper drifts.
 
-    Each day of a lot is a batch graded with the same lot and cultivar in batch.toml. An exponential is
-    fitted to the days, with 90 % intervals of the rate and of the day on which the mean reaches each class.
+    Each day of a lot is one graded batch. All days have the same lot and cultivar in batch.toml. drupe fits
+    an exponential decay to the days. It reports 90 % intervals of the rate and of the day on which the mean
+    reaches each class.
+
+    If you grade a batch again, its newest results count, and the store keeps earlier ones as revisions.
+    --forget removes rows from the store and changes no other file.
+
+    Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 4 done but a reference body failed
+    its check.
+
     Example: drupe history monday/results thursday/results --store lots.sqlite --html history.html
-
-    A batch that is graded again takes its own place: its latest results count, earlier ones are kept as
-    revisions. --forget removes rows of the store and no other file.
-
-    Exit status: 0 done, 1 internal error, 2 usage or results that cannot be read, 4 done, but reference
-    bodies call for somebody.
     """
     with elsewhere():
         from pipeline.exit_status import DOUBTED

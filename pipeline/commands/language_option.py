@@ -13,7 +13,7 @@ LanguageOption = Annotated[
         "--lang",
         metavar="LANGUAGE",
         help=f"Language of the page: {', '.join(LANGUAGES)}.",
-        show_default="the environment's, else en",
+        show_default="from the locale, otherwise en",
     ),
 ]
 

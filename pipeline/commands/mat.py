@@ -12,16 +12,26 @@ from pipeline.safe_start import elsewhere
 
 def mat(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")
+        Path,
+        typer.Argument(
+            metavar="DIR", help="The folder for mat.pdf and mat.json. Default: the current folder."
+        ),
     ] = Path(),
-    paper: Annotated[Paper, typer.Option(help="The sheet it is printed on.")] = Paper.A4,
-    cherry: Annotated[bool, typer.Option("--cherry", help="Half-size tags and blank, for cherries.")] = False,
+    paper: Annotated[Paper, typer.Option(help="Paper size to print on.")] = Paper.A4,
+    cherry: Annotated[
+        bool, typer.Option("--cherry", help="Halve the tags and the blank centre, for cherries.")
+    ] = False,
 ) -> None:
-    """Write the marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
+    """Write the marker mat: mat.pdf and mat.json.
+
+    Print mat.pdf at 100 %, and copy mat.json beside batch.toml.
+
+    Example: drupe mat monday --paper a4
+    """
     with elsewhere():
         from pipeline.batch.marker_mat import write_mat
     with said_when_interrupted(""):
         written = write_mat(folder, paper=paper, cherry=cherry)
     for path in written:
         typer.echo(f"wrote {path}")
-    typer.echo("print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml")
+    typer.echo("Print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml.")

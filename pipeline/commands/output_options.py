@@ -6,12 +6,12 @@ from typing import Annotated
 import typer
 
 QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Show errors alone; the exit status says how it went.")
+    bool, typer.Option("--quiet", "-q", help="Print only errors; the exit status shows the outcome.")
 ]
 VerboseOption = Annotated[
-    bool, typer.Option("--verbose", "-v", help="A line for every stage of every fruit, on a terminal too.")
+    bool, typer.Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
 ]
 LogOption = Annotated[
     Path | None,
-    typer.Option("--log", metavar="FILE", help="Add every line, with its time in UTC, to this file."),
+    typer.Option("--log", metavar="FILE", help="Append every line to this file, with its time in UTC."),
 ]

@@ -13,22 +13,24 @@ from pipeline.safe_start import elsewhere
 
 
 def report(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Results of `drupe grade`.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
     batch: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="The batch, where it has moved since it was graded."),
+        typer.Option(metavar="DIR", help="The batch folder, if it moved after grading."),
     ] = None,
     provenance: Annotated[
-        bool, typer.Option("--provenance", help="List the checksums of all inputs in the report.")
+        bool, typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report.")
     ] = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
     lang: LanguageOption = None,
 ) -> None:
-    """Make ranking.csv and report.html anew from what a run kept, for example after a change of classes.
+    """Rebuild ranking.csv and report.html from stored results, for example after you change the classes.
 
-    No fruit is computed. Of an interrupted run the page says how many fruit are done, and the exit status is
-    3. Example: drupe report monday/results --provenance
+    drupe computes no fruit. After an interrupted run the page shows the number of finished fruit, and the
+    exit status is 3.
+
+    Example: drupe report monday/results --provenance
     """
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
@@ -38,6 +40,9 @@ def report(
     options = ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language)
     entry = report_again(out, batch, options=options)
     if entry is None:
-        typer.echo(f"{out}: not all fruit are done; `drupe grade` goes on. The page shows those that are.")
+        typer.echo(
+            f"{out}: some fruit are not graded yet; run `drupe grade` to continue. The page "
+            "shows the finished fruit."
+        )
         raise typer.Exit(UNUSABLE)
     print_summary(entry, out, console=Console())

@@ -12,31 +12,40 @@ from pipeline.safe_start import elsewhere
 
 
 def sample(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A folder that does not exist yet, or is empty.")
-    ],
-    name: Annotated[str, typer.Option(help="Which shipped batch.")] = "nectarines",
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder for the batch.")],
+    name: Annotated[str, typer.Option(help="Name of the shipped batch.")] = "nectarines",
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Generate new fruit from this seed instead of the shipped ones.")
+        int | None,
+        typer.Option(
+            min=0, help="Generate new fruit from this random seed instead of copying the shipped batch."
+        ),
     ] = None,
     fruits: Annotated[
         int | None,
-        typer.Option(min=1, max=500, help="How many fruit to generate.", show_default="4"),
+        typer.Option(min=1, max=500, help="Number of fruit to generate.", show_default="4"),
     ] = None,
     photos: Annotated[
-        bool, typer.Option(help="Render photos (needs the extra [samples]); without: ready meshes.")
+        bool,
+        typer.Option(
+            help="Render photos (needs the extra drupe[samples]). Without photos, drupe writes meshes."
+        ),
     ] = True,
 ) -> None:
-    """Write a synthetic batch with known answers (answers.json): a shipped one, or new from a seed."""
+    """Write a synthetic batch with known answers: a shipped batch, or new fruit from a random seed.
+
+    True moduli are in answers.json.
+
+    Example: drupe sample demo --seed 7 --fruits 6
+    """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BatchRefused([Problem(str(folder), "is not empty; give a folder that does not exist yet.")])
+        raise BatchRefused([Problem(str(folder), "is not empty; give a new folder.")])
     if seed is None and (fruits is not None or not photos):
         raise BatchRefused(
-            [Problem("sample", "--fruits and --no-photos are for new fruit; give a --seed too.")]
+            [Problem("sample", "--fruits and --no-photos apply to new fruit only; add --seed.")]
         )
     with elsewhere():
         from pipeline.batch.sample_batches import write_sample
-    with said_when_interrupted("; nothing was written"):
+    with said_when_interrupted("; drupe wrote no file"):
         write_sample(
             folder, name=name, seed=seed, fruits=fruits or 4, photos=photos, console=Console(stderr=True)
         )

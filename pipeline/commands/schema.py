@@ -8,9 +8,11 @@ from pipeline.safe_start import elsewhere
 
 
 def schema() -> None:
-    """Print the JSON schema of batch.toml, for editors that check TOML while it is written.
+    """Print the JSON schema of batch.toml, for editors that check TOML files.
 
-    Limits and types are the reader's own; what depends on several keys at once `drupe check` says.
+    The schema holds the limits and types of each key. `drupe check` also tests rules that combine several
+    keys.
+
     Example: drupe schema > batch.schema.json
     """
     with elsewhere():

@@ -12,36 +12,53 @@ from pipeline.safe_start import elsewhere
 
 def sensor(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="A sensor by name; without one they are listed.")
+        str | None,
+        typer.Argument(
+            metavar="[NAME]", help="Name of the sensor. Without a name, drupe lists the known sensors."
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Argument(metavar="[OUT.toml]", help="The description to write.")
+        Path | None, typer.Argument(metavar="[OUT.toml]", help="The description file to write.")
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A picture of the untouched gel, as the recordings' frames are."),
+        typer.Option(
+            metavar="FILE", help="A picture of the untouched gel, at the size of the recordings' frames."
+        ),
     ] = None,
     pitch_mm: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="X Y", help="Distance of dots along x and y.")
+        tuple[float, float] | None,
+        typer.Option(metavar="X Y", help="Distance between dots along x and y, in mm."),
     ] = None,
-    rows: Annotated[int | None, typer.Option(min=2, max=200, help="Rows of dots on the gel.")] = None,
-    columns: Annotated[int | None, typer.Option(min=2, max=200, help="Columns of dots on the gel.")] = None,
-    thickness_mm: Annotated[float | None, typer.Option(min=0.1, max=50, help="Of the gel.")] = None,
+    rows: Annotated[
+        int | None, typer.Option(min=2, max=200, help="Number of rows of dots on the gel.")
+    ] = None,
+    columns: Annotated[
+        int | None, typer.Option(min=2, max=200, help="Number of columns of dots on the gel.")
+    ] = None,
+    thickness_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=50, help="Thickness of the gel, in mm.")
+    ] = None,
     gel_modulus_MPa: Annotated[
-        float | None, typer.Option("--E-MPa", min=1e-3, max=100, help="Young's modulus of the gel.")
+        float | None, typer.Option("--E-MPa", min=1e-3, max=100, help="Young's modulus of the gel, in MPa.")
     ] = None,
     distance_mm: Annotated[
-        float | None, typer.Option(min=1, max=500, help="From the gel's face to the camera's lens.")
+        float | None,
+        typer.Option(min=1, max=500, help="Distance from the gel's surface to the camera lens, in mm."),
     ] = None,
     known_to: Annotated[
-        float, typer.Option(min=0.001, max=1, help="Relative standard deviation of what is given here.")
+        float, typer.Option(min=0.001, max=1, help="Relative standard deviation of the values given here.")
     ] = 0.1,
 ) -> None:
-    """Describe a sensor as it is sold: what is published of it, and its camera from a picture of the dots.
+    """Write the description of a commercial sensor from published values and a picture of its dots.
 
-    Without a NAME the sensors are listed, with what has to be given. Every value's source and spread stands
-    in the description, and the spread of force and displacement goes into E. Exit status: 0 written, 1
-    internal error, 2 usage, 3 the picture cannot be used, 130 interrupted.
+    Without NAME, drupe lists the known sensors and the values that you must give. The description states the
+    source and the standard deviation of every value. The uncertainty of force and displacement enters the
+    error bar of E.
+
+    Exit status: 0 written; 1 internal error; 2 usage; 3 unusable picture; 130 interrupted.
+
+    Example: drupe sensor
     """
     with elsewhere():
         from pipeline.recordings.sensor_from_model import shipped, unknown_of, write_sensor
@@ -52,7 +69,7 @@ def sensor(
             typer.echo(f"{model.key}: {model.name}. {unknown_of(model)}".rstrip())
         return
     if out is None:
-        raise typer.BadParameter("give the description to write, OUT.toml.")
+        raise typer.BadParameter("Name the description file to write, for example OUT.toml.")
     given = {
         "pitch_mm": pitch_mm,
         "thickness_mm": None if thickness_mm is None else (thickness_mm,),

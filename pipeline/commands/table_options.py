@@ -9,11 +9,11 @@ ExcelOption = Annotated[
     typer.Option(
         "--csv",
         metavar="DIALECT",
-        help="Also write ranking-excel.csv, which Excel opens by a double click: excel, excel-de, excel-es, "
-        "excel-fr or excel-it.",
+        help="Also write ranking-excel.csv, which opens in Excel by double click. Dialects: excel, "
+        "excel-de, excel-es, excel-fr, excel-it.",
         show_default="none",
     ),
 ]
 ParquetOption = Annotated[
-    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs pyarrow: drupe[parquet]).")
+    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs the extra drupe[parquet]).")
 ]

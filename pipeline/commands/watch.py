@@ -14,40 +14,42 @@ from pipeline.safe_start import elsewhere
 
 def watch(
     batch: BatchArgument,
-    out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Fruit worked on at the same time.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of fruit to compute in parallel.")] = 1,
     port: Annotated[
         int,
         typer.Option(min=0, max=65535, help="Port of the page on this machine.", show_default="any free one"),
     ] = 0,
     settle: Annotated[
-        float, typer.Option(min=0, help="Seconds without a change after which a fruit's files are whole.")
+        float, typer.Option(min=0, help="Wait until a fruit's files are unchanged for this time, in seconds.")
     ] = 2,
     idle: Annotated[
         float | None,
-        typer.Option(
-            min=0, help="Minutes without anything new after which watching ends.", show_default="never"
-        ),
+        typer.Option(min=0, help="Stop after this time without new files, in minutes.", show_default="never"),
     ] = None,
-    time_limit: Annotated[
-        float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
-    ] = 1800,
+    time_limit: Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")] = 1800,
     screen: Annotated[
         bool,
-        typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
+        typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit)."),
     ] = True,
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
     log: LogOption = None,
 ) -> None:
-    """Grade fruit as their files are put into BATCH/fruits/<fruit_id>, and show the last one in a browser.
+    """Grade fruit as their files arrive in BATCH/fruits/<fruit_id>, and show the latest fruit in a browser.
 
-    A fruit is graded when it has photos (or fruit.ply) and a recording and its files have been at rest for
-    --settle seconds, and again when they change; folders without a row in fruits.csv are fruit too. The page
-    shows each fruit as soon as it is graded; ranking and report follow, so often that they take 1 % of the
-    time, and at the end. The page is for browsers on this machine, at an address that is printed; Ctrl-C
-    ends. Example: drupe watch monday --port 8000
+    drupe grades a fruit that has photos (or fruit.ply) and a recording, once its files are unchanged for
+    --settle seconds. drupe grades it again when its files change. A folder without a row in fruits.csv also
+    counts as a fruit.
+
+    The page shows each fruit when its grade is ready. Only browsers on this machine can open it. drupe
+    prints its address. Ranking and report follow at intervals that keep their cost near 1 % of the time, and
+    at the end. Press Ctrl-C to stop.
+
+    Example: drupe watch monday --port 8000
     """
     require_libraries()
     language = chosen_language(lang)
@@ -79,7 +81,7 @@ def watch(
 
     with PageServer(Results(place), port=port, tell=tell) as server:
         typer.echo(f"page: {server.address}")
-        typer.echo(f"watching {batch}; Ctrl-C ends")
+        typer.echo(f"watching {batch}; press Ctrl-C to stop")
         watching = BatchWatch(
             root=batch,
             options=options,
@@ -91,7 +93,7 @@ def watch(
         except KeyboardInterrupt:
             unfinished = len(watching.graded.working)
             fruit = "a fruit was" if unfinished == 1 else f"{unfinished} fruit were"
-            goes_on = f"; {fruit} not finished, the same command goes on from here" if unfinished else ""
+            goes_on = f"; {fruit} not finished. Run the same command again to continue." if unfinished else ""
             typer.echo(f"drupe: stopped{goes_on}", err=True)
             status = watching.stop()
     if not quiet and watching.graded.reported is not None:

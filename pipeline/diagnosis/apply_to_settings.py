@@ -13,7 +13,7 @@ from pipeline.batch.confirmed_effects import ConfirmedEffect, Value
 from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
-from recon.plain_file import NotReadable, toml_of
+from pipeline.files.plain_file import NotReadable, toml_of
 
 HEADER = re.compile(r"[ \t]*\[")
 MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
@@ -41,12 +41,14 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
         changed = with_effects(text, effects, note=f"found by drupe explain on {now:%Y-%m-%d}")
         if changed is None:
             lines = " ".join(line for one in effects for line in _lines(one, note=""))
-            return f"Not applied: {path} could not be changed without touching the rest; add by hand: {lines}"
+            return (
+                f"Not applied: drupe cannot change {path} without changing other lines; add by hand: {lines}"
+            )
         mode = path.stat().st_mode
         write_whole(path.resolve(), changed)
         path.chmod(mode)
     except OSError as error:
-        return f"Not applied: {path} cannot be written ({error.strerror})."
+        return f"Not applied: drupe cannot write {path} ({error.strerror})."
     applied_effects = " and ".join(
         f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
         for one in effects
@@ -60,22 +62,20 @@ def why_not(found: Explanation) -> str:
     if not found.detected or found.verdict == NONE:
         return "nothing is missing, so there is nothing to apply."
     if found.verdict == UNKNOWN:
-        return "what is missing is not known, so grading cannot take it into account."
+        return "the cause is unknown, so grading cannot take it into account."
     if not isinstance(found.verdict, str):
         names = ", ".join(found.verdict)
-        return f"{names} cannot be told apart yet; record what the answer proposes, and explain again."
+        return f"the recordings cannot distinguish {names}; record the proposed grasp, and run explain again."
     if all(map(_in_forces, found.verdict.split("+"))):
         return _needs_no_entry(found.verdict)
     if found.heldout is None:
-        return "there is no second recording to confirm the effect by; record another grasp."
+        return "no second recording confirms the effect; record another grasp."
     if not found.heldout.rms_after < found.heldout.rms_before:
-        return "the effect does not help recordings that it was not fitted to."
+        return "the effect does not improve the prediction of held-out recordings."
     if found.heldout.rms_before <= found.heldout.noise_rms:
-        return (
-            "what recordings show that the fit did not see is within the sensors' noise without it already."
-        )
+        return "the misfit of held-out recordings is within sensor noise even without the effect."
     if all(one.effect != found.verdict for one in found.ranking):
-        return f"the ranking does not hold {found.verdict}."
+        return f"the ranking does not contain {found.verdict}."
     return ""
 
 
@@ -135,7 +135,7 @@ def _in_forces(effect: str) -> bool:
 
 
 def _needs_no_entry(effect: str) -> str:
-    return f"{effect} needs no entry: the recorded forces hold it, so E is right without one."
+    return f"{effect} needs no entry: the recorded forces include it, so E is right without one."
 
 
 def _rounded(value: Value) -> Value:

@@ -10,9 +10,9 @@ from pydantic import ConfigDict, Field
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, as_named, open_batch
-from pipeline.batch.records import Given
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
@@ -93,38 +93,49 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     """
     if not path.is_dir():
         is_file = f"is a file; give the folder of a case: {_HOLDS}."
-        raise BatchRefused([Problem(str(path), is_file if path.exists() else "there is no such folder.")])
+        raise BatchRefused(
+            [Problem(str(path), is_file if path.exists() else "does not exist; give the folder of a case.")]
+        )
     if BatchFolder(path).settings.is_file():
         if fruit_id is None:
             raise BatchRefused([Problem(str(path), _which_fruit(path))])
         return _of_batch(path, fruit_id, out)
     if CaseFolder(path).settings.is_file():
         if fruit_id is not None:
-            raise BatchRefused([Problem(str(path), "is a single case; --fruit is for batches.")])
+            raise BatchRefused(
+                [Problem(str(path), "is a single case, but --fruit applies to batches; remove --fruit.")]
+            )
         return _of_its_own(CaseFolder(path), work)
     root = path.resolve().parents[1] if len(path.resolve().parents) > 1 else path
     if path.resolve().parent.name.lower() == "fruits" and BatchFolder(root).settings.is_file():
         if fruit_id is not None and fruit_id != path.resolve().name:
-            raise BatchRefused([Problem(str(path), f'is fruit "{path.name}", and --fruit "{fruit_id}".')])
+            raise BatchRefused(
+                [
+                    Problem(
+                        str(path),
+                        f'The path is fruit "{path.name}" but --fruit says "{fruit_id}"; remove one.',
+                    )
+                ]
+            )
         return _of_batch(root, path.resolve().name, out)
     if path.resolve().parent.name.lower() == "fruits":
-        sentence = f"lies in fruits/, but {root} has no batch.toml; add it, with the batch's category."
+        sentence = f"lies in fruits/, but {root} has no batch.toml; add batch.toml with the batch's category."
         raise BatchRefused([Problem(str(path), sentence)])
     raise BatchRefused([Problem(str(path), _NEITHER)])
 
 
 _HOLDS = (
-    'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply (not needed '
-    "for a load cell's traces)"
+    'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply '
+    "(a load cell's curves need none)"
 )
-_NEITHER = f"there is no case.toml and no batch.toml; a case holds {_HOLDS}."
-_NO_CASE = f"case.toml: {_NEITHER}"
+_NEITHER = f"has neither case.toml nor batch.toml; a case holds {_HOLDS}."
+_NO_CASE = f"case.toml: does not exist; a case holds {_HOLDS}."
 
 
 def _which_fruit(root: Path) -> str:
     folder = BatchFolder(root).fruits
     known = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
-    return f"is a batch; say which fruit with --fruit ({_in_short(known) or 'it has none yet'})."
+    return f"is a batch; choose a fruit with --fruit ({_in_short(known) or 'it has none yet'})."
 
 
 def _in_short(fruit_ids: Sequence[str]) -> str:
@@ -175,7 +186,7 @@ def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
         if near:
             problems.append(Problem(str(path), f'unknown key "{key}"; did you mean "{near[0]}"?'))
         else:
-            notes.append(f'case.toml: the key "{key}" is not known and was left aside.')
+            notes.append(f'case.toml: drupe does not know the key "{key}" and ignored it.')
     if problems:
         raise BatchRefused(problems)
     return tuple(notes)
@@ -203,7 +214,7 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
     return prior
 
 
-_LEFT = 'the category "{}" leaves that to the case'
+_LEFT = 'the category "{}" has no default'
 
 
 def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
@@ -213,7 +224,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     if fruit_id not in known:
         near = difflib.get_close_matches(fruit_id, known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"there are: {_in_short(known) or 'none yet'}."
-        raise BatchRefused([Problem(str(batch.folder.table), f'there is no fruit "{fruit_id}"; {hint}')])
+        raise BatchRefused([Problem(str(batch.folder.table), f'has no fruit "{fruit_id}"; {hint}')])
     if said := ImplausibleNumbers(batch).said(batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
     notes: tuple[str, ...] = ()
@@ -225,6 +236,6 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
 
 
 _SETTINGS_LEFT_ASIDE = (
-    "The batch's settings already hold effects ({}); this answer leaves them aside and looks at the "
-    "recordings as they were made."
+    "The batch's settings already contain effects ({}); this answer ignores them and uses the "
+    "recordings as recorded."
 )

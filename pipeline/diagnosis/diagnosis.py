@@ -32,11 +32,11 @@ TRACE_SEED = 20261120
 
 
 NOT_GRADED = (
-    "grading gives no E for these recordings ({why}); E without an effect is the mean of their own fits."
+    "grading gives no E for these recordings ({why}); E without an effect is the mean of the individual fits."
 )
 
 
-WITHOUT_GRASP = "E, without an effect and with one, is inferred without {name}: {why}."
+WITHOUT_GRASP = "both values of E (with and without an effect) ignore {name}: {why}."
 AS_GRADED = "E without an effect: {said}."
 
 
@@ -140,9 +140,9 @@ def _require_gels(fruit: GraspedFruit) -> None:
     if plain:
         raise TactileFailure(
             TactileProblem.NO_MARKERS,
-            f"{', '.join(plain)}: found a jaw without a gel, expected gels on both: nothing tells the "
-            "other's faults from the fruit's. drupe grade gives E of such a grasp; to explain the fruit "
-            "record it between two gels, and take these recordings out of its folder meanwhile.",
+            f"{', '.join(plain)}: found a jaw without a gel, expected gels on both jaws. With one "
+            "gel, nothing distinguishes sensor faults from the fruit. Use drupe grade for E, or "
+            "record the fruit between two gels and move these recordings away.",
         )
 
 
@@ -179,7 +179,10 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             ("Pit", "none" if pit is None else pit.source),
             *([] if pit is None else [("Pit's place and size", off)]),
             ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
-            ("Common scale of force and gel stiffness", f"± {100 * scale:.2g} % of E, beside its error"),
+            (
+                "Common scale of force and gel stiffness",
+                f"± {100 * scale:.2g} % of E, in addition to its error",
+            ),
         ),
     )
 
@@ -209,5 +212,5 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
 
 def _rig_in_words(case: Case, trace: IndenterTrace) -> str:
     if trace.rig_give_mm is not None:
-        return f"its own {trace.rig_give_mm.max():.3g} mm at most were taken off the travel"
-    return "not known" if case.rig_N_per_mm is None else f"{case.rig_N_per_mm:g} N/mm, not taken off"
+        return f"drupe subtracted the rig's own {trace.rig_give_mm.max():.3g} mm at most from the travel"
+    return "not known" if case.rig_N_per_mm is None else f"{case.rig_N_per_mm:g} N/mm, not subtracted"

@@ -3,25 +3,19 @@
 from collections.abc import Iterable
 
 from fem.mismatch.catalogue import SPECS
-from reports.explain_entries import EffectEntry
+from fem.mismatch.effect_spec import EffectWords
 
 OF_A_TRACE = {
-    "onset_mm": "travel at which the first touch came",
-    "zero_N": "what the load cell says before the first touch",
+    "onset_mm": "travel at first contact",
+    "zero_N": "load cell reading before first contact",
 }
 """Parameters that only the trace of a bare indenter has; they belong to no effect."""
 
 
-def effect_entries(names: Iterable[str]) -> dict[str, EffectEntry]:
+def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:
     """Of all single effects in these names, pairs among them, that the catalogue has."""
     single = dict.fromkeys(part for name in names for part in name.split("+"))
-    return {name: _entry(name) for name in single if name in SPECS}
-
-
-def _entry(name: str) -> EffectEntry:
-    """The words of one effect, for the page."""
-    words = SPECS[name].words
-    return EffectEntry(short=words.short, meaning=words.meaning, advice=words.advice)
+    return {name: SPECS[name].words for name in single if name in SPECS}
 
 
 def parameter_words(effect: str, name: str) -> str:

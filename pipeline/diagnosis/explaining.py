@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from pipeline.batch.layout import CaseFolder, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
+from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
     batch_trees,
     require_file_apart,
@@ -31,21 +33,20 @@ from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, remove
-from pipeline.files.results_lock import is_held, results_lock
-from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import BatchRefused, Problem
+from pipeline.run.console import utc_now
 from pipeline.run.former_results import former_batch, identity, require_same_batch
 from pipeline.run.grading import read_files
-from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
 from reports.explain_page import explain_html
 from reports.explain_scene import explained_scene
 from tactile.tactile_failure import TactileFailure
 
-PAGE_TITLE = ": where simulation and recording differ</title>"
+PAGE_TITLE = ": differences between simulation and recording</title>"
 """By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
 
 
@@ -62,11 +63,6 @@ class ExplainOutputs:
     work: Path | None = None
     out: Path | None = None
     apply: bool = False
-
-
-def utc_now() -> datetime:
-    """The present moment, aware."""
-    return datetime.now(UTC)
 
 
 def explain(
@@ -90,7 +86,12 @@ def explain(
         case = open_case(path, fruit_id=fruit_id, work=work, out=wanted.out)
         if wanted.apply and case.batch is None:
             raise BatchRefused(
-                [Problem(str(path), "is a case of its own; --apply writes into a batch's settings.")]
+                [
+                    Problem(
+                        str(path),
+                        "is a single case, but --apply writes into a batch's settings; remove --apply.",
+                    )
+                ]
             )
         if case.batch is None:
             _require_apart(case, wanted)
@@ -99,7 +100,7 @@ def explain(
             require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
             if wanted.out is not None and not Results(wanted.out).provenance.is_file():
-                report(f"{wanted.out} holds no results of drupe grade: all stages are computed anew")
+                report(f"{wanted.out} holds no results of drupe grade: drupe computes all stages again")
         with results_lock(held, option=option), _said_plainly():
             case.task.results.claim()
             case.task.results.sweep()
@@ -175,7 +176,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
             if any(_same(target, path) for path in own):
-                sentence = "is a file that the results have themselves; give another name."
+                sentence = "is a file of the results; give another name."
                 raise BatchRefused([Problem(str(target), sentence)])
     return root
 
@@ -188,7 +189,9 @@ def _said_plainly() -> Iterator[None]:
     except (ReconFailure, TactileFailure, FemFailure, FruitEnded) as failure:
         raise NotExplained(" ".join(str(failure).split())) from failure
     except MemoryError as error:
-        raise NotExplained(f"Ran out of memory ({error}); close other programs and run it again.") from error
+        raise NotExplained(
+            f"drupe ran out of memory ({error}); close other programs and run the command again."
+        ) from error
 
 
 def _require_writable(wanted: ExplainOutputs) -> None:
@@ -197,13 +200,15 @@ def _require_writable(wanted: ExplainOutputs) -> None:
         if target is None:
             continue
         if target.is_dir():
-            raise BatchRefused([Problem(str(target), f"is a folder; {option} takes the name of a file.")])
+            raise BatchRefused([Problem(str(target), f"is a folder; {option} needs a file name.")])
         if not target.absolute().parent.is_dir():
             raise BatchRefused(
-                [Problem(str(target.parent), f"there is no such folder; make it, or change {option}.")]
+                [Problem(str(target.parent), f"does not exist; create the folder, or change {option}.")]
             )
     if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
-        raise BatchRefused([Problem(str(wanted.html), "is named by --json and --html; give two names.")])
+        raise BatchRefused(
+            [Problem(str(wanted.html), "is the file of both --json and --html; give two names.")]
+        )
     if wanted.json is not None:
         require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
     if wanted.html is not None:
@@ -220,7 +225,4 @@ def _is_answer(path: Path) -> bool:
 
 
 def _is_page(path: Path) -> bool:
-    try:
-        return PAGE_TITLE in read_text(path, most_bytes=MOST_BYTES)
-    except NotReadable:
-        return False
+    return PAGE_TITLE in text_or_empty(path, most_bytes=MOST_BYTES)

@@ -21,23 +21,24 @@ from tactile.noise import FEWEST_NO_CONTACT_FRAMES
 from tactile.tactile_failure import TactileFailure
 
 ONE_RECORDING = (
-    "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "
-    "a pad's place) cannot be told apart, and none is left to test the answer on."
+    "There is only one recording. It cannot distinguish effects of the fruit (a soft spot, the "
+    "pit) from effects of the jaws (a gain, a pad's place). Nothing is held out to test the "
+    "answer."
 )
 FEW_RECORDINGS = (
-    "There are {count} recordings: weak effects may stay unseen, and more of them look alike than with four "
-    "that differ in place, speed and hold, one of them with the fruit turned."
+    "There are {count} recordings: weak effects may stay hidden. Four recordings that differ in "
+    "place, speed and hold distinguish more effects; turn the fruit for one of them."
 )
 FEW = 3
 """Grasps up to which a note asks for more: the null reference's cases have four
 (fem/mismatch/selection/null_reference.csv)."""
 LARGE_DEFORMATION = (
-    "Stiffening counts from small strain on, so flesh's large deformation alone shows as a little of it; "
+    "Stiffening starts at small strain, so large deformation of the flesh alone shows as some stiffening; "
 )
-TAKE_IT_IN = 'model = "neo-hookean" under [flesh] takes that part into account for every fruit of the batch.'
-TAKEN_IN = 'the batch\'s model = "neo-hookean", which takes that part into account, is left aside here.'
+TAKE_IT_IN = 'model = "neo-hookean" under [flesh] accounts for it in every fruit of the batch.'
+TAKEN_IN = 'this answer ignores the batch\'s model = "neo-hookean", which accounts for it.'
 CATEGORY_PIT = (
-    "There is no pit.ply: the category's pit is used, and a true pit that differs may be named as an effect."
+    "There is no pit.ply, so drupe uses the category's pit; a different true pit may appear as an effect."
 )
 
 
@@ -70,8 +71,8 @@ def require_one_fruit(case: Case) -> None:
                 [
                     Problem(
                         str(path),
-                        f'is of fruit "{named}", but {first[0]} is of fruit "{first[1]}"; a case holds one '
-                        "fruit's recordings: move the others away.",
+                        f'belongs to fruit "{named}", but {first[0]} belongs to fruit "{first[1]}"; a '
+                        "case holds recordings of one fruit. Move the others away.",
                     )
                 ]
             )
@@ -117,8 +118,10 @@ def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> li
     if not share:
         return []
     return [
-        f"The sensor's scales leave E another ± {share:.1%}, the same in all grasps ({scale.common:.1%} "
-        "of it by a common factor on force and gel stiffness): the intervals here do not hold it."
+        (
+            f"The sensor's scales add ± {share:.1%} to E, the same in all grasps ({scale.common:.1%} of "
+            "it from a common factor on force and gel stiffness). The intervals here exclude it."
+        )
     ]
 
 
@@ -149,8 +152,11 @@ def _air(grasp: PlacedGrasp) -> list[str]:
         return []
     found = f"only {frames} frames" if frames else "no frame"
     return [
-        f"{grasp.name}: {found} before the first touch, so the noise is estimated from frames in contact "
-        f"and weaker effects may be missed; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the air."
+        (
+            f"{grasp.name}: {found} before first contact. drupe estimates noise from frames in contact "
+            f"and may miss weaker effects; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the "
+            "air."
+        )
     ]
 
 
@@ -163,9 +169,9 @@ def _swapped(grasps: Sequence[PlacedGrasp]) -> list[str]:
             continue
         if _same(a, d) and _same(b, c) and not _same(a, c):
             notes.append(
-                f"{one.name} and {other.name}: the left pad's markers in one are the right pad's in the "
-                "other. If the pads' names were swapped and not the gels, an effect of one pad is put on the "
-                "wrong one."
+                f"{one.name} and {other.name}: the left pad's markers in one are the right pad's in "
+                "the other. If you swapped the pads' names but not the gels, effects appear at the "
+                "wrong pad."
             )
     return notes
 

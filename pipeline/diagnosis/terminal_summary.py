@@ -48,8 +48,8 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     for doubt in found.doubts:
         line(f"doubt: {doubt}")
     line(
-        f"chance of so large a difference where nothing is missing: p {found.p_value:.2g} "
-        f"(below {DETECTION_P:g} counts as a mismatch)"
+        f"probability of so large a difference without a mismatch: p {found.p_value:.2g} (drupe "
+        f"reports a mismatch below {DETECTION_P:g})"
     )
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")

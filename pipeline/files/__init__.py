@@ -1,1 +1,4 @@
-"""Files written whole or not at all, only where they may be, by one run at a time."""
+"""Safe files: reads plain files within limits, writes files whole or not at all.
+
+Every package may import it. It imports no other package of drupe.
+"""

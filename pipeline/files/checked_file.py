@@ -6,10 +6,9 @@ of zip files (`.npz`) and of HDF5 ignore bytes behind the end, so other programs
 
 import hashlib
 import os
-import stat
 from pathlib import Path
-from typing import BinaryIO
 
+from pipeline.files.plain_file import NotReadable, open_plain
 from pipeline.files.whole_file import put
 
 BEGIN = b"\nsha256 "
@@ -36,9 +35,9 @@ def trailer(data: bytes) -> bytes:
 def read_checked(path: Path) -> bytes | None:
     """The content of a checked file; None where it is missing, no plain file, unreadable or damaged."""
     try:
-        with _plain(path) as file:
+        with open_plain(path) as file:
             held = file.read()
-    except OSError:
+    except (OSError, NotReadable):
         return None
     data = held[:-TRAILER_BYTES]
     return data if held[-TRAILER_BYTES:] == trailer(data) else None
@@ -47,7 +46,7 @@ def read_checked(path: Path) -> bytes | None:
 def is_whole(path: Path) -> bool:
     """Whether `path` is a checked file without damage. Reads it in blocks, whatever its size."""
     try:
-        with _plain(path) as file:
+        with open_plain(path) as file:
             left = os.fstat(file.fileno()).st_size - TRAILER_BYTES
             digest = hashlib.sha256()
             while left > 0 and (block := file.read(min(left, BLOCK_BYTES))):
@@ -55,15 +54,5 @@ def is_whole(path: Path) -> bool:
                 left -= len(block)
             end = BEGIN + digest.hexdigest().encode() + b"\n"
             return left == 0 and file.read() == end
-    except OSError:
+    except (OSError, NotReadable):
         return False
-
-
-def _plain(path: Path) -> BinaryIO:
-    """The open file; raises OSError where it is missing or no plain file, without waiting for a pipe."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    file = os.fdopen(handle, "rb")
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        file.close()
-        raise OSError(f"{path} is not a plain file")
-    return file

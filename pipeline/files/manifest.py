@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.files.lock_file import WAIT_S, locked_within, open_lock
+from pipeline.files.plain_file import NotReadable, json_of, read_text
 from pipeline.files.whole_file import NotWritten, put
-from recon.plain_file import NotReadable, json_of, read_text
 
 MANIFEST = ".written.json"
 LIST_LOCK = ".written.lock"

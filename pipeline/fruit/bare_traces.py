@@ -24,13 +24,13 @@ MOST_FRAMES = 1200
 FEWEST_KEPT = 60
 """Of each of many traces (set by hand: three times what a fit asks for)."""
 ALONG_STEM = (
-    "plates along diameter c, from stem to tip, where they meet the rim of the stem's hollow and E would be "
-    "1.4 to 2.1 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). "
-    "If the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem "
-    "to tip)"
+    "plates along diameter c (from stem to tip), which touch the rim of the stem's hollow and "
+    "make E 1.4 to 2.1 times too large; expected plates across the cheeks (axis b) or from "
+    "suture to back (axis a). If the diameters are in another order, write them as a (suture to "
+    "back), b (across the cheeks), c (stem to tip)"
 )
-"""Of a stone fruit; the factor is that of benchmarks/diameter_shapes.py."""
-DEEP = "No thickness_mm is given (in case.toml, or to drupe convert): the specimen is taken as thick."
+"""Of a stone fruit; ALONG_SUTURE_SD of pipeline/fruit/pressed_fruit.py has the factor."""
+DEEP = "case.toml and drupe convert give no thickness_mm: drupe assumes a thick specimen."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,13 @@ def bare_recording(recording: Recording, *, source: str) -> BareRecording:
     if any(pad.indenter != "plate" for pad in pads):
         said = " and ".join(pad.indenter for pad in pads)
         raise BatchRefused(
-            [Problem(source, f"has two bare pads, {said}; only two plates squeeze one specimen by a law.")]
+            [
+                Problem(
+                    source,
+                    f"has two bare pads, {said}; a contact law exists for two plates around "
+                    "one specimen only.",
+                )
+            ]
         )
     mean = np.mean([pad.force_z_N for pad in pads], axis=0)
     both = replace(pads[0], force_z_N=mean)
@@ -146,9 +152,9 @@ def bare_traces(found: Sequence[BareRecording], stated: Stated, prior: PitPrior 
                 [
                     Problem(
                         one.source,
-                        f"is of {own.geometry.said}, but {Path(found[0].source).name} of "
-                        f"{known[0].geometry.said}; a case holds one specimen under one tool: make a case of "
-                        "each, or correct the fields.",
+                        f"has the geometry {own.geometry.said}, but {Path(found[0].source).name} has "
+                        f"{known[0].geometry.said}; a case holds one specimen under one tool. Make a "
+                        "case of each, or correct the fields.",
                     )
                 ]
             )
@@ -180,8 +186,8 @@ def _require_one_rig(found: Sequence[BareRecording]) -> None:
     without = [one for one in found if one.recording.rig_give_mm is None]
     if 0 < len(without) < len(found):
         said = (
-            "has the rig's own travel in it, but other recordings of the fruit have not: convert all of them "
-            "with the same --rig, or none."
+            "includes the rig's own travel, but other recordings of the fruit do not: convert all of "
+            "them with the same --rig, or none."
         )
         raise BatchRefused([Problem(without[0].source, said)])
 
@@ -203,8 +209,8 @@ def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tup
     said += [] if thinned is None else [thinned.said(name)]
     if most is not None and len(kept) > most:
         said.append(
-            f"{name}: {most} of {len(kept)} frames are used beside the other traces, spread over time, force "
-            "and travel equally."
+            f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "
+            "evenly over time, force and travel."
         )
         kept = kept[_spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
     trace = IndenterTrace(

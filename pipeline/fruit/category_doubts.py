@@ -37,7 +37,7 @@ def of_poisson_ratio(settings: Settings, prior: PitPrior | None) -> list[Doubt]:
             kind=CategoryKind.POISSON_RATIO,
             sentence=(
                 f"poisson_ratio: found {stated:g} in batch.toml, expected {prior.poisson_ratio:g} ± "
-                f"{prior.poisson_ratio_sd:g} for the category {prior.category}: leave it out, or add "
+                f"{prior.poisson_ratio_sd:g} for the category {prior.category}; remove it, or add "
                 "poisson_ratio_sd with the error of your own measurement."
             ),
             relative_sd=E_PER_NU * abs(off),
@@ -73,10 +73,11 @@ def of_category(
         Doubt(
             kind=CategoryKind.SIZE,
             sentence=(
-                f"category: the mesh is {size_mm:.0f} mm large in the mean, which fits a {other.category} "
-                f"({usual:g} to {widest:g} mm) {math.exp(better - own):.0f} times better than a "
-                f"{prior.category} ({low:g} to {high:g} mm): correct category in batch.toml; for a cultivar "
-                "of unusual size give its own file as [pit] prior, with its fruit_mm."
+                f"category: the mesh has a mean size of {size_mm:.0f} mm. This fits a "
+                f"{other.category} ({usual:g} to {widest:g} mm) {math.exp(better - own):.0f} times "
+                f"better than a {prior.category} ({low:g} to {high:g} mm). Correct category in "
+                "batch.toml. For a cultivar of unusual size, give your own file as [pit] prior, with "
+                "its fruit_mm."
             ),
             relative_sd=E_PER_SIZE * _pit_ratio(prior, other),
         )

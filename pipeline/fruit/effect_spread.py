@@ -49,7 +49,8 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
                 other = _modulus(task, fruit, changed, rig=rig)
             except (TactileFailure, FemFailure, ExceptionGroup):
                 doubts.append(
-                    f"the spread of {one.effect}'s {name} is not in the error bar: E has none there"
+                    f"the error bar excludes the standard deviation of {one.effect}'s {name}, because "
+                    "E has no value there"
                 )
                 continue
             (own if one.fruits else shared).append(abs(other - E_MPa))
@@ -57,7 +58,10 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
         moved = _moved_by_rig(task, fruit, E_MPa, rig)
         shared.append(0.0 if moved is None else moved)
         if moved is None:
-            doubts.append("the spread of what the rig gives is not in the error bar: E has none there")
+            doubts.append(
+                "the error bar excludes the standard deviation of the rig's compliance, "
+                "because E has no value there"
+            )
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
         own_sd_MPa=float(np.linalg.norm(own)),

@@ -85,8 +85,8 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         where = f"{folder.root}{f' (photos/: {astray})' if astray else ''}"
         if stated_in_table(task.given).specimen.diameters_mm is not None:
             where += (
-                ", nor a recording of bare plates alone in grasps/, with which the three diameters of "
-                "fruits.csv would do"
+                ", nor is there a recording of bare plates alone in grasps/, for which the three "
+                "diameters of fruits.csv suffice"
             )
         raise FruitEnded(Outcome.NO_SHAPE, where)
     if task.mat is None and task.given.height_mm is None:

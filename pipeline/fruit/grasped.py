@@ -14,9 +14,10 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
 from pipeline.batch.layout import in_order, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import FleshRecord, GraspRecord
+from pipeline.batch.records import FleshRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
+from pipeline.files.plain_file import printable
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.freed_memory import return_freed_memory
@@ -27,8 +28,8 @@ from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks, stranger
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
-from recon.plain_file import printable
 from recon.surface.coverage import SEEN_BY
+from reports.grasp_record import GraspRecord
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording
 from tactile.tactile_failure import TactileFailure
@@ -236,7 +237,7 @@ def said_once(sentences: Sequence[str]) -> str:
     is quoted (ids) makes another cause.
 
     >>> said_once(["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N."])
-    'g1: force is 2.0 N. (The same of g3.) g2: never touches.'
+    'g1: force is 2.0 N. (The same applies to g3.) g2: never touches.'
     """
     causes: dict[str, list[tuple[str, str]]] = {}
     for sentence in sentences:
@@ -246,7 +247,7 @@ def said_once(sentences: Sequence[str]) -> str:
     said = []
     for (_, first), *others in causes.values():
         names = ", ".join(name for name, _ in others)
-        said.append(f"{first} (The same of {names}.)" if names else first)
+        said.append(f"{first} (The same applies to {names}.)" if names else first)
     return " ".join(said)
 
 

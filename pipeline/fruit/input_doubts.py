@@ -144,8 +144,8 @@ def implausible_E(values_MPa: Mapping[str, float], prior: PitPrior | None) -> st
     if not wrong:
         return None
     return (
-        f"Found {' and '.join(wrong)}, expected {limits[0]:g} to {limits[1]:g} MPa of {prior.category}: look "
-        "for a wrong unit or factor in forces, travel, displacements and sizes."
+        f"Found {' and '.join(wrong)}, expected {limits[0]:g} to {limits[1]:g} MPa for "
+        f"{prior.category}; check units and factors of forces, travel, displacements and sizes."
     )
 
 
@@ -289,9 +289,9 @@ def of_a_given_pit(
             Doubt(
                 kind=PitKind.AWAY,
                 sentence=(
-                    f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the "
-                    "fruit's middle): the mesh in pit.ply was shifted, is given in another frame of "
-                    "reference than fruit.ply, or is another fruit's."
+                    f"pit.ply lies {off:.1f} mm from the expected place of a {prior.category}'s pit "
+                    "(the fruit's middle). The mesh in pit.ply is shifted, uses another frame than "
+                    "fruit.ply, or is another fruit's."
                 ),
                 relative_sd=E_PER_MM * off,
                 refused=off > FAR_REFUSED * pit.half_mm,
@@ -302,9 +302,9 @@ def of_a_given_pit(
             Doubt(
                 kind=PitKind.SIZE,
                 sentence=(
-                    f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in "
-                    "a fruit of this size: the mesh in pit.ply was scaled, is in another unit, or is another "
-                    "fruit's."
+                    f"pit.ply is {np.exp(size):.2f} times the expected size of a {prior.category}'s "
+                    "pit in a fruit of this size. The mesh in pit.ply is scaled, uses another unit, "
+                    "or is another fruit's."
                 ),
                 relative_sd=E_PER_SIZE * abs(size),
                 refused=abs(size) > SIZE_REFUSED,
@@ -317,8 +317,8 @@ def of_a_given_pit(
                 kind=PitKind.TURNED,
                 sentence=(
                     f"pit.ply is too long along {longest} for a {prior.category}'s pit "
-                    f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere): it is "
-                    "turned against fruit.ply, or is another fruit's."
+                    f"({np.exp(sides.max()):.2f} times, elsewhere {np.exp(sides.min()):.2f} times). "
+                    "It is rotated relative to fruit.ply, or is another fruit's."
                 ),
                 relative_sd=E_OF_A_TURNED_PIT,
             )
@@ -335,8 +335,9 @@ def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
         Doubt(
             kind=PitKind.FOUND_ELSEWHERE,
             sentence=(
-                f"the grasps put the pit {off:.1f} mm from where pit.ply has it, at {found.size:.2f} "
-                "times its size: pit.ply is moved, scaled or of another fruit, or the grasps are."
+                f"the grasps locate the pit {off:.1f} mm from its place in pit.ply, at "
+                f"{found.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
+                "or from another fruit."
             ),
             relative_sd=E_PER_MM * off,
         )

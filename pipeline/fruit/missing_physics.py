@@ -27,8 +27,8 @@ from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
 
 STAGE = "screen"
 """Name of the stage: on the progress line, in the record's times, and of the file that keeps its result."""
-ONE_GEL = "one jaw has no gel ({}), and nothing tells the other's faults from the fruit's"
-INTERNAL = "an internal error; report it with traceback.txt from this fruit's results: the fault is not yours"
+ONE_GEL = "one jaw has no gel ({}), so nothing distinguishes sensor faults from the fruit"
+INTERNAL = "drupe has an internal error; report it with traceback.txt from this fruit's results"
 
 
 class KeptScreen(StageRecord):
@@ -106,7 +106,7 @@ def screened_fruit(
 
 def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[PlacedGrasp]) -> ScreenRecord:
     lost = [grasp.name for grasp in all_grasps if grasp not in used]
-    without = f"without {', '.join(lost)}, of which E could not be had from first touch" if lost else ""
+    without = f"without {', '.join(lost)}, which give no E from first contact" if lost else ""
     return ScreenRecord(
         p_value=said.p_value,
         names=said.names,

@@ -9,7 +9,7 @@ from fem.estimation.energy_ratio import since_first_touch
 from fem.estimation.modulus import ModulusEstimate
 from fem.estimation.modulus_by_frame import BOTH
 from fem.grasp_history import GraspHistory
-from pipeline.batch.records import FrameRecord, ModelCurveRecord
+from reports.grasp_record import FrameRecord, ModelCurveRecord
 
 OWN_SHARE = 0.95
 """Quantile over a pad's markers that stands for the skin's deepest way, whatever one marker's noise. Set by

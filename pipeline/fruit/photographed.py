@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from pipeline.batch.records import QualityRecord
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from recon.cameras.camera import straightened
@@ -42,7 +41,7 @@ class KeptMesh(StageRecord):
     outlines: UInt8[np.ndarray, " c"]
     scale_sd: float
     surface_sd_mm: float | None
-    quality: QualityRecord
+    quality: dict[str, int | float]
     warnings: tuple[str, ...]
 
 
@@ -86,7 +85,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         outlines=np.frombuffer(outlines, dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
-        quality=QualityRecord.of(quality),
+        quality=quality.known(),
         warnings=(
             *checked.warnings,
             *whole.warnings,
@@ -142,8 +141,8 @@ def _photo_doubts(
     if unused:
         ground = "mat" if made.frame == "mat" else "ground around it"
         doubts.append(
-            f"Left out: {listed(unused)}: the fruit is cut off or hidden there, its outline fits no other "
-            "photo's, or the camera could not be placed; retake such photos with the whole fruit and the "
-            f"{ground} in view."
+            f"drupe left out {listed(unused)}: the fruit is cut off or hidden there, the outline fits "
+            "no other photo, or the camera has no pose. Retake such photos with the whole fruit and "
+            f"the {ground} in view."
         )
     return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]

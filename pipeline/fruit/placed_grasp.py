@@ -11,11 +11,11 @@ from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
-from pipeline.batch.records import CurveRecord, FrameRecord, GraspRecord
 from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
+from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord
 from reports.patch_residual import PatchResidual
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings
@@ -174,7 +174,7 @@ def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
     """
     said = "; ".join(one.sentence for one in found if one.refused)
     if said and corrected_for:
-        said += "; it was corrected before as [[mismatch]] in batch.toml says: check those numbers too"
+        said += "; [[mismatch]] in batch.toml corrected it before, so check those numbers too"
     return said
 
 
@@ -184,8 +184,9 @@ def _refuse_no_pose(recording: Recording, source: str) -> None:
         if isinstance(pad, GelPad) and (pad.pose == np.eye(4)).all():
             raise TactileFailure(
                 TactileProblem.UNREADABLE_RECORDING,
-                f"{source}: pads/{pad.name}/pose: found no pose (the identity in every frame), expected "
-                "where the pad was on the fruit in each; write the gripper's poses into the recording.",
+                f"{source}: pads/{pad.name}/pose: found no pose (the identity in every frame), "
+                "expected the pad's pose on the fruit in each frame; write the gripper's poses into "
+                "the recording.",
             )
 
 

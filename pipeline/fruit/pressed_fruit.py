@@ -25,16 +25,10 @@ from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
 from pipeline.batch.diagnosis_record import suspected_of
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import (
-    CurveRecord,
-    GraspRecord,
-    ModulusRecord,
-    PressedRecord,
-    ScreenRecord,
-    SuspectedRecord,
-)
+from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
+from pipeline.files.plain_file import printable
 from pipeline.fruit.bare_traces import (
     ALONG_STEM,
     BareRecording,
@@ -54,7 +48,7 @@ from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
-from recon.plain_file import printable
+from reports.grasp_record import CurveRecord, GraspRecord
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording, read_recording
 from tactile.io.specimen import DIAMETERS
@@ -67,7 +61,7 @@ TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
 ALONG_SUTURE_SD = 0.15
 """Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
-forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/diameter_shapes.py)."""
+forces on whole skins are 1.10 to 1.17 times those on ellipsoids."""
 SHAPE, RECORDINGS = "shape from three diameters", "recordings"
 """Parts of the error bar, beside Poisson's ratio."""
 APART = 3.0
@@ -137,7 +131,9 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         log.warnings += _warnings(found, facts.pressed.shape_sd)
         if task.settings.mismatch:
             names = ", ".join(dict.fromkeys(one.effect for one in task.settings.mismatch))
-            log.warnings.append(f"Confirmed effects ({names}) are not in E: they need a fruit's mesh.")
+            log.warnings.append(
+                f"E excludes the confirmed effects ({names}), because they need the fruit's mesh."
+            )
     if task.screen:
         facts.screen = _screen_record(found)
 
@@ -199,7 +195,7 @@ def compression_trace(
         said = " ".join(problem.sentence for problem in refused.problems)
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: {said}") from None
     if not isinstance(known.geometry, Ellipsoid):
-        expected = "plates on a fruit; drupe explain takes the others"
+        expected = "plates on a fruit; use drupe explain for other indenters"
         raise _unfit(path, known.geometry.said, expected)
     if is_along_stem(known.geometry, body):
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: found {ALONG_STEM}.")
@@ -217,7 +213,7 @@ def compression_trace(
 
 
 def _unfit(path: Path, found: str, expected: str) -> TactileFailure:
-    said = f"{path.name}: found {found}, expected of a fruit without photos or mesh {expected}."
+    said = f"{path.name}: found {found}, expected for a fruit without photos or mesh: {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, said)
 
 
@@ -390,16 +386,15 @@ def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
         before, after = one.found.before, one.found.after
         if one.found.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
             said.append(
-                f"With what the traces show beyond linear elasticity E is {after.value:.3g} ± {after.sd:.2g} "
-                "MPa (drupe explain); the ranking keeps that of linear elasticity, which all fruit have in "
-                "common."
+                f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
+                "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
             )
     values = [one.found.before for one in found]
     for first, second in pairwise(values):
         sd = np.linalg.norm([first.sd / first.value, second.sd / second.value, np.sqrt(2) * shape_sd])
         if abs(np.log(first.value / second.value)) > APART * sd:
             said.append(
-                f"E along two diameters is {first.value:.3g} and {second.value:.3g} MPa, further apart than "
-                "recordings and shape explain: check diameters and axes."
+                f"E is {first.value:.3g} along one diameter and {second.value:.3g} MPa along another; "
+                "recordings and shape do not explain the difference. Check diameters and axes."
             )
     return said

@@ -34,7 +34,9 @@ def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> 
 
     `report` is told each pad's progress. Raises TactileFailure that names the file and the field.
     """
-    key = stage_key("raw grasp", files=raw_grasp_files(folder), settings=None, rooms=("tactile",))[:16]
+    key = stage_key(
+        "raw grasp", files=raw_grasp_files(folder), settings=None, rooms=("tactile", "pipeline/files")
+    )[:16]
     path, notes = cache / f"{folder.name}-{key}.h5", cache / f"{folder.name}-{key}.json"
     said = read_checked(notes)
     whole = is_whole(path)

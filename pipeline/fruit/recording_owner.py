@@ -70,18 +70,19 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
         if other in (owner.batch_fruits or ()):
             raise TactileFailure(
                 TactileProblem.FOREIGN_RECORDING,
-                f"{source}: {differs}: it is the recording of another fruit of this batch. Move the file to "
-                f"fruits/{other}/grasps, or correct the {field} if it is of {owner.fruit_id}.",
+                f"{source}: {differs}: the recording belongs to another fruit of this batch. Move the "
+                f"file to fruits/{other}/grasps, or correct the {field} if the recording is of "
+                f"{owner.fruit_id}.",
             )
         says = (
-            f'{differs}, and fruits.csv has no "{named}": the recording may be another fruit\'s; correct the '
-            f"{field} if it is of {owner.fruit_id}, else take the recording away"
+            f'{differs}, and fruits.csv has no "{named}". If the recording is of {owner.fruit_id}, '
+            f"correct the {field}; otherwise remove the recording"
         )
         found.append(_doubted(FindingKind.OTHER_FRUIT, says, detail=other))
     if owner.category is not None and _both_known(category, owner.category):
         says = (
-            f'category: found "{category}", expected "{owner.category}" as in batch.toml: the recording may '
-            "be another fruit's, or one of the two is wrong; correct it, or take the recording away"
+            f'category: found "{category}", expected "{owner.category}" as in batch.toml; correct the '
+            "wrong one, or remove the recording if it is another fruit's"
         )
         found.append(_doubted(FindingKind.OTHER_CATEGORY, says, detail=category))
     return found
@@ -95,7 +96,7 @@ def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
     differs = owner.category is not None and category and _plain(category) != _plain(owner.category)
     if differs and not _both_known(category, owner.category or ""):
         said.append(f'its category is "{category}", this fruit\'s is "{owner.category}"')
-    return [f"{one}; is it in the right folder?" for one in said]
+    return [f"{one}; is the recording in the right folder?" for one in said]
 
 
 def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:

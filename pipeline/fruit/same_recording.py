@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.records import FruitRecord
+from pipeline.files.plain_file import printable
 from pipeline.fruit.elasticity import doubted_modulus
-from recon.plain_file import printable
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -17,16 +17,16 @@ def refuse_copy(source: str, first: str | None) -> None:
     if first is not None:
         raise TactileFailure(
             TactileProblem.REPEATED_RECORDING,
-            f"{source}: holds the same displacements and forces as {first}: one grasp, counted once; take "
-            "one of the two away, or put the grasp that was meant there.",
+            f"{source}: contains the same displacements and forces as {first}, so drupe counts one "
+            "grasp; remove one of the two, or replace it by the intended grasp.",
         )
 
 
 def in_two_fruit(source: str, others: Iterable[str]) -> str:
     """The sentence on a recording that files of other fruit hold too."""
     return (
-        f"{source}: holds the same displacements and forces as {', '.join(others)}: at least one of these "
-        "fruit has another's recording; take it out of the folder where it does not belong."
+        f"{source}: contains the same displacements and forces as {', '.join(others)}. At least one "
+        "of these fruit has another fruit's recording; remove it from the wrong folder."
     )
 
 

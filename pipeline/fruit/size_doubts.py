@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.batch.records import Given, MeshRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import MeshRecord
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior
 from recon.triangle_mesh import volume_mm3
 
@@ -64,12 +65,12 @@ def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
         return "check the units (mm, g), and that the mesh is in mm, with z up, and of this fruit."
     if on_mat:
         return (
-            "check the units (mm, g), that the photos show this fruit, and that mat.json is of the mat as it "
-            "was printed (its 100 mm bar must measure 100 mm)."
+            "check the units (mm, g), the photos of this fruit, and the mat. mat.json must describe the "
+            "mat as it was printed (its 100 mm bar must measure 100 mm)."
         )
     return (
-        f"check the units (mm, g), that the photos show this fruit, and height_mm ({given.height_mm:g}), on "
-        "which the size of the mesh rests."
+        f"check the units (mm, g), the photos of this fruit, and height_mm ({given.height_mm:g}), "
+        "which scales the mesh."
     )
 
 
@@ -88,8 +89,8 @@ def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
             continue
         found = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
         yield (
-            f"The mesh is {found} mm {what} and fruits.csv says {name} {measured:g} "
-            f"({100 * apart / measured:.1f} % apart)"
+            f"The mesh is {found} mm {what}, but fruits.csv says {name} {measured:g} "
+            f"({100 * apart / measured:.1f} % difference)"
         )
 
 
@@ -107,8 +108,9 @@ def _mass(given: Given, mesh: MeshRecord, body: PitBody) -> Iterator[str]:
     least, most = body.density_g_per_cm3
     if not least <= density <= most:
         yield (
-            f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g {given.mass_g:g}, "
-            f"so that the fruit would weigh {density:.2f} g/cm³, expected {least:.2f} to {most:.2f}"
+            f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g "
+            f"{given.mass_g:g}: the density would be {density:.2f} g/cm³, expected {least:.2f} to "
+            f"{most:.2f}"
         )
 
 
@@ -118,16 +120,13 @@ def _kind(mesh: MeshRecord, prior: PitPrior | None) -> Iterator[str]:
     low, high = prior.fruit_mm
     size = float(np.cbrt(np.prod(mesh.box_mm)))
     if not low <= size <= high:
-        yield (
-            f"The mesh is {size:.1f} mm large in the mean; a {prior.category} is taken to be {low:g} to "
-            f"{high:g} mm"
-        )
+        yield (f"The mean size of the mesh is {size:.1f} mm; a {prior.category} has {low:g} to {high:g} mm")
 
 
 def _alone(given: Given, mesh: MeshRecord, checked: bool) -> Iterator[str]:
     if mesh.source == "photos" and not checked and given.diameter_mm is None and given.mass_g is None:
         yield (
-            f"The size rests on height_mm ({given.height_mm:g}) alone; one percent of it is three of the "
-            "volume: fill diameter_mm or mass_g in fruits.csv, lay a coin beside the fruit ([photos] coin), "
-            "or use the mat, so that a slip would show."
+            f"The size depends on height_mm ({given.height_mm:g}) alone; an error of one percent "
+            "changes the volume by three. To detect errors, fill diameter_mm or mass_g, use a coin "
+            "([photos] coin), or use the mat."
         )

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pipeline.batch.cache import damage_reported_to
 from pipeline.batch.records import (
     FleshRecord,
-    GraspRecord,
     MeshRecord,
     ModulusRecord,
     PitRecord,
     PressedRecord,
     ScreenRecord,
 )
+from reports.grasp_record import GraspRecord
 
 
 @dataclass

@@ -18,9 +18,10 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.batch.confirmed_effects import in_words
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
-from pipeline.batch.records import FruitRecord, GraspRecord, write_record
+from pipeline.batch.records import FruitRecord, write_record
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_fruit
+from pipeline.files.plain_file import printable
 from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
@@ -39,9 +40,9 @@ from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_b
 from pipeline.fruit.plain_jaw_contact import with_plain_jaws
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
-from recon.plain_file import printable
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
+from reports.grasp_record import GraspRecord
 from reports.mesh_picture import mesh_picture
 from reports.residual_map import residual_layer, residual_map
 from reports.view_plan_picture import view_plan_picture
@@ -77,23 +78,13 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
             if ending is Outcome.INTERNAL:
                 write_whole(task.results.traceback, traceback.format_exc())
             outcome, reason = ending.code, ending.sentence(particulars)
-    facts = log.facts
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome,
         reason=task.named_in_batch(reason),
         key=task.key,
         given=task.given,
-        mesh=facts.mesh,
-        pit=facts.pit,
-        pressed=facts.pressed,
-        flesh=facts.flesh,
-        grasps=facts.grasps,
-        modulus=facts.modulus,
-        mismatch=facts.mismatch,
-        screen=facts.screen,
-        doubts=facts.doubts,
-        strangers=facts.strangers,
+        **vars(log.facts),
         warnings=tuple(log.warnings),
         seconds=log.seconds,
         peak_memory_MiB=_peak_memory_MiB(),
@@ -117,7 +108,8 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     )
     write_whole(task.results.views, picture)
     path = task.results.views
-    return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
+    place = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
+    return f" To see where to stand, open {place} or the report."
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
@@ -200,7 +192,7 @@ def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
     """Raises FruitEnded for a modulus that no flesh of the category has."""
     limits = expected_E_MPa(task.prior)
     if limits is not None and not limits[0] <= E_MPa <= limits[1]:
-        said = f"{E_MPa:.3g} MPa ({limits[0]:g} to {limits[1]:g} MPa expected)"
+        said = f"{E_MPa:.3g} MPa (expected {limits[0]:g} to {limits[1]:g} MPa)"
         raise FruitEnded(Outcome.IMPLAUSIBLE_MODULUS, said)
 
 

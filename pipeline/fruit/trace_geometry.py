@@ -9,8 +9,8 @@ from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
 from fem.indentation.contact_curve import Geometry
 from fem.indentation.flat_punch import FlatPunch
-from pipeline.batch.records import Given
-from pipeline.problem import BatchRefused, Problem
+from pipeline.batch.fruits_table import Given
+from pipeline.problem import refused
 from tactile.io.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
 
 Indenter: TypeAlias = Literal["ball", "flat", "plate"]
@@ -91,8 +91,10 @@ def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple
     """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
     own, said = recorded.stated, stated.specimen.stated
     notes = [
-        f"{source}: {KEYS[name]} is {own[name]} in the recording and {value} in {stated.where}, which is "
-        "taken."
+        (
+            f"{source}: {KEYS[name]} is {own[name]} in the recording but {value} in {stated.where}; drupe "
+            "uses the latter."
+        )
         for name, value in said.items()
         if name in own and own[name] != value
     ]
@@ -116,18 +118,18 @@ def geometry_of(
         _require_none(specimen, OF_SLABS, source, name_of, f"a {indenter} on a slab")
         if radius_mm is None:
             tip = "ball" if indenter == "ball" else "punch"
-            raise _refused(source, f"needs the {tip}'s radius; give --radius-mm.")
+            raise refused(source, f"needs the radius of the {tip}; give --radius-mm.")
         tool: Geometry = Ball(radius_mm=radius_mm) if indenter == "ball" else FlatPunch(radius_mm=radius_mm)
         return TraceGeometry(geometry=tool, thickness_mm=specimen.thickness_mm)
     kind = specimen.kind or _kind_of(specimen)
     if kind is None:
         ways = " or ".join(f"{name_of['kind']} {one} with {_ways(NEEDED[one], name_of)}" for one in NEEDED)
-        raise _refused(source, f"says not what is between the plates; give {ways}.")
+        raise refused(source, f"does not name the specimen between the plates; give {ways}.")
     _require_none(specimen, OF_CYLINDERS if kind == "cylinder" else OF_FRUIT, source, name_of, f"a {kind}")
     missing = [name for name in NEEDED[kind] if name not in specimen.stated]
     if missing:
         ways = _ways(missing, name_of)
-        raise _refused(source, f"says not enough of the {kind} between the plates; give {ways}.")
+        raise refused(source, f"does not fully describe the {kind} between the plates; give {ways}.")
     if specimen.height_mm is not None and specimen.diameter_mm is not None and specimen.ends is not None:
         size = {"diameter_mm": specimen.diameter_mm, "height_mm": specimen.height_mm}
         return TraceGeometry(geometry=Cylinder(**size, ends=specimen.ends), thickness_mm=None)
@@ -142,14 +144,18 @@ def _fruit(specimen: PressedSpecimen, pit_share: float | None, name_of: Mapping[
     if share is None and pit_share is not None:
         share = min(pit_share, LARGEST_PIT)
         assumed = (
-            f"No {name_of['pit_share']} is given: the category's pit is taken, {share:.2f} of the fruit's "
-            "diameter.",
+            (
+                f"No {name_of['pit_share']} given: drupe uses the category's pit, {share:.2f} of the "
+                "fruit's diameter."
+            ),
         )
     elif share is None:
         share = 0.0
         notes = (
-            f"No {name_of['pit_share']} is given, and the category has none: the fruit is taken as flesh "
-            "throughout; round a stone it looks stiffer.",
+            (
+                f"No {name_of['pit_share']} given, and the category has none: drupe assumes solid flesh, "
+                "so a fruit with a stone appears stiffer."
+            ),
         )
     geometry = Ellipsoid(
         diameters_mm=specimen.diameters_mm or (0.0, 0.0, 0.0),
@@ -171,13 +177,9 @@ def _require_none(
     strange = [name_of[name] for name in specimen.stated if name not in own]
     if strange:
         known = ", ".join(name_of[name] for name in name_of if name in own)
-        said = f"{', '.join(strange)} given of {what}, which has {known} alone; take it out."
-        raise _refused(source, said)
+        said = f"gives {', '.join(strange)} for {what}, which has only {known}; remove it."
+        raise refused(source, said)
 
 
 def _ways(names: Sequence[str], name_of: Mapping[str, str]) -> str:
     return ", ".join(f"{name_of[name]} {EXAMPLES[name]}" for name in names)
-
-
-def _refused(source: str, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(source, sentence)])

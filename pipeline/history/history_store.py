@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from pipeline.files.plain_file import not_plain
 from pipeline.history.kept_batch import KeptBatch, rows_of
 from pipeline.history.kept_rows import (
     VERSION,
@@ -24,7 +25,6 @@ from pipeline.history.same_batch import is_same_batch
 from pipeline.history.scale_conversion import ScaleConversion
 from pipeline.history.stored_batch import StoredBatch
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import not_plain
 
 APPLICATION = 0x44525550
 """SQLite's application_id of a store: "DRUP" in ASCII."""
@@ -94,7 +94,7 @@ class HistoryStore:
             keys = [key for key in self._keys(batch) if fruit_id in self._fruit(key)]
         if not keys:
             known = "; ".join(self.words(key) for key in [*self._all()][:SHOWN]) or "it is empty"
-            sentence = f'knows no batch, lot or fruit "{named}" (of --forget); it holds: {known}.'
+            sentence = f'contains no batch, lot or fruit "{named}" (from --forget); it contains: {known}.'
             raise BatchRefused([Problem(str(self.path or "store"), sentence)])
         return [self._forget(key, fruit_id) for key in keys]
 
@@ -160,16 +160,16 @@ def history_store(
         if not path.parent.is_dir():
             raise refused(f"cannot be written: there is no folder {path.parent}")
         if path.is_symlink():
-            raise refused("is a link, and is not written through; name the file that it leads to")
+            raise refused("is a link, and drupe does not write through links; name the target file")
         if path.exists() and (why := not_plain(path)):
             raise refused(f"{why}, expected a file that drupe history made")
     new = path is None or not path.exists() or path.stat().st_size == 0
     if path is not None and not new and path.read_bytes()[:16] != b"SQLite format 3\x00":
-        raise refused("is no store of drupe history, and is not overwritten")
+        raise refused("is not a store of drupe history; drupe does not overwrite it")
     try:
         database = sqlite3.connect(":memory:" if path is None else path, timeout=WAIT_S, isolation_level=None)
     except sqlite3.Error as error:
-        raise refused(f"cannot be opened ({error})") from None
+        raise refused(f"does not open ({error})") from None
     try:
         database.execute("BEGIN IMMEDIATE" if path else "BEGIN")
         (application,) = database.execute("PRAGMA application_id").fetchone()
@@ -179,9 +179,9 @@ def history_store(
             make_tables(database)
             version = VERSION
         elif application != APPLICATION:
-            raise refused("is another program's database, and is not written to")
+            raise refused("belongs to another program; drupe does not write to it")
         elif version > VERSION:
-            raise refused(f"is of a later version of drupe ({version}, this one writes {VERSION})")
+            raise refused(f"comes from a later version of drupe ({version}; this drupe writes {VERSION})")
         store = HistoryStore(KeptRows(), path)
         if version < VERSION:
             for batch in migrate(database, store.rows):
@@ -202,7 +202,7 @@ def history_store(
     except Refused as error:
         raise refused(str(error)) from None
     except sqlite3.OperationalError as error:
-        raise refused(f"cannot be written ({error})") from None
+        raise refused(f"is not writable ({error})") from None
     except sqlite3.DatabaseError as error:
         raise refused(f"is damaged ({error})") from None
     finally:
@@ -214,10 +214,13 @@ def _damaged(store: HistoryStore, path: Path | None) -> Sequence[Problem]:
     return [
         Problem(
             str(path),
-            f"{one.words} is damaged (its SHA-256 is another); remove it with --forget "
-            f"{one.batch}{'/' if one.fruit_id else ''}{one.fruit_id}, then name its folder of results again."
+            (
+                f"{one.words} is damaged (its SHA-256 differs); remove it with --forget "
+                f"{one.batch}{'/' if one.fruit_id else ''}{one.fruit_id}, then add its results folder "
+                "again."
+            )
             if one.batch
-            else f"{one.words}; make a new store of the folders of results, or take a copy of this one.",
+            else (f"{one.words}; create a new store from the results folders, or use a backup of this one."),
         )
         for one in store.rows.damaged
     ]

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from pipeline.files.plain_file import printable
 from pipeline.history.keeping import HistoryMade
-from recon.plain_file import printable
 from reports.history_entries import SeriesEntry
 
 

@@ -1,12 +1,12 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.history.history_store import HistoryStore, history_store
 from pipeline.history.history_table import COLUMNS, history_csv
@@ -14,7 +14,6 @@ from pipeline.history.lot_history import fruit_of, history_entry
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text
 from reports.history_entries import HistoryEntry
 from reports.history_page import PAGE_TITLE, history_html
 
@@ -61,7 +60,7 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
             raise BatchRefused(
                 [
                     Problem(
-                        str(wanted.store or "drupe history"), "holds no batch yet; name folders of results."
+                        str(wanted.store or "drupe history"), "contains no batch yet; name results folders."
                     )
                 ]
             )
@@ -83,12 +82,14 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     lines say what would be removed, and the store stays. Raises BatchRefused where nothing is named so.
     """
     if not wanted.forget:
-        raise BatchRefused([Problem("drupe history", "--dry-run lists what --forget would remove: add it.")])
+        raise BatchRefused(
+            [Problem("drupe history", "--dry-run shows the effect of --forget; add --forget.")]
+        )
     if outs or wanted.html or wanted.csv or wanted.fit or wanted.convert:
-        sentence = "--forget goes with --store and --dry-run alone; make page and table afterwards."
+        sentence = "--forget allows only --store and --dry-run; write page and table afterwards."
         raise BatchRefused([Problem("drupe history", sentence)])
     if wanted.store is None or not wanted.store.exists():
-        sentence = "--forget needs the store that is to forget: name it with --store."
+        sentence = "--forget needs a store; name it with --store."
         raise BatchRefused([Problem(str(wanted.store or "drupe history"), sentence)])
     with history_store(wanted.store, damaged_too=True, read_only=dry_run) as store:
         found = [one for named in wanted.forget for one in store.forget(named)]
@@ -121,7 +122,9 @@ def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now
             said.append(f"{scale}, {group}: not fitted: {reason}.")
             continue
         store.add_conversion(found)
-        said.append(f"{scale}, {group}: version {found.version} fitted to {found.fruit} fruit and kept.")
+        said.append(
+            f"{scale}, {group}: drupe fitted version {found.version} to {found.fruit} fruit and stored it."
+        )
     return said
 
 
@@ -133,27 +136,27 @@ def _asked(store: HistoryStore, text: str, batches: Sequence[StoredBatch]) -> li
         kept = [one for one in kept if str(one.version) == version]
     if not kept:
         known = ", ".join(f"{one.scale}@{one.version} ({one.group})" for one in store.conversions())
-        sentence = f'knows no conversion "{text}" ({known or "it has none"}); fit one with --fit {scale}.'
+        sentence = f'contains no conversion "{text}" ({known or "it has none"}); fit one with --fit {scale}.'
         raise BatchRefused([Problem(str(store.path or "drupe history"), sentence)])
     last = {one.group: one for one in sorted(kept, key=lambda one: one.version)}
     return [last[group] for group in sorted({one.group for one in batches}) if group in last]
 
 
 def _applied(one: ScaleConversion) -> str:
-    return f"{one.scale} of {one.group} is predicted by version {one.version}, of {one.fitted_utc[:10]}."
+    return f"version {one.version} predicts {one.scale} of {one.group}, fitted {one.fitted_utc[:10]}."
 
 
 def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     """Raises BatchRefused where what is asked for cannot be done."""
     if not outs and wanted.store is None:
-        sentence = "needs folders of results, or a store with --store."
+        sentence = "needs results folders, or a store with --store."
         raise BatchRefused([Problem("drupe history", sentence)])
     for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):
         if text not in SCALES:
             known = ", ".join(SCALES)
-            raise BatchRefused([Problem("drupe history", f'knows no scale "{text}"; known: {known}.')])
+            raise BatchRefused([Problem("drupe history", f'drupe knows no scale "{text}"; known: {known}.')])
     if wanted.store is None and wanted.fit:
-        sentence = "--fit keeps what it fits: name a store with --store."
+        sentence = "--fit stores its result; name a store with --store."
         raise BatchRefused([Problem("drupe history", sentence)])
     if wanted.store is not None:
         require_file_apart(wanted.store, inputs=[], folders=outs)
@@ -164,18 +167,14 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
         if target is None:
             continue
         if not target.absolute().parent.is_dir():
-            raise BatchRefused([Problem(str(target.parent), "there is no such folder; make it first.")])
+            raise BatchRefused([Problem(str(target.parent), "does not exist; create the folder first.")])
         require_file_apart(target, inputs=[wanted.store] if wanted.store else [], folders=outs)
         require_new_or_ours(target, is_ours, what)
 
 
 def _is_page(path: Path) -> bool:
-    with suppress(NotReadable):
-        return f"<title>{PAGE_TITLE}</title>" in read_text(path, most_bytes=MOST_BYTES)[:2000]
-    return False
+    return f"<title>{PAGE_TITLE}</title>" in text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
 
 
 def _is_table(path: Path) -> bool:
-    with suppress(NotReadable):
-        return read_text(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))
-    return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))

@@ -31,16 +31,16 @@ UNKNOWN_SPREAD = 0.15
 """Standard deviation of ln E of single fruit of a lot where none was measured: moduli of a lot differ by some
 15 %. Set by hand."""
 REVISED = (
-    "{batches} of its batches {were} graded again: the latest results count, and the store keeps {revisions} "
-    "earlier revision{s}"
+    "{batches} of its batches {were} graded again: the newest results count, and the store keeps "
+    "{revisions} earlier revision{s}"
 )
 MOST_NAMED = 6
 """Fruit that one sentence names."""
 MISSING = (
-    "the latest results of batch {key} ({folder}) lack {names}, which earlier results have: {they} still "
-    "count{s}; to take one out of a store: --forget {key}/{first}"
+    "the newest results of batch {key} ({folder}) lack {names}, which earlier results contain; "
+    "{they} still count{s}. To remove one from a store: --forget {key}/{first}"
 )
-SEVERAL_LIMITS = "the batches of this lot name different limits of classes; those of the last day are used"
+SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe uses those of the last day"
 
 
 def history_entry(
@@ -94,7 +94,7 @@ def series_entry(batches: Sequence[StoredBatch]) -> SeriesEntry:
         softening=None if law is None else _softening_entry(law),
         why_no_softening=""
         if law is not None
-        else "one day is there; a second shows how fast the lot softens",
+        else "one day is available; a second day shows how fast the lot softens",
         limits=tuple(_limits(limits[-1], law, first, E_MPa)) if limits else (),
         notes=tuple(_notes(batches, limits)),
     )
@@ -152,16 +152,16 @@ def _softening_entry(law: Softening) -> SofteningEntry:
     rate, low, high = law.rate(), law.rate(LOW), law.rate(HIGH)
     if not law.softens:
         changes = f"{_per_day(-rate):+.1f} % a day ({_per_day(-high):+.1f} to {_per_day(-low):+.1f} %, 90 %)"
-        words = f"No softening is shown: E changes by {changes}."
+        words = f"No softening is visible: E changes by {changes}."
     else:
         falls = f"{-_per_day(-rate):.1f} % a day ({-_per_day(-low):.1f} to {-_per_day(-high):.1f} %, 90 %)"
-        words = f"E falls by {falls}: to a half in {math.log(2) / rate:.1f} days."
+        words = f"E falls by {falls}; the half-life is {math.log(2) / rate:.1f} days."
     if law.days == 2:
-        words += " Of two days, the law itself cannot be checked; a third shows whether it holds."
+        words += " With two days, nothing tests the exponential law; a third day does."
     elif law.day_sd > law.fruit_sd:
         words += (
-            f" Days lie off the law by {100 * law.day_sd:.0f} %, more than single fruit of a day: another "
-            "temperature, another part of the lot, or the sensor?"
+            f" Days deviate from the law by {100 * law.day_sd:.0f} %, more than single fruit of one "
+            "day. Check temperature, sampling and sensor."
         )
     return SofteningEntry(
         words=words,
@@ -195,11 +195,11 @@ def _limits(
             continue
         below = sum(one <= limit for one in latest) / len(latest)
         if mean <= math.log(limit):
-            words = "The mean is there already."
+            words = "The mean is in this class already."
         elif law is None:
-            words = "Cannot be said yet: it takes a second day."
+            words = "Unknown yet: a second day is needed."
         elif not law.softens:
-            words = "Cannot be said yet: no softening is shown."
+            words = "Unknown yet: no softening is visible."
         else:
             words = _when(law, limit, first)
         yield LimitEntry(name=name, E_max_MPa=limit, words=words, share_below=below)
@@ -209,7 +209,7 @@ def _when(law: Softening, limit_MPa: float, first: date) -> str:
     found = reached(law, limit_MPa)
     if found.day is None:
         far = _on(first, law.farthest_day)
-        return f"Not before {far}, the last day that is predicted ({FARTHEST:g} times the days observed)."
+        return f"Not before {far}, the last predicted day ({FARTHEST:g} times the observed days)."
     ahead = found.day - law.last
     ends = [_on(first, found.earliest or law.first)]
     ends.append("an open end" if found.latest is None else _on(first, found.latest))
@@ -261,7 +261,7 @@ def _alarms(bodies: Sequence[ReferenceBodyEntry]) -> Iterable[str]:
     for body in bodies:
         z = np.array([math.log(point.ratio) * point.ratio / point.sd for point in body.history])
         if said := out_of_control(z):
-            yield f"{body.fruit_id}: {said}. Check the sensor before the next batch is graded."
+            yield f"{body.fruit_id}: {said}. Check the sensor before you grade the next batch."
 
 
 def _conversion_entry(one: ScaleConversion, *, used: bool) -> ConversionEntry:
@@ -271,8 +271,9 @@ def _conversion_entry(one: ScaleConversion, *, used: bool) -> ConversionEntry:
     return ConversionEntry(
         title=f"{one.scale}, {one.group}, version {one.version}",
         words=(
-            f"{one.scale} = {line}; one more fruit lies within ± {half:.2g} with 90 %. Of {one.fruit} fruit "
-            f"of {one.E_low_MPa:.3g} to {one.E_high_MPa:.3g} MPa, fitted {one.fitted_utc[:10]}."
+            f"{one.scale} = {line}; 90 % of further fruit lie within ± {half:.2g}. Fitted "
+            f"{one.fitted_utc[:10]} to {one.fruit} fruit of {one.E_low_MPa:.3g} to "
+            f"{one.E_high_MPa:.3g} MPa."
         ),
         used=used,
     )

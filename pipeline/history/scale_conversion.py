@@ -74,12 +74,14 @@ def fitted_conversion(
     """The line through fruit that have both. Raises NotFitted."""
     n = len(E_MPa)
     if n < FEWEST_FRUIT:
-        raise NotFitted(f"{n} fruit of {group} have both E and {scale}; at least {FEWEST_FRUIT} are needed")
+        raise NotFitted(
+            f"{n} fruit of {group} have both E and {scale}; the fit needs at least {FEWEST_FRUIT}"
+        )
     x, y = np.log(np.asarray(E_MPa, dtype=float)), np.asarray(reading, dtype=float)
     if (span := float(np.ptp(x))) < LEAST_SPAN:
         raise NotFitted(
-            f"E of the {n} fruit of {group} spans a factor of {math.exp(span):.2f}; at least "
-            f"{math.exp(LEAST_SPAN):.2f} is needed: add riper or firmer fruit"
+            f"E of the {n} fruit of {group} spans a factor of {math.exp(span):.2f}; the fit needs at "
+            f"least {math.exp(LEAST_SPAN):.2f}: add riper or firmer fruit"
         )
     squares = float(((x - x.mean()) ** 2).sum())
     slope = float(((x - x.mean()) * (y - y.mean())).sum()) / squares

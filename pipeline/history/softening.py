@@ -73,9 +73,9 @@ class Softening:
 
     def on(self, day: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "t m"], Float[np.ndarray, "t m"]]:
         """The lot's mean ln E on these days for each tau, and its standard deviation."""
-        terms = np.stack([np.ones_like(day), -day], axis=1)
-        variance = np.einsum("ti,mij,tj->tm", terms, self.covariance, terms)
-        return self.a - day[:, None] * self.k, np.sqrt(variance)
+        t = day[:, None]
+        of_a, of_both, of_k = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
+        return self.a - t * self.k, np.sqrt(np.maximum(of_a + t * (t * of_k - 2 * of_both), 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +102,8 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
     fruit_sd = _pooled_sd(logs) or single_sd
     t, means = np.array(days), np.array([one.mean() for one in logs])
     variance = fruit_sd**2 / np.array([len(one) for one in logs])
-    fits = [_weighted(t, means, variance + tau**2) for tau in _TAU]
-    ln_weights = np.array([fit[2] for fit in fits]) - 0.5 * (_TAU / DAY_SD) ** 2
+    coefficients, covariance, ln_likelihood = _weighted(t, means, variance + _TAU[:, None] ** 2)
+    ln_weights = ln_likelihood - 0.5 * (_TAU / DAY_SD) ** 2
     weights = np.exp(ln_weights - ln_weights.max())
     weights /= weights.sum()
     return Softening(
@@ -113,9 +113,9 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
         fruit_sd=fruit_sd,
         day_sd=float(weights @ _TAU),
         weights=weights,
-        a=np.array([fit[0][0] for fit in fits]),
-        k=np.array([fit[0][1] for fit in fits]),
-        covariance=np.array([fit[1] for fit in fits]),
+        a=coefficients[:, 0],
+        k=coefficients[:, 1],
+        covariance=covariance,
     )
 
 
@@ -139,16 +139,16 @@ def _pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
 
 
 def _weighted(
-    t: Float[np.ndarray, " d"], mean: Float[np.ndarray, " d"], variance: Float[np.ndarray, " d"]
-) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"], float]:
+    t: Float[np.ndarray, " d"], mean: Float[np.ndarray, " d"], variance: Float[np.ndarray, "m d"]
+) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2 2"], Float[np.ndarray, " m"]]:
     """a and k, their covariance, and ln of the marginal likelihood with flat priors of both."""
     design = np.stack([np.ones_like(t), -t], axis=1)
-    precision = design.T @ (design / variance[:, None])
+    precision = design.T @ (design / variance[:, :, None])
     covariance = np.linalg.inv(precision)
-    found = covariance @ (design.T @ (mean / variance))
-    left = mean - design @ found
-    ln_likelihood = -0.5 * float((left**2 / variance).sum() + np.log(variance).sum())
-    return found, covariance, ln_likelihood - 0.5 * float(np.linalg.slogdet(precision)[1])
+    found = np.einsum("mij,mj->mi", covariance, (mean / variance) @ design)
+    left = mean - found @ design.T
+    ln_likelihood = -0.5 * (left**2 / variance + np.log(variance)).sum(axis=1)
+    return found, covariance, ln_likelihood - 0.5 * np.linalg.slogdet(precision)[1]
 
 
 def _quantile(

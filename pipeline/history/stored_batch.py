@@ -12,8 +12,8 @@ from typing import Any
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import json_in, why_damaged
+from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import printable
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
 """Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""
@@ -21,7 +21,7 @@ SCALES = ("shore_oo", "penetrometer_N")
 """Columns of fruits.csv with the reading of another instrument."""
 
 
-GRADE_AGAIN = "move it away and run `drupe grade` again, which makes it anew."
+GRADE_AGAIN = "move it away and run `drupe grade` again to rebuild it."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,16 +101,18 @@ def stored_batch(out: Path) -> StoredBatch:
         where = out / "results"
         hint = f"; did you mean {where}?" if Results(where).provenance.is_file() else ""
         sentence = (
-            f"holds no results of drupe grade (batch.json){hint or '; give the folder that --out named'}."
+            f"contains no results of drupe grade (batch.json){hint or '; give the folder that --out named'}"
         )
         raise BatchRefused([Problem(str(out), sentence)])
     if said.get("exit_status") is None:
-        sentence = "is of a run that has not ended; let `drupe grade` finish it first."
+        sentence = "belongs to an unfinished run; let `drupe grade` finish it first."
         raise BatchRefused([Problem(str(results.provenance), sentence)])
     try:
         return _batch(out, results, said)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        sentence = f"is damaged or of another version ({type(error).__name__}: {printable(str(error))[:80]})"
+        sentence = (
+            f"is damaged or from another version ({type(error).__name__}: {printable(str(error))[:80]})"
+        )
         raise BatchRefused(
             [Problem(str(results.provenance), f"{sentence}; grade the batch again.")]
         ) from None

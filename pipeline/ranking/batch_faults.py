@@ -180,8 +180,8 @@ def _sentence(
     for other, own in others:
         said += f", or {_amount(effect, other, parameter, own)}"
     return (
-        f"{said[:1].upper()}{said[1:]}: the same in all {count} fruit together (p = {together.p_value:.1g}), "
-        f"in {shown} of {count} by itself. {words.advice}"
+        f"{said[:1].upper()}{said[1:]}: in all {count} fruit together (p = {together.p_value:.1g}), "
+        f"and visible in {shown} of {count} individually. {words.advice}"
     )
 
 

@@ -59,7 +59,7 @@ def decide(
         return Decision(list_name=INSPECT, why="E is in doubt")
     suspected = () if record.screen is None else record.screen.names
     if UNKNOWN in (mismatch, *suspected[:1]):
-        return Decision(list_name=INSPECT, why="nothing known explains its recordings")
+        return Decision(list_name=INSPECT, why="no known effect explains its recordings")
     other, probability = _other_class(place, grading)
     if (found := _missing_physics(record, place, grading, explained)) is not None:
         head, suspicion = found
@@ -75,7 +75,7 @@ def decide(
         return Decision()
     chance = ship_probability(place.class_probabilities, shipped)
     if 1 - grading.certainty < chance < grading.certainty:
-        why = f"borderline: to be shipped with {percent(chance)}"
+        why = f"borderline: ship with probability {percent(chance)}"
         return Decision(list_name=INSPECT, why=why, other_class=other, other_probability=probability)
     return Decision(
         list_name=SHIP if chance >= grading.certainty else HOLD,

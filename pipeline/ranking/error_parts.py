@@ -13,23 +13,25 @@ from reports.words import percent
 
 ADVICE = {
     TACTILE: "another grasp, a deeper one, or a hold of some seconds at its end",
-    REGISTRATION: "more photos, sharper ones, or a second set with the fruit upside down",
-    PIT_PLACE: "another grasp, a quarter turn about the stem from the others",
-    PIT_SIZE: "another grasp, a quarter turn about the stem from the others, or a pit prior of your cultivar "
-    "([pit] prior in batch.toml), measured on a dozen pits of the cultivar",
+    REGISTRATION: "more photos, sharper photos, or a second set with the fruit upside down",
+    PIT_PLACE: "another grasp, turned by 90 degrees about the stem",
+    PIT_SIZE: (
+        "another grasp, turned by 90 degrees about the stem, or a pit prior of your cultivar "
+        "([pit] prior in batch.toml) from a dozen measured pits"
+    ),
     POISSON_RATIO: "poisson_ratio and poisson_ratio_sd of your cultivar in batch.toml",
-    MODEL: "another grasp at another place; drupe explain says what the model leaves out",
+    MODEL: "another grasp at another place (drupe explain shows the missing physics)",
     SCATTER: "more grasps, at other places",
     FORCE_SCALE: "a calibration of the gel on a load cell (drupe calibrate)",
     SENSOR: "a calibration of the sensor's camera (picture_scale_sd under [sensor] in batch.toml)",
     GAIN: "a calibration of the gel on a load cell (drupe calibrate), or a reference body",
     OWN_GAIN: "more grasps",
-    PLAIN_JAW: "a gel on the other jaw too",
-    CONFIRMED: "better known parameters of the effects in batch.toml (their sd)",
+    PLAIN_JAW: "a gel on the other jaw",
+    CONFIRMED: "more precise parameters of the effects in batch.toml (their sd)",
     DOUBTED: "an answer to the doubts above",
-    SHAPE: "photos or a scan in place of three diameters",
+    SHAPE: "photos or a scan instead of three diameters",
     RECORDINGS: "another squeeze, along another diameter",
-    REFERENCE: "reference bodies whose modulus is better known, or more of them",
+    REFERENCE: "more reference bodies, or bodies with a better known modulus",
 }
 """What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa); nothing helps against
 that of the elements."""
@@ -45,9 +47,9 @@ def about_error(modulus: ModulusRecord) -> str:
     if not modulus.scale_sd_MPa > 0:
         return said
     return (
-        f"{said} A {COMMON_SCALE} adds ± {100 * modulus.scale_sd_MPa / modulus.E_MPa:.2g} % of E: all fruit "
-        "share it, no recording shows it, and it counts for the class and not for the order. A body of known "
-        "modulus in fruits.csv (reference = true) removes it."
+        f"{said} A {COMMON_SCALE} adds ± {100 * modulus.scale_sd_MPa / modulus.E_MPa:.2g} % of E. All "
+        "fruit share it and no recording shows it; it affects the class but not the ranking. To "
+        "remove it, add a body of known modulus to fruits.csv (reference = true)."
     ).strip()
 
 
@@ -63,5 +65,5 @@ def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:
     said = []
     for share, name in named:
         remedy = f"; smaller with {ADVICE[name]}" if name in ADVICE else ""
-        said.append(f"{percent(share)} of its variance is {name}{remedy}.")
+        said.append(f"{percent(share)} of its variance comes from: {name}{remedy}.")
     return " ".join(said)

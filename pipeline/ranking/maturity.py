@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy.special import ndtr
 
 from pipeline.batch.settings import GradingClass
+from reports.entries import ShoreCorrelation
 
 EXACT_UP_TO = 7
 """So many fruit have few enough orders (5040) to count them all."""
@@ -28,16 +29,6 @@ class Rank:
     maturity_probability: float | None
     class_probabilities: tuple[float, ...] = ()
     """Of each class of the batch, softest first; they add up to 1."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Agreement:
-    """Rank and linear correlation of log E with a firmness reference over n fruits."""
-
-    n: int
-    spearman: float
-    pearson: float
-    p: float
 
 
 def standings(
@@ -116,7 +107,7 @@ def _log_limit(grade: GradingClass) -> float:
     return math.inf if grade.E_max_MPa is None else math.log(grade.E_max_MPa)
 
 
-def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> Agreement | None:
+def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> ShoreCorrelation | None:
     """Spearman and Pearson correlation of log E with a reference; None under three fruits or no spread.
 
     `p` is two-sided for the rank correlation: over all orders up to seven fruit, by Student's t beyond.
@@ -135,7 +126,7 @@ def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]
             n_resamples=math.factorial(len(E_MPa)),
         )
         p = test.pvalue
-    return Agreement(
+    return ShoreCorrelation(
         n=len(E_MPa),
         spearman=float(rank.statistic),
         pearson=float(pearsonr(np.log(E_MPa), reference).statistic),

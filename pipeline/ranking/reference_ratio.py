@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
-from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
+from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
@@ -26,6 +26,7 @@ from pipeline.ranking.verified_scale import (
     with_own_gain,
     with_sensor,
 )
+from reports.grasp_record import GraspRecord
 from reports.tables import safe_cell
 
 WITHIN_SD = 2.0
@@ -188,7 +189,7 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
     """A graded reference body's modulus beside the known one."""
     known, sd = record.given.reference_E_MPa, record.given.reference_E_sd_MPa
     if known is None or sd is None:
-        raise ValueError(f"the reference body {record.fruit_id} was graded without its modulus")
+        raise ValueError(f"drupe graded the reference body {record.fruit_id} without its modulus")
     return BodyFound(
         fruit_id=record.fruit_id,
         E_known_MPa=known,
@@ -220,21 +221,21 @@ def _sentences(
     if ratio is None:
         why = ", ".join(f"{record.fruit_id}: {record.outcome}" for record in asked)
         return [
-            f"No reference body was graded ({why}), so that a gain which both pads share is not checked; "
-            "correct what stopped it and run the batch again."
+            (
+                f"No reference body is graded ({why}), so drupe cannot check a gain common to both pads; "
+                "correct the cause and run the batch again."
+            )
         ]
     if ratio.implausible and not ratio.disagree:
-        return [
-            f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and none is corrected by it."
-        ]
+        return [f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and drupe corrects none."]
     said = [f"{_reads(ratio, bodies)}: {_verdict(ratio, corrected=corrected)}"]
     if ratio.disagree:
         each = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
         said.append(
             f"The reference bodies disagree beyond their errors (chi-square {ratio.chi2:.3g} on "
-            f"{ratio.degrees} degree{'s' if ratio.degrees > 1 else ''} of freedom, p = {ratio.p_value:.1g}): "
-            f"{each}. One of them is not of the modulus that fruits.csv gives, or was grasped badly; check "
-            "them. The mean's error is widened by it."
+            f"{ratio.degrees} degree{'s' if ratio.degrees > 1 else ''} of freedom, p = "
+            f"{ratio.p_value:.1g}): {each}. Check whether one has another modulus than fruits.csv "
+            "gives, or a poor grasp. The mean's error includes the disagreement."
         )
     return said
 
@@ -253,9 +254,9 @@ def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
         if one.own.implausible
     )
     return (
-        f"{_reads(ratio, bodies)}, and no sound gripper is off by more than a factor of {MOST_RATIO:g}: "
-        f"check that {typed} is not mistyped, that the recordings are of that body, and that gels and units "
-        "are those stated."
+        f"{_reads(ratio, bodies)}, but a working gripper deviates by a factor of {MOST_RATIO:g} at "
+        f"most. Check {typed} for typing errors, the recordings of that body, and the stated gels and "
+        "units."
     )
 
 
@@ -263,17 +264,17 @@ def _verdict(ratio: Ratio, *, corrected: bool) -> str:
     """The end of the sentence about the ratio: whether it is as it should be, and what follows."""
     if ratio.disagree:
         return (
-            "whether it reads right cannot be judged, since the reference bodies contradict each other; "
-            "every E of the batch is in doubt, and none is corrected."
+            "drupe cannot judge the gripper, because the reference bodies contradict each other; "
+            "every E of the batch is in doubt, and drupe corrects none."
         )
     if not ratio.apart:
-        return f"within {WITHIN_SD:g} standard deviations of 1, as it should."
+        return f"within {WITHIN_SD:g} standard deviations of 1, as expected."
     far = f"{ratio.from_one_sd:.1f} standard deviations from 1"
     if corrected:
-        return f"{far}; every fruit's E is divided by it ([reference] correct = true)."
+        return f"{far}; drupe divides every fruit's E by it ([reference] correct = true)."
     return (
-        f"{far}; every E of the batch is in doubt. Calibrate gels and gripper again, or let drupe divide "
-        "every E by it: [reference] correct = true in batch.toml."
+        f"{far}; every E of the batch is in doubt. Calibrate gels and gripper again, or set "
+        "[reference] correct = true in batch.toml to divide every E by it."
     )
 
 
@@ -324,15 +325,15 @@ def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
     if ratio.disagree:
         names = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
         return Doubt(
-            sentence=f"the gripper cannot be judged: the reference bodies contradict each other ({names}).",
+            sentence=f"drupe cannot judge the gripper: the reference bodies contradict each other ({names}).",
             relative_sd=max(abs(math.log(one.own.ratio)) for one in bodies),
         )
     if ratio.implausible:
         said = _implausible(ratio, bodies)
-        sentence = f"{said[:1].lower()}{said[1:]} E is not corrected for it."
+        sentence = f"{said[:1].lower()}{said[1:]} drupe does not correct E for it."
         return Doubt(sentence=sentence, relative_sd=abs(math.log(ratio.ratio)))
     return Doubt(
-        sentence=f"{said[:1].lower()}{said[1:]}, and E is not corrected for it.",
+        sentence=f"{said[:1].lower()}{said[1:]}, and drupe does not correct E for it.",
         relative_sd=abs(math.log(ratio.ratio)),
     )
 
@@ -389,7 +390,7 @@ def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
         past = history_of(chart, body.fruit_id)
         if past and (why := out_of_control(np.array([one.z for one in past]))):
             said.append(
-                f"The control chart of {body.fruit_id} is out of control: {why}. Look for what changed in "
-                "gels, calibration or gripper, or in the reference body itself."
+                f"The control chart of {body.fruit_id} is out of control: {why}. Check for changes of "
+                "gels, calibration, gripper and the reference body."
             )
     return replace(finding, sentences=(*finding.sentences, *said), drifts=bool(said))

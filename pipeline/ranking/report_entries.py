@@ -18,7 +18,6 @@ from pipeline.batch.settings import Grading
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
-from pipeline.ranking.grasp_entries import curves_of, estimate_of, frames_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.report_pictures import ReportPictures
@@ -39,14 +38,14 @@ from reports.entries import (
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
     "large_deformation": EffectWords(  # in records of before it was part of the plain model
-        short="large deformation of the flesh, which is no fault",
-        meaning="Under the same force soft flesh moves otherwise than the linear law says.",
-        advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
+        short="large deformation of the flesh, which is not a fault",
+        meaning="Soft flesh deforms more than the linear law predicts under the same force.",
+        advice='To account for it, set [flesh] model = "neo-hookean" in batch.toml.',
     ),
     UNKNOWN: EffectWords(
-        short="something that none of the known effects explains",
+        short="an effect that drupe does not know",
         meaning="The recordings differ from the model by more than noise.",
-        advice="E is not to be trusted before drupe explain has looked at it.",
+        advice="Do not trust E until drupe explain identifies the cause.",
     ),
 }
 """Names of the screen that are no effect of the catalogue."""
@@ -160,7 +159,6 @@ def _fruit_entry(
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
     decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
-    shown = pictures.of(files, measured=mesh is not None, graded=record.graded, explained=answer is not None)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -194,19 +192,11 @@ def _fruit_entry(
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        photo=shown.photo,
-        outlines=shown.outlines,
-        mesh_picture=shown.mesh,
-        scene=shown.scene,
-        explained_scene=shown.explained_scene,
+        pictures=pictures.of(
+            files, measured=mesh is not None, graded=record.graded, explained=answer is not None
+        ),
         has_pit=record.pit is not None,
-        coverage=shown.coverage,
-        views=shown.views,
-        surface_sd=shown.surface_sd,
-        residual=shown.residual,
-        estimates=tuple(estimate_of(g) for g in record.grasps if g.failure is None),
-        curves=tuple(curves_of(record.grasps)),
-        frames=tuple(frames_of(record.grasps)),
+        recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
@@ -275,7 +265,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
         facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
         if mesh.scale_sd is not None:
             facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
-        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.known().items()]
+        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items()]
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         facts.append(("Pit", f"{box} mm, from {pit.source}"))
@@ -301,7 +291,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
             if value >= 0.5 * 10.0**-places
         ]
         if (scale := record.modulus.scale_sd_MPa) > 0:
-            facts.append((f"Beside the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
+            facts.append((f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
         if (found := record.modulus.pit_found) is not None:
             facts += _pit_found(found)
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
@@ -322,9 +312,9 @@ def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     )
     before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
     return [
-        ("Pit against the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
+        ("Pit relative to the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
         (
-            "Pit size against the prior",
+            "Pit size relative to the prior",
             f"{found.size:.3f} ± {found.size_sd:.3f} (prior 1 ± {found.size_prior_sd:.3f})",
         ),
     ]
@@ -354,13 +344,7 @@ def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
     ]
     if not pairs:
         return None
-    E, shore = np.array(pairs, dtype=float).T
-    found = agreement(E, shore)
-    return (
-        None
-        if found is None
-        else ShoreCorrelation(n=found.n, spearman=found.spearman, pearson=found.pearson, p=found.p)
-    )
+    return agreement(*np.array(pairs, dtype=float).T)
 
 
 def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:

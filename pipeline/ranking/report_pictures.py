@@ -1,8 +1,9 @@
 """The pictures of a fruit as the report holds them: small ones inside the page, the files beside it."""
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import UInt8
@@ -11,12 +12,11 @@ from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.stage_record import StageRecord
 from pipeline.files.whole_file import NotWritten
-from reports.entries import Picture
+from reports.entries import FruitPictures, Picture
 from reports.inline_picture import webp_within
 
 MANY = 450
-"""Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB
-(benchmarks/report_sizes.py)."""
+"""Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB."""
 MANY_SCENES = 100
 """Fruit in a batch; beyond it the page holds none in three dimensions, which take 40 kB each in base64: 4 MB.
 Set by hand."""
@@ -65,20 +65,6 @@ class _Thumbnails(StageRecord):
     views: UInt8[np.ndarray, " g"]
 
 
-class FruitPictures(NamedTuple):
-    """Those that a fruit has."""
-
-    photo: Picture | None = None
-    outlines: Picture | None = None
-    mesh: Picture | None = None
-    coverage: Picture | None = None
-    surface_sd: Picture | None = None
-    residual: Picture | None = None
-    views: Picture | None = None
-    scene: bytes = b""
-    explained_scene: bytes = b""
-
-
 class ReportPictures:
     """Small pictures of fruit, made once: kept here while a run lasts, and with the fruit's stages."""
 
@@ -116,8 +102,10 @@ class ReportPictures:
         if not (measured and self._with_scenes and files.scene.is_file()):
             return self._made[found]
         more = files.mismatch_scene if explained and files.mismatch_scene.is_file() else None
-        return self._made[found]._replace(
-            scene=files.scene.read_bytes(), explained_scene=b"" if more is None else more.read_bytes()
+        return replace(
+            self._made[found],
+            scene=files.scene.read_bytes(),
+            explained_scene=b"" if more is None else more.read_bytes(),
         )
 
     def _pictures(self, files: FruitResults, there: dict[str, Path]) -> FruitPictures:
@@ -136,19 +124,11 @@ class ReportPictures:
         with suppress(NotWritten):
             made.append(cached(files.cache, "report-pictures", key, compute, record=_Thumbnails))
         small = made[-1]
-        shown = {
+        shown: dict[str, Any] = {
             name: Picture(webp=getattr(small, name).tobytes(), file=_from(self._root, path))
             for name, path in there.items()
         }
-        return FruitPictures(
-            photo=shown.get("photo"),
-            outlines=shown.get("outlines"),
-            mesh=shown.get("mesh"),
-            coverage=shown.get("coverage"),
-            surface_sd=shown.get("surface_sd"),
-            residual=shown.get("residual"),
-            views=shown.get("views"),
-        )
+        return FruitPictures(**shown)
 
     def _thumbnails(self, there: dict[str, Path]) -> _Thumbnails:
         empty = np.zeros(0, np.uint8)

@@ -52,7 +52,7 @@ def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
         for sentence, those in ordered[:MOST_LINES]
     ]
     left = len(ordered) - len(lines)
-    return [*lines, f"{lead}: {left} more in report.html"] if left else lines
+    return [*lines, f"{lead}: see report.html for {left} more"] if left else lines
 
 
 def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
@@ -124,7 +124,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
         console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
     if batch.ships == ():
-        said = "warning: no class is shipped: all fruit are held; see ship in [[grading.classes]]"
+        said = "warning: no class is shipped, so all fruit are held; set ship in [[grading.classes]]"
         console.print(said, highlight=False, markup=False, soft_wrap=True)
     for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
         console.print(line, highlight=False, markup=False, soft_wrap=True)

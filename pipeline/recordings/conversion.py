@@ -9,8 +9,8 @@ from typing import Literal
 import h5py
 
 from fem.fem_failure import FemFailure
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
 from pipeline.fruit.bare_traces import is_bare
 from pipeline.fruit.input_doubts import expected_E_MPa
@@ -42,7 +42,7 @@ from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
 """Frames between two lines of progress: about every second or two at 30 to 45 frames/s (docs/validation.md,
-Gel frames)."""
+Speed)."""
 WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames)",
@@ -55,15 +55,15 @@ KINDS = (
 
 
 WHAT_PRESSED = (
-    "is a load cell's trace; give --indenter ball and --radius-mm (or flat and --radius-mm, or plates with "
-    "the specimen between them: docs/formats.md, A load cell)."
+    "is a load cell's force-displacement curve. Give --indenter ball or flat with --radius-mm, "
+    "or --indenter plates with the specimen (docs/formats.md, A load cell)."
 )
 
 
 FRAMES_ALONE = (
-    "holds pictures or a video of a gel, and nothing says of which sensor and when; put them into a folder "
-    "with grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp) and give that "
-    "folder. drupe sensor writes the description."
+    "holds pictures or a video of a gel without sensor and times. Put them into a folder with "
+    "grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp), and give "
+    "that folder. drupe sensor writes the description."
 )
 
 
@@ -208,8 +208,8 @@ def _read(
     found, sensors = _of_any_kind(source, wanted, report, stack)
     if wanted.rig is not None and found.recording.rig_give_mm is None:
         what = (
-            "is no table of a load cell, of which alone --rig takes the rig's give off; for a batch's "
-            "recordings name it in batch.toml."
+            "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
+            "name the rig in batch.toml."
         )
         raise BatchRefused([Problem(str(source), what)])
     return found, sensors
@@ -247,7 +247,7 @@ def _of_any_kind(
         return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if kind in (".h5", ".hdf5"):
         read_recording(source)
-        raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
+        raise BatchRefused([Problem(str(source), "is a recording already and needs no conversion.")])
     said = wanted.trace
     if kind in TABLES and (
         said.columns
@@ -265,14 +265,14 @@ def _of_any_kind(
         return found, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
         raise BatchRefused([Problem(str(source), FRAMES_ALONE)])
-    there = "is nothing that can be converted" if source.exists() else "does not exist"
+    there = "is not a format that drupe converts" if source.exists() else "does not exist"
     raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
 
 
 def _require_table(source: Path) -> None:
     """Raises BatchRefused for what is no table, of which the options speak."""
     if not source.is_file() or source.suffix.lower() not in TABLES:
-        what = "is no table of a load cell; --columns, --units, --sheet and --run are for one alone."
+        what = "is not a load cell's table; --columns, --units, --sheet and --run apply only to such tables."
         raise BatchRefused([Problem(str(source), what)])
 
 
@@ -304,7 +304,7 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
     if wanted.indenter is None or (round_tip and wanted.radius_mm is None):
         raise BatchRefused([Problem(str(source), WHAT_PRESSED)])
     if not round_tip and wanted.radius_mm is not None:
-        said = "--radius-mm is a ball's or a punch's; leave it out, or give --indenter flat for a punch."
+        said = "--radius-mm is the radius of a ball or punch; remove it, or give --indenter flat for a punch."
         raise BatchRefused([Problem(str(source), said)])
     try:
         known = geometry_of(

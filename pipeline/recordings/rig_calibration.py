@@ -9,15 +9,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import read_bytes, text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import as_toml
-from recon.plain_file import NotReadable, read_text
 from tactile.from_frames import recording_of
 from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
-from tactile.io.named_file import read_bytes
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import MOST_BYTES, GelPad, IndenterPad, Recording, read_recording
 from tactile.io.rig_file import FORMAT, VERSION, read_rig
@@ -61,7 +60,7 @@ def calibrate_rig(
     BatchRefused where `out` is one of the inputs or a file that drupe calibrate did not write.
     """
     if out.suffix.lower() != ".toml":
-        raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
+        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
     require_file_apart(out, inputs=sources, folders=[path for path in sources if path.is_dir()])
     require_new_or_ours(out, _is_rig, "a rig that drupe calibrate wrote")
     twice = {path.resolve() for path in sources}
@@ -79,11 +78,13 @@ def calibrate_rig(
         held = min(one.held for one in own)
         report(
             f"{path.name}: {len(own)} squeeze{'s' if len(own) > 1 else ''} up to "
-            f"{max(one.largest_N for one in own):.3g} N, {1 - held:.0%} of the force lost in the hold"
+            f"{max(one.largest_N for one in own):.3g} N, with {1 - held:.0%} loss of force during the "
+            "hold"
         )
     if len(gels) > 1:
         sentence = (
-            "is of another kind than the others: some have gel pads, some have none; calibrate each kind."
+            "mixes two kinds of recordings: some have gel pads, others have none; calibrate each "
+            "kind separately."
         )
         raise BatchRefused([Problem(str(sources[0]), sentence)])
     whole = fit_rig(squeezes)
@@ -117,7 +118,7 @@ def _squeezes(recording: Recording, rigid: RigidObject, source: str) -> tuple[Ri
     if recording.rig_give_mm is not None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_RECORDING,
-            f"{source}: found a travel that a rig's give was taken off, expected it as it was recorded.",
+            f"{source}: found a travel that is already corrected for a rig, expected the travel as recorded.",
         )
     closing = -1.0 if recording.loading == "grasp" else 1.0
     force = np.mean(
@@ -198,40 +199,39 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
     peak, last = of.curve.largest_N, of.curve.last_mm_per_N
     at_peak = float(of.curve.give(np.array(peak)))
     sd = float(of.curve.sd_mm[-1])
-    stiffness = f"{1 / last:.3g} N/mm there" if last > 0 else "no more by the last readings"
+    stiffness = f"{1 / last:.3g} N/mm there" if last > 0 else "no compliance in the last readings"
     lines = [
-        f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
-        f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
-        f"{of.least_N:.2g} to {peak:.3g} N",
-        f"of the spread {of.repeat_mm:.2g} mm are from squeeze to squeeze, {abs(of.hysteresis_mm):.2g} mm "
-        f"between the ways in and out, {of.scatter_mm:.2g} mm the readings' (off one curve by "
-        f"{of.readings_mm:.2g} mm)",
+        (
+            f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
+            f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
+            f"{of.least_N:.2g} to {peak:.3g} N"
+        ),
+        f"parts of the standard deviation: {of.repeat_mm:.2g} mm between squeezes, "
+        f"{abs(of.hysteresis_mm):.2g} mm between loading and unloading, {of.scatter_mm:.2g} mm from the "
+        f"readings (residual {of.readings_mm:.2g} mm)",
     ]
     if jaws is not None:
         all_of_it = float(whole.curve.give(np.array(peak)))
         lines.append(
-            f"of {all_of_it:.3g} mm in all, {all_of_it - at_peak:.3g} mm are the gels' own as their "
-            "markers show"
+            f"of {all_of_it:.3g} mm in all, {all_of_it - at_peak:.3g} mm belong to the gels, as "
+            "their markers show"
         )
     if of.squeezes == 1:
         lines.append(
-            "one squeeze says nothing of how it repeats: 5 % of the give were assumed; squeeze it again"
+            "one squeeze shows no repeatability: drupe assumes 5 % of the displacement; squeeze it again"
         )
     if of.hysteresis_mm < -of.readings_mm:
         lines.append(
-            "the force is larger on the way out than on the way in, which no rig does: check that force and "
-            "travel have one clock; the distance is in the spread"
+            "the force is larger during unloading than during loading, which no rig shows; check "
+            "that force and travel share one clock. The standard deviation includes the difference"
         )
     if rigid.shape == "ball" and jaws is None:
         lines.append(
-            "pads or a tip that are pressed in are part of this, and by an object of another curvature they "
-            "are pressed in otherwise"
+            "this includes compressed pads or a tip; an object of another curvature compresses them "
+            "differently"
         )
     return tuple(lines)
 
 
 def _is_rig(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import NotReadable, read_text, text_or_empty, toml_of
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import NotReadable, read_text, toml_of
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of
@@ -54,12 +54,16 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
     """
     if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
         raise BatchRefused(
-            [Problem(str(sensor), "a ball's press needs --ball-mm, --reference and one --press or more.")]
+            [
+                Problem(
+                    str(sensor), "a ball calibration needs --ball-mm, --reference and at least one --press."
+                )
+            ]
         )
     if not presses.ball and presses.load_cell is None:
         what = (
-            "nothing to calibrate with; give --press or --load-cell, or, of a squeeze that measures a rig, "
-            "--rigid and --size-mm."
+            "there is nothing to calibrate with. For a sensor give --press or --load-cell. For a rig "
+            "give --rigid and --size-mm."
         )
         raise BatchRefused([Problem(str(sensor), what)])
     described = _described(sensor)
@@ -96,7 +100,7 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
         raise BatchRefused([Problem(str(out), "is a folder; give the name of a file that ends in .toml.")])
     look_up = out.with_suffix(".npz")
     if out == look_up:
-        raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
+        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
     named = [sensor.parent / str(described["calibration_file"])] if "calibration_file" in described else []
     others = [path for path in (presses.reference, presses.load_cell) if path is not None]
     folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
@@ -110,10 +114,7 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
 
 
 def _is_calibrated(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
 
 
 def _names(description: Path, look_up: Path) -> bool:
@@ -127,7 +128,9 @@ def _look_up(sensor: Path, name: object) -> Path:
     """The description's look-up, which must be there to be kept."""
     path = sensor.parent / str(name)
     if not path.is_file():
-        said = f"calibration_file: no file {name} beside it; put it there, or press a ball with --press."
+        said = (
+            f"calibration_file: found no file {name} beside it; put it there, or press a ball with --press."
+        )
         raise BatchRefused([Problem(str(sensor), said)])
     return path
 
@@ -149,7 +152,8 @@ def _camera(sensor: Path, described: dict[str, Any]) -> tuple[GelCamera, float]:
             [
                 Problem(
                     str(sensor),
-                    f"is of kind {described.get('kind')}; a ball's print calibrates photometric sensors.",
+                    f"has the kind {described.get('kind')}; a ball press calibrates only photometric "
+                    "sensors.",
                 )
             ]
         )
@@ -220,7 +224,9 @@ def _scaled(gel: dict[str, Any], gain: GelGain, *, springs: bool) -> str:
     """Scale what the force was proportional to: springs' normal stiffness, or the slab's modulus."""
     name = "gel_kn_MPa_per_mm" if springs else "E_MPa"
     gel[name] = float(f"{gel[name] * gain.value:.5g}")
-    left = "; gel_kt_MPa_per_mm stays: a normal press does not measure it" if springs else ""
+    left = (
+        "; gel_kt_MPa_per_mm does not change, because a normal press does not measure it" if springs else ""
+    )
     return (
         f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}{left} "
         f"({gain.value:.3f} times the description's; load cell and gel agree within "

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.scratch import scratch
+from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.problem import BatchRefused, Problem
 from pipeline.recordings.sensor_calibration import MOST_BYTES, as_toml
-from recon.plain_file import NotReadable, read_text
 from tactile.io.pictures import read_picture
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import SensorModel, model_names, read_model
@@ -39,7 +39,7 @@ def write_sensor(
     """
     if name not in model_names():
         known = ", ".join(model_names())
-        raise BatchRefused([Problem(name, f"is no sensor that drupe knows by name; known are {known}.")])
+        raise BatchRefused([Problem(name, f"is not a sensor that drupe knows; known: {known}.")])
     require_file_apart(out, inputs=[] if picture is None else [picture], folders=[])
     require_new_or_ours(out, _is_ours, "a description that drupe sensor wrote")
     model = with_given(read_model(name), {key: (value, known_to) for key, value in given.items()})
@@ -62,12 +62,9 @@ def unknown_of(model: SensorModel) -> str:
         described(model, None, source="")
     except TactileFailure as failure:
         said = str(failure).removeprefix(f"{model.name}: ")
-        return f"{said[0].upper()}{said[1:]}" if said.startswith("nobody publishes") else ""
+        return f"{said[0].upper()}{said[1:]}" if said.startswith("no published values exist") else ""
     return ""
 
 
 def _is_ours(path: Path) -> bool:
-    try:
-        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
-    except NotReadable:
-        return False
+    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")

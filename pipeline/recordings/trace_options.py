@@ -2,7 +2,7 @@
 
 import re
 
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from tactile.io.stated_unit import EXAMPLES, NoUnit, read_unit
 from tactile.io.trace_columns import KNOWN, TraceWords
 
@@ -24,12 +24,12 @@ def trace_words(
     """
     names = _pairs("--columns", columns, "time=Time,force=Force,travel=Pos")
     if {"travel", "gap"} <= names.keys():
-        raise _refused("--columns", "names both a travel and a gap; give one of them.")
+        raise refused("--columns", "names both a travel and a gap; give only one.")
     stated = _pairs("--units", units, "time=s,force=N,travel=mm")
     for quantity, unit in stated.items():
         if isinstance(found := read_unit(unit, quantity), NoUnit):
             ways = ", ".join(EXAMPLES[quantity])
-            raise _refused("--units", f"says {quantity}={unit}, which {found.why}; give {ways} or another.")
+            raise refused("--units", f"says {quantity}={unit}, which {found.why}; give {ways} or another.")
     return TraceWords(columns=names, units=stated, sheet=sheet, run=_run(run))
 
 
@@ -38,7 +38,7 @@ def _run(text: str | None) -> int | None:
     if text is None or text == ALL_RUNS:
         return None
     if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise _refused("--run", f'holds "{text[:60]}"; give the number of a run, from 1, or all.')
+        raise refused("--run", f'holds "{text[:60]}"; give the number of a run (from 1), or all.')
     return int(text)
 
 
@@ -48,12 +48,8 @@ def _pairs(option: str, text: str | None, example: str) -> dict[str, str]:
         quantity, equals, name = (piece.strip() for piece in part.partition("="))
         if not equals or not name or quantity not in KNOWN:
             known = ", ".join(KNOWN)
-            raise _refused(option, f'holds "{part.strip()[:60]}"; give {example} (of {known}).')
+            raise refused(option, f'holds "{part.strip()[:60]}"; give {example} (of {known}).')
         if quantity in found:
-            raise _refused(option, f"names {quantity} twice.")
+            raise refused(option, f"names {quantity} twice.")
         found[quantity] = name
     return found
-
-
-def _refused(option: str, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(option, sentence)])

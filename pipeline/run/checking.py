@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.batch.confirmed_effects import effects_on, pit_found
-from pipeline.batch.fruits_table import SAFE_ID, FruitRow
+from pipeline.batch.fruits_table import SAFE_ID, FruitRow, given_of
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
@@ -23,7 +23,6 @@ from pipeline.batch.plausible_numbers import (
     row_doubts,
     table_doubts,
 )
-from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs
@@ -150,7 +149,7 @@ def fruit_problems(
         yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
     folder = batch.folder.fruit(row.fruit_id)
     if not folder.root.is_dir():
-        yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
+        yield _at(row, folder.root, "does not exist; create it, with photos/ and grasps/ inside.")
         return
     mesh, broken = _closed_mesh(row, folder.fruit_ply)
     yield from broken
@@ -168,7 +167,7 @@ def fruit_problems(
         yield _at(
             row,
             folder.grasps,
-            "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames, found none.",
+            "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames; found none.",
         )
     for path in grasps:
         yield from _recording_problems(path, batch, row, mesh, kind, read)
@@ -305,8 +304,8 @@ def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: PlausibleRange) -> Itera
     if not rest.all() and not mesh_doubt(np.ptp(vertices[rest], axis=0).tolist(), height_mm, kind):
         doubt = (
             f"the mesh has a spike: {_so_many(int((~rest).sum()), 'vertex', 'vertices')} up to "
-            f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm; remove the "
-            "spike and close the surface, or scan the fruit again."
+            f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm. "
+            "Remove the spike and close the surface, or scan the fruit again."
         )
     yield doubt
 
@@ -385,9 +384,7 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
     listed = {row.fruit_id for row in batch.rows or ()}
     fruits = batch.folder.fruits
     return tuple(
-        Problem(
-            str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
-        )
+        Problem(str(fruits / name), f'is not in fruits.csv; add a row "{name}", or move the folder away.')
         for name in _folders(batch)
         if name not in listed
     )

@@ -7,9 +7,9 @@ from itertools import compress
 from pathlib import Path
 
 from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
+from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import is_lock_file
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours, json_in
-from pipeline.files.results_lock import LOCK, results_lock
 from pipeline.files.whole_file import MARK
 from pipeline.problem import BatchRefused, Problem
 
@@ -33,7 +33,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
     results = Results(out)
     said = json_in(results.provenance)
     if out.is_symlink() or not (is_claimed(out) or isinstance(said, dict)):
-        sentence = "is no folder of results of drupe grade; give the folder that --out named."
+        sentence = "is not a results folder of drupe grade; give the folder from --out."
         raise BatchRefused([Problem(str(out), sentence)])
     with nullcontext() if dry else results_lock(out):
         fruits = [FruitResults(path) for path in _folders(out / "fruits")]

@@ -23,8 +23,8 @@ from urllib.request import ProxyHandler, build_opener
 
 from distributed import Client, Future, KilledWorker, Security
 
-from pipeline.files.scratch import scratch
-from pipeline.problem import BatchRefused, Problem
+from pipeline.batch.scratch import scratch
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.run.cluster_worker import FruitOrder, RunNeeds, Unfit
 from pipeline.run.scheduling import Died, Event, Finished, Progressed
 from pipeline.run.slurm_jobs import MEMORY, SlurmJobs, slurm_jobs
@@ -207,7 +207,7 @@ class Cluster:
             if max(fruit.begun, fruit.given_up) > killed.allowed_failures:
                 lost = max(fruit.begun, killed.allowed_failures + 1)
                 return Died(
-                    fruit_id, None, f"{_counted(lost)} lost with it, the last {killed.last_worker.address}"
+                    fruit_id, None, f"{_counted(lost)} died with it, the last {killed.last_worker.address}"
                 )
             ended = None  # dask also blames those that only waited for a worker that was lost
         except Exception as error:  # noqa: BLE001 - dask's own, of which there are many kinds
@@ -232,7 +232,7 @@ class Cluster:
         self._count()
         self._require_fit()
         if fruit.given_up > LOADS or not self._unfit:
-            raise _refused(self._address, f"a worker {_cannot_load(error)}")
+            raise refused(self._address, f"a worker {_cannot_load(error)}")
 
     def _submit(self, fruit: _Fruit) -> None:
         """Gives a fruit to the scheduler, for workers that are fit; where that is gone, `_rejoin` does."""
@@ -282,9 +282,9 @@ class Cluster:
                 security=self._security,
             )
         except (OSError, ValueError) as error:
-            why = f"no scheduler of dask answers there ({str(error) or type(error).__name__})"
-            sentence = f"{why}; start one with `dask scheduler`, and name the address that it prints."
-            raise _refused(self._address, sentence) from None
+            why = f"no dask scheduler answers there ({str(error) or type(error).__name__})"
+            sentence = f"{why}; start one with `dask scheduler`, and give the address that it prints."
+            raise refused(self._address, sentence) from None
         self._connection = self._client.scheduler_comm
         with suppress(Exception):  # it is gone again, which `_joined` tells
             self._client.subscribe_topic(self._topic, self._stage_begun)
@@ -304,8 +304,8 @@ class Cluster:
     def _rejoin(self) -> None:
         """Waits for a scheduler that is gone, and hands it every fruit that has not ended."""
         self._tell(
-            f"the scheduler at {self._address} is gone; {len(self._fruits)} fruit wait for it to come back "
-            f"(until {BACK_S / 60:.0f} min have passed)"
+            f"the scheduler at {self._address} does not answer; {len(self._fruits)} fruit wait for it "
+            f"(at most {BACK_S / 60:.0f} min)"
         )
         end_s = time.monotonic() + BACK_S
         while True:
@@ -316,12 +316,15 @@ class Cluster:
                 break
             except BatchRefused:
                 if self._place.address is None or time.monotonic() > end_s:
-                    sentence = "the scheduler went away; finished fruit are kept, the same command goes on."
-                    raise _refused(self._address, sentence) from None
+                    sentence = (
+                        "the scheduler stopped. drupe kept the finished fruit; run the same "
+                        "command again to continue."
+                    )
+                    raise refused(self._address, sentence) from None
                 time.sleep(LOOK_S)
         self._unfit.clear()  # a worker that was started again may have the same address
         self._count()
-        self._tell(f"the scheduler is back, with {_counted(len(self._workers))}")
+        self._tell(f"the scheduler answers again, with {_counted(len(self._workers))}")
         for fruit in self._fruits.values():
             fruit.future = None
             self._submit(fruit)
@@ -337,7 +340,7 @@ class Cluster:
         need = self._needs.per_fruit_MiB * 2**20
         self._leave_out(
             {
-                address: f"declares {MEMORY}={declared:.0f} (bytes), and one fruit needs {need:.0f}."
+                address: f"declares {MEMORY}={declared:.0f} (bytes), but one fruit needs {need:.0f}."
                 for address, worker in self._workers.items()
                 if (declared := worker["resources"].get(MEMORY, need)) < need
             }
@@ -423,7 +426,3 @@ def _cannot_load(error: Any) -> str:
 
 def _counted(workers: int) -> str:
     return f"{workers} worker{'' if workers == 1 else 's'}"
-
-
-def _refused(place: str, sentence: str) -> BatchRefused:
-    return BatchRefused([Problem(place, sentence)])

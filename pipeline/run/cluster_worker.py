@@ -18,8 +18,8 @@ from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
 
 OWN_MIB = 500.0
-"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker
-(benchmarks/cluster_speed.py), as much for its nanny, and as much again for what grows."""
+"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker,
+as much for its nanny, and as much again for what grows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +68,12 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
     for the run, as a sentence; empty where it can.
     """
     if threads != 1:
-        return f"has {threads} threads, expected 1, one fruit at a time; start it with --nthreads 1."
+        return f"has {threads} threads, expected 1 (one fruit at a time); start it with --nthreads 1."
     if most_MiB is not None and most_MiB < needs.per_fruit_MiB:
         return (
-            f"leaves a fruit {most_MiB:.0f} MiB of memory, and one needs about {needs.per_fruit_MiB:.0f} MiB;"
-            f" start it with --memory-limit {needs.per_fruit_MiB + OWN_MIB:.0f}MiB or more, or fewer workers "
-            "on the machine."
+            f"has {most_MiB:.0f} MiB of memory per fruit, but a fruit needs about "
+            f"{needs.per_fruit_MiB:.0f} MiB. Start it with --memory-limit "
+            f"{needs.per_fruit_MiB + OWN_MIB:.0f}MiB or more, or start fewer workers on the machine."
         )
     return _not_the_same(needs)
 
@@ -84,17 +84,17 @@ def _not_the_same(needs: RunNeeds) -> str:
     own = metadata.version("drupe")
     if own != needs.drupe or python_version() != needs.python:
         return (
-            f"runs drupe {own} on Python {python_version()}, and this command drupe {needs.drupe} on Python "
-            f"{needs.python}; install the same on both."
+            f"runs drupe {own} on Python {python_version()}, but this command runs drupe "
+            f"{needs.drupe} on Python {needs.python}; install the same on both."
         )
     if code_version(ROOMS) != needs.code:
         return (
-            f"runs a drupe {own} whose source or numerical libraries differ from those of this command; "
-            "install the same on both, best one environment on the shared file system."
+            f"runs drupe {own} with other source files or numerical libraries than this command. "
+            "Install the same on both; best is one environment on the shared file system."
         )
     if (here := file_hash(needs.settings)) != needs.settings_sha256:
-        found = "is not there" if here.startswith("unreadable") else "is another file"
-        return f"{needs.settings} {found} for it: BATCH must lie on a file system that all machines share."
+        found = "does not find" if here.startswith("unreadable") else "finds another"
+        return f"{found} {needs.settings}: BATCH must lie on a file system that all machines share."
     said = json_in(needs.run)
     if not is_run(said) or said.get("mark") != needs.mark:
         return f"does not see {needs.run.parent} as this command does: {_SHARED}"
@@ -105,7 +105,7 @@ def _not_the_same(needs: RunNeeds) -> str:
         return f"cannot write into {needs.run.parent} ({error.strerror}): {_SHARED}"
 
 
-_SHARED = "OUT must lie on a file system that all machines share and may write to."
+_SHARED = "OUT must lie on a file system that all machines share and can write to."
 
 
 def fruit_here(

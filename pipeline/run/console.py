@@ -70,7 +70,9 @@ class RunConsole(Console):
         except OSError as error:
             log, self._log = self._log, None
             super().print(
-                f"{log}: cannot be written any more ({error.strerror})", highlight=False, markup=False
+                f"{log}: drupe cannot write the log any more ({error.strerror})",
+                highlight=False,
+                markup=False,
             )
 
 
@@ -83,7 +85,7 @@ def _require_log(path: Path) -> None:
             if not first:
                 file.write(f"{HEAD}\n")
             elif first.rstrip("\n") != HEAD:
-                sentence = f'is no log of drupe (its first line is not "{HEAD}"); name another file.'
+                sentence = f'is not a log of drupe (its first line is not "{HEAD}"); name another file.'
                 raise BatchRefused([Problem(str(path), sentence)])
     except OSError as error:
         sentence = f"cannot be written ({error.strerror}); name another file with --log."

@@ -41,10 +41,10 @@ class WorkPlace:
         """Raises BatchRefused where what is asked for contradicts itself, or is not installed."""
         option = "--slurm" if self.slurm else "--scheduler"
         if self.slurm and self.scheduler is not None:
-            sentence = "is given together with --scheduler; give the one or the other."
+            sentence = "conflicts with --scheduler; give only one of them."
             raise BatchRefused([Problem("--slurm", sentence)])
         if self.slurm and self.jobs is None:
-            raise BatchRefused([Problem("--slurm", "needs --jobs: how many jobs Slurm is asked for.")])
+            raise BatchRefused([Problem("--slurm", "needs --jobs, the number of Slurm jobs.")])
         if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
             sentence = (
                 f'found "{self.scheduler}"; expected the address that `dask scheduler` prints, with its port.'

@@ -18,13 +18,18 @@ def tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Pro
     except (ReconFailure, TactileFailure, FemFailure) as failure:
         yield at(row, path, failure.detail)
     except MemoryError:
-        yield at(row, path, "needs more memory than there is; expected a file of usual size.")
+        yield at(row, path, "needs more memory than this machine has; expected a file of usual size.")
     except OSError as error:
         why = error.strerror or first_line(error)
-        yield at(row, path, f"cannot be read ({why}); ask for the right to read it, or copy it again.")
+        yield at(row, path, f"is not readable ({why}); ask for permission to read it, or copy it again.")
     except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
         said = f"{type(fault).__name__}: {first_line(fault)}"
-        yield at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
+        yield at(
+            row,
+            path,
+            f"an internal error of drupe occurred while reading {path.name}: {said}; "
+            "report it with the file.",
+        )
 
 
 def doubted(row: FruitRow, path: Path, sentence: str) -> Problem:

@@ -14,8 +14,8 @@ from typing import Any
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.files.manifest import json_in
+from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem
-from recon.plain_file import printable
 
 LABEL = ("lot", "harvest_date", "cultivar", "category")
 """Settings by which people tell batches apart."""

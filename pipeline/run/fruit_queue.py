@@ -17,7 +17,7 @@ from pipeline.run.checking import ImplausibleNumbers, implausible_batch
 from pipeline.run.fruit_records import kept_record, refused_record
 from pipeline.run.packed_records import PackedRecords
 
-GRADED_ALL_THE_SAME = "Graded all the same (--force)."
+GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
 
 
 class WaitingFruit(NamedTuple):
@@ -105,7 +105,9 @@ class FruitQueue:
         return [f"{one} {GRADED_ALL_THE_SAME}" for one in self._forced.get(fruit_id, ())]
 
     def _force(self, fruit_id: str, sentence: str) -> None:
-        self._console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
+        self._console.print(
+            f"{fruit_id}: {sentence} drupe grades the fruit anyway.", highlight=False, markup=False
+        )
         self._forced.setdefault(fruit_id, []).append(sentence)
 
     def _task(self, fruit_id: str) -> FruitTask:

@@ -19,11 +19,11 @@ from pipeline.batch.opening import Batch, named_files, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes
 from pipeline.batch.records import FruitRecord
+from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
-from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.run_summary import decimals
@@ -329,16 +329,16 @@ def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
     need_MiB = _per_fruit_MiB(todo)
     if free_MiB < LEAST_MIB:
         sentence = (
-            f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
-            "close other programs, or raise the limit of the container."
+            f"has {free_MiB:.0f} MiB of free memory, but one fruit needs about {need_MiB:.0f} MiB; "
+            "close other programs, or raise the container's limit."
         )
         raise BatchRefused([Problem("this machine", sentence)])
     wanted = min(jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
         console.print(
-            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are left, and one "
-            f"fruit needs about {need_MiB:.0f} MiB",
+            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are free, and "
+            f"one fruit needs about {need_MiB:.0f} MiB",
             highlight=False,
         )
     return fit
@@ -428,7 +428,7 @@ def _in_a_line(record: FruitRecord) -> str:
     if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
-    doubt = ", in doubt (the causes stand below)" if record.doubts else ""
+    doubt = ", in doubt (see the causes below)" if record.doubts else ""
     return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
 
 

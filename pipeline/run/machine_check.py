@@ -47,39 +47,40 @@ def machine_check(folder: Path, *, cores: int) -> MachineCheck:
         try:
             importlib.import_module(name)
         except Exception as error:  # noqa: BLE001 - whatever a native wheel raises where it cannot be loaded
-            missing.append(f"{name} cannot be loaded ({error}); install drupe again in a new environment.")
+            missing.append(f"{name} does not load ({error}); install drupe again in a new environment.")
     pools = sorted({f"{one['internal_api']} {one['num_threads']}" for one in threadpool_info()})
     lines.append(f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}")
     free_MiB = free_memory_MiB()
     need_MiB = PER_FRUIT_MIB["photos"]
     if free_MiB is None:
-        lines.append("memory: the system does not tell")
+        lines.append("memory: unknown on this system")
     else:
-        lines.append(f"memory: {free_MiB:.0f} MiB free, one fruit with photos takes {need_MiB:.0f} MiB")
+        lines.append(f"memory: {free_MiB:.0f} MiB free; one fruit with photos needs {need_MiB:.0f} MiB")
         if free_MiB < LEAST_MIB:
-            missing.append(f"memory: {free_MiB:.0f} MiB are free, at least {LEAST_MIB:.0f} are needed.")
+            missing.append(f"memory: {free_MiB:.0f} MiB free, expected at least {LEAST_MIB:.0f}.")
     for what, place in (("results", folder), ("temporary files", Path(tempfile.gettempdir()))):
         place = next(one for one in (place.absolute(), *place.absolute().parents) if one.is_dir())
         free_MB = shutil.disk_usage(place).free / 1e6
         lines.append(f"disk for {what} ({place}): {free_MB / 1e3:.1f} GB free")
         if free_MB < LEAST_DISK_MB:
-            missing.append(f"disk for {what} ({place}): {free_MB:.0f} MB are free; free some of it.")
+            missing.append(f"disk for {what} ({place}): only {free_MB:.0f} MB free; free some space.")
         if not os.access(place, os.W_OK):
-            missing.append(f"the right to write into {place}, for {what}; choose another folder.")
+            missing.append(f"permission to write into {place} (for {what}); choose another folder.")
     if missing:
         return MachineCheck(lines=tuple(lines), missing=tuple(missing), wrong="")
     began = time.perf_counter()
     off = known_answer_error()
     lines.append(
-        f"a ball round a rigid core under even pressure: {100 * off:+.2f} % off the closed form, in "
-        f"{time.perf_counter() - began:.1f} s"
+        f"test problem (ball with a rigid core under uniform pressure): deviation {100 * off:+.2f} % "
+        f"from the closed form, in {time.perf_counter() - began:.1f} s"
     )
     wrong = (
         ""
         if abs(off) < WITHIN
         else (
-            f"finite elements are {100 * off:+.1f} % off a closed form, expected less than "
-            f"{100 * WITHIN:g} %; install drupe again in a new environment, and report it if that stays."
+            f"finite elements deviate by {100 * off:+.1f} % from a closed form, expected less than "
+            f"{100 * WITHIN:g} %. Install drupe again in a new environment, and report it if the "
+            "error remains."
         )
     )
     return MachineCheck(lines=tuple(lines), missing=(), wrong=wrong)

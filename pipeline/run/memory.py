@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0, "traces": 600.0}
-"""Peak of one fruit's process: 1.3 GiB of 36 photos, 0.89 GiB of ready meshes (README) and 542 MiB of traces
+"""Peak of one fruit's process: 1.3 GiB of 36 photos, 0.89 GiB of ready meshes and 542 MiB of traces
 (in record.json, `peak_memory_MiB`), and a tenth on top."""
 LEAST_MIB = 750.0
 """Below it nothing is begun: the least of all fruit, a ball without a recording, peaks at 732 MiB

@@ -21,8 +21,7 @@ LONGEST_SIDE_PX = 1000
 """To which photos are shrunk here: 24 of them take 2 s of one core, at grading's 1600 px 5 s. Blur of 2 px in
 photos of 1280 px is told."""
 VIEWS_UNKNOWN = (
-    "Without mat.json, check cannot tell from where photos were taken. Grading finds that from the photos "
-    "themselves."
+    "Without mat.json, drupe check does not know the camera positions. Grading computes them from the photos."
 )
 
 
@@ -39,7 +38,7 @@ def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: 
     """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
     no_height = row.height_mm is None and "height_mm" not in row.unreadable
     if no_height and not batch.folder.mat.exists() and not batch.without_scale:
-        sentence = f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.'
+        sentence = f'"{row.fruit_id}" has no height_mm, and mat.json is missing, so the photos have no scale.'
         yield at(row, batch.folder.table, sentence)
     quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
     look = partial(_set_problems, row, mat=batch.mat, quick=quick)
@@ -48,7 +47,9 @@ def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: 
     else:
         yield from look(folder.photos, folder.photo_files(), "The folder")
     if folder.photos_flipped.is_dir():
-        yield from look(folder.photos_flipped, folder.flipped_files(), "The folder of the fruit upside down")
+        yield from look(
+            folder.photos_flipped, folder.flipped_files(), "The folder of photos of the upside-down fruit"
+        )
 
 
 def _set_problems(

@@ -17,7 +17,7 @@ MOST_LINES = 8
 """Fruit at work whose stages are shown below the bar."""
 WORDS_COLUMNS = 60
 """Columns of the terminal that the words beside the bar take at most."""
-UNKNOWN = "time left not known yet"
+UNKNOWN = "time remaining unknown"
 
 
 class _Said(ProgressColumn):

@@ -23,7 +23,7 @@ from pebble import ProcessExpired
 from pebble.concurrent import process
 
 from pipeline.address_space import IN_WORDS
-from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import (
     Died,
@@ -51,7 +51,7 @@ LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
-LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; the rest is left out"
+LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
 """The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
@@ -142,7 +142,7 @@ class LocalPool:
             if one.out_of_time(self._time_limit_s):
                 yield self._killed(future, TimedOut(one.fruit_id))
             elif self._most_MiB is not None and _memory_MiB(one) > self._most_MiB:
-                beyond = MemoryError(f"more than the {self._most_MiB:.0f} MiB that a fruit may have here")
+                beyond = MemoryError(f"more than the {self._most_MiB:.0f} MiB limit per fruit")
                 yield self._killed(future, Finished(one.fruit_id, beyond))
 
     def _killed(self, future: Any, ending: Event) -> Event:

@@ -49,7 +49,7 @@ class TimedOut:
 
 def not_begun(fruit_id: str, error: OSError) -> Died:
     """The ending of a fruit whose process could not be made, or died before it had been told its task."""
-    return Died(fruit_id, None, f"it could not be begun: {error.strerror or error}")
+    return Died(fruit_id, None, f"its process did not start: {error.strerror or error}")
 
 
 Event = Progressed | Noted | Finished | Died | TimedOut

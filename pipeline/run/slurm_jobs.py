@@ -78,7 +78,9 @@ def slurm_jobs(
     them; None: plain TCP. Raises BatchRefused where Slurm takes none of the jobs, with what sbatch said.
     """
     if shutil.which("sbatch") is None:
-        raise _refused("found no sbatch; run this where jobs are submitted, or use --scheduler.")
+        raise _refused(
+            "found no sbatch; run this command on a machine that submits jobs, or use --scheduler."
+        )
     jobqueue = _jobqueue()
     memory_MiB, jobs = per_fruit_MiB + OWN_MIB, SlurmJobs()
     try:
@@ -98,17 +100,17 @@ def slurm_jobs(
             ],
         )
     except (OSError, ValueError, RuntimeError) as error:
-        raise _refused(f"Slurm cannot be used ({error}).") from None
+        raise _refused(f"Slurm does not work ({error}).") from None
     with cluster:
         jobs.cluster = cluster
         cluster.adapt(minimum=workers, maximum=workers)
         taken, refused = _first_answers(jobs.answers, workers)
         if refused and not taken:
-            raise _refused(f"sbatch takes no job ({jobs.refusal}); see ~/.config/dask/jobqueue.yaml.")
+            raise _refused(f"sbatch accepts no job ({jobs.refusal}); check ~/.config/dask/jobqueue.yaml.")
         if refused:
             tell(
-                f"Slurm took {taken} of {workers} jobs ({jobs.refusal}); the others are asked for again "
-                f"every {AGAIN_S:.0f} s"
+                f"Slurm accepted {taken} of {workers} jobs ({jobs.refusal}); drupe submits the others "
+                f"again every {AGAIN_S:.0f} s"
             )
         yield jobs
 

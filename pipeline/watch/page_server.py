@@ -94,9 +94,7 @@ class PageServer:
             self._socket.listen(QUEUE)
         except OSError as error:
             self._socket.close()
-            sentence = (
-                f"cannot be listened on ({error.strerror}); name another one, or 0 for any that is free."
-            )
+            sentence = f"is not available ({error.strerror}); choose another port, or 0 for any free one."
             raise BatchRefused([Problem(f"--port {port}", sentence)]) from None
         self._server = self._new_server()
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
@@ -129,7 +127,7 @@ class PageServer:
             if self._closed.is_set() or not (started or self._server.started):
                 return
             if not self._stopped:
-                self._tell(f"the page stopped ({why}); grading goes on, and the page is started again")
+                self._tell(f"the page stopped ({why}); grading continues, and drupe restarts the page")
             started = self._stopped = True
             self._closed.wait(AGAIN_S)
             self._server = self._new_server()

@@ -246,7 +246,7 @@ class BatchWatch:
             return tuple(map(str, fault.problems))
         if isinstance(fault, NotWritten):
             return (str(fault),)
-        sentence = f"cannot be worked on ({fault.strerror or fault}); it is tried again."
+        sentence = f"drupe cannot process it ({fault.strerror or fault}) and tries again."
         return (str(Problem(str(fault.filename or self.root), sentence)),)
 
     def _changed(self, ended: str | None) -> None:
@@ -268,7 +268,7 @@ class BatchWatch:
         lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
         for name, missing in lacking.items():
             if named.get(name) != missing:
-                self._say(f"{name}: not graded yet, lacks {missing}")
+                self._say(f"{name}: not graded yet; missing: {missing}")
         return lacking
 
     def _say(self, sentence: str) -> None:

@@ -79,8 +79,7 @@ def coin_named(name: str) -> Coin:
     known = ", ".join(f"{coin.name} ({coin.diameter_mm:g} mm)" for coin in coins.values())
     raise ReconFailure(
         ReconProblem.NO_SCALE,
-        f'no coin here is called "{name}"; {meant}known are {known}; of another coin give its diameter as '
-        "coin_mm",
+        f'drupe knows no coin "{name}"; {meant}known: {known}; for another coin give its diameter as coin_mm',
     )
 
 
@@ -234,7 +233,7 @@ def _sought(
 def _not_found(coin: Coin, views: int) -> ReconFailure:
     return ReconFailure(
         ReconProblem.NO_SCALE,
-        f'No coin of {coin.diameter_mm:g} mm ("{coin.name}") was found on the ground in three photos (its '
-        f"rim shows in {views}); lay it flat beside the fruit, in view of most photos, on a ground of "
-        "another colour, or give height_mm.",
+        f'drupe found no coin of {coin.diameter_mm:g} mm ("{coin.name}") on the ground in three '
+        f"photos (its rim is visible in {views}). Lay it flat beside the fruit, in view of most photos, on a "
+        "ground of another colour. Or give height_mm.",
     )

@@ -44,9 +44,8 @@ def ground_plane(
     if count < FEWEST_POINTS:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"No flat ground under the fruit was found among {len(points)} points; use the mat (drupe mat) "
-            f"or a flat, "
-            "textured ground.",
+            f"drupe found no flat ground under the fruit among {len(points)} points; use the mat "
+            "(drupe mat) or a flat, textured ground.",
         )
     for _ in range(5):
         middle = points[best].mean(0)
@@ -70,9 +69,9 @@ def upright(
     if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            "The first photo looks down from straight above the fruit; without a mat it must be taken from "
-            "the suture's side, because it says where the suture is: retake the first photo, or use the mat "
-            "(drupe mat).",
+            "The first photo looks straight down on the fruit. Without a mat it must show the "
+            "suture's side, because it defines the suture's direction. Retake the first photo, or "
+            "use the mat (drupe mat).",
         )
     x /= np.linalg.norm(x)
     T = np.eye(4)

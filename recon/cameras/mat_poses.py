@@ -111,15 +111,16 @@ def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
     if most == 0:
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
-            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
-            f"{len(photos)} photos; check that mat.json belongs to the printed mat and that it is in view.",
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
+            f"of {len(photos)} photos; check that mat.json belongs to the printed mat and that the "
+            "photos show the mat.",
         )
     if len(sightings) < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
-            f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the mat "
-            f"(the best "
-            f"shows {most}); at least {FEWEST_PHOTOS} must: keep the mat uncovered and in focus.",
+            f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the "
+            f"mat (at most {most} tags per photo); expected at least {FEWEST_PHOTOS} such photos. "
+            "Keep the mat uncovered and in focus.",
         )
     return sightings
 
@@ -130,9 +131,9 @@ def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
     if len(kept) < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
-            f"The tags seen in {len(good)} photos do not fit the mat of mat.json (half of the corners of "
-            f"only {len(kept)} photos within {LONGEST_ERROR_PX:g} px); check that it is the mat that "
-            "was printed, that it lies flat and that no photo is mirrored.",
+            f"The tags in {len(good)} photos do not fit the mat of mat.json: only {len(kept)} photos "
+            f"have half of their corners within {LONGEST_ERROR_PX:g} px. Check that mat.json belongs "
+            "to the printed mat, that the mat lies flat, and that no photo is mirrored.",
         )
     return kept
 
@@ -146,17 +147,17 @@ def _of_one_size(
     if not others:
         return sightings, size, ()
     fault = (
-        f"{len(sizes) - count} of {len(sizes)} photos that show the mat are not {size[1]} x {size[0]} pixels "
-        "upright, like the most"
+        f"{len(sizes) - count} of {len(sizes)} photos of the mat do not have the usual size of "
+        f"{size[1]} x {size[0]} pixels"
     )
     advice = "take all photos with one camera, one zoom and one way up"
     if count < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
-            f"{fault}, and {count} of one size are left; at least {FEWEST_PHOTOS} must be: {advice}.",
+            f"{fault}, and only {count} of one size remain, expected at least {FEWEST_PHOTOS}; {advice}.",
         )
     kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
-    return kept, size, (f"{fault}, and were left out; {advice}.",)
+    return kept, size, (f"{fault}, so drupe left them out; {advice}.",)
 
 
 def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:

@@ -75,18 +75,17 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"Only {registered} of {len(photos)} photos hang together by features they share; without a mat "
-            f"the fruit "
-            "needs a textured ground and neighbouring photos at most 20 degrees apart: print the mat (drupe "
-            "mat) or take more.",
+            f"Only {registered} of {len(photos)} photos share enough features. Without a mat, the "
+            "fruit needs a textured ground, and neighbouring photos must be within 20 degrees. Print "
+            "the mat (drupe mat) or take more photos.",
         )
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
     if rows[0][0] != 0:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"The first photo ({photos[0].name}) shares too few features with the others to be placed; "
-            "without a mat it says where the suture is, and with that where pit and pads lie: retake the "
-            "first photo from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+            f"The first photo ({photos[0].name}) shares too few features with the others. Without a "
+            "mat it defines the suture's direction, and with it the places of pit and pads. Retake "
+            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
         )
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
@@ -106,7 +105,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
         box=box,
         warnings=()
         if registered > 0.8 * len(photos)
-        else (f"{len(photos) - registered} of {len(photos)} photos could not be placed.",),
+        else (f"drupe found no camera pose for {len(photos) - registered} of {len(photos)} photos.",),
     )
 
 
@@ -185,7 +184,8 @@ def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[
     if len(near) < 20:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"Only {len(near)} points were found where the photos look; use the mat or a textured ground.",
+            f"drupe found only {len(near)} points in the common field of view; use the mat or a "
+            "textured ground.",
         )
     middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
     foot = aim - ((aim - middle) @ up) * up

@@ -11,8 +11,8 @@ import numpy as np
 import pi_heif
 from jaxtyping import Float, Int, UInt8
 
+from pipeline.files.plain_file import NotReadable, named_in_utf8, printable, read_bytes
 from recon.cameras.picture_size import first_scan, in_one_pass, picture_kind, picture_px
-from recon.plain_file import NotReadable, named_in_utf8, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")

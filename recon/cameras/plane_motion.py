@@ -48,7 +48,7 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     if len({p.image.shape for p in photos}) != 1:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            "The photos differ in size; take all with one camera, one zoom and one way up.",
+            "The photos differ in size; use one camera, one zoom setting and one orientation for all photos.",
         )
     pairs = ground_pairs([ground_features(p, most=FEWER_FEATURES) for p in photos])
     members = joined(pairs, len(photos))[0]
@@ -79,7 +79,9 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         focal_sd_px=found.focal_sd * cameras[0].focal_px,
         points=points @ whole[:3, :3].T + whole[:3, 3],
         box=box,
-        warnings=(f"{len(unplaced)} of {len(photos)} photos could not be placed. {plan_words(plan)}",)
+        warnings=(
+            (f"drupe found no camera pose for {len(unplaced)} of {len(photos)} photos. {plan_words(plan)}"),
+        )
         if unplaced
         else (),
     )
@@ -98,9 +100,9 @@ def _apart(
     if len(largest) < FEWEST_PHOTOS:
         return ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"Of {len(photos)} photos no three show the same ground (the most that join: {len(largest)}); "
-            f"expected {FEWEST_PHOTOS} or more: lay a printed cloth or paper under the fruit and take them "
-            "again.",
+            f"Of {len(photos)} photos no three show the same ground (at most {len(largest)} overlap); "
+            f"expected {FEWEST_PHOTOS} or more. Lay a printed cloth or paper under the fruit and take "
+            "the photos again.",
         )
     scene = _started(pairs, largest, size, focal_px)
     places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
@@ -108,7 +110,7 @@ def _apart(
     plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=unplaced)
     return ReconFailure(
         ReconProblem.NO_OVERLAP,
-        f"The ground joins {listed([names[i] for i in largest])} alone. {plan_words(plan)}",
+        f"The ground connects only {listed([names[i] for i in largest])}. {plan_words(plan)}",
         plan,
     )
 
@@ -171,9 +173,9 @@ def _refined(
     if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            "The ground that the photos share is not flat, or has too little texture; expected at least "
-            f"{FEWEST_TRACKS} patches that lie on one plane to {MOST_MISS_PX:g} px: lay a printed cloth or "
-            "paper flat under the fruit, or use the mat (drupe mat).",
+            "The common ground of the photos is not flat, or has too little texture; expected at "
+            f"least {FEWEST_TRACKS} patches within {MOST_MISS_PX:g} px of one plane. Lay a printed "
+            "cloth or paper flat under the fruit, or use the mat (drupe mat).",
         )
     return found
 

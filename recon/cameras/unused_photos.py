@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.files.plain_file import NotReadable, not_plain, printable, read_head
 from recon.cameras.photos import SUFFIXES, photo_paths
 from recon.cameras.picture_size import picture_kind
-from recon.plain_file import NotReadable, not_plain, printable, read_head
 from recon.wording import listed
 
 NO_PHOTOS = frozenset(
@@ -51,16 +51,22 @@ def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]
         wrong = not_plain(path)
         if suffix in SUFFIXES:
             if wrong and not wrong.startswith("has a name"):  # its reader refuses such a name
-                yield path, f"it {wrong}; put the file itself there, or take it away"
+                yield path, f"it {wrong}; put the file itself there, or remove it"
         elif path.is_dir():
             if not pictures_alone and (inside := photo_paths(path)):
-                yield path, f"a folder within photos/ is not looked into ({len(inside)} photos); move them up"
+                yield (
+                    path,
+                    f"a folder within photos/ is not read ({len(inside)} photos); move the photos up",
+                )
         elif not wrong and suffix not in NO_PHOTOS:
             kind = _kind(path)
             if kind in READ_KINDS:
-                yield path, f"a {kind} is read only with a photo's suffix; rename it to {READ_KINDS[kind]}"
+                yield (
+                    path,
+                    (f"drupe reads a {kind} only with a photo's suffix; rename it to {READ_KINDS[kind]}"),
+                )
             elif path.stem.lower() not in used and (kind or not pictures_alone):
-                what = f"{kind} pictures are not read" if kind else "it is no JPEG, PNG or HEIC"
+                what = f"drupe does not read {kind} pictures" if kind else "it is no JPEG, PNG or HEIC"
                 yield path, f"{what}; convert it to JPEG or PNG, or move it away"
 
 

@@ -11,7 +11,7 @@ from recon.wording import listed
 WIDE_DEG = 75.0
 """A side without photos that is said; from 120 degrees on a shape is refused (recon/checks/verdict.py)."""
 STEP_DEG = 45.0
-"""What is advised between neighbours: eight photos once around (benchmarks/photo_phone.py)."""
+"""What is advised between neighbours: eight photos once around."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +87,8 @@ def plan_words(plan: ViewPlan) -> str:
         sides = " and ".join(f"between {a:.0f} and {b:.0f} degrees" for a, b in plan.gaps_deg)
         stand = ", ".join(f"{s:.0f}" for s in plan.stand_deg)
         said.append(
-            f"No photo was placed {sides}, counted from {plan.names[0]} to the right around the fruit: take "
-            f"photos at {stand} degrees."
+            f"No photo covers {sides}, counted from {plan.names[0]} to the right around the fruit: "
+            f"take photos at {stand} degrees."
         )
     at = dict(zip(plan.names, plan.azimuth_deg, strict=True))
     named = [*plan.unplaced[:3]]
@@ -96,12 +96,15 @@ def plan_words(plan: ViewPlan) -> str:
         before, after = _neighbours(name, plan.given, at)
         where = " and ".join(x for x in (before, after) if x is not None)
         said.append(
-            f"{name} shares too little with any other: take it again, and one more between {where}."
+            (
+                f"{name} overlaps too little with the other photos: retake it, and take another between "
+                f"{where}."
+            )
             if before and after and before != after
-            else f"{name} shares too little with any other: take it again, nearer to {where}."
+            else f"{name} overlaps too little with the other photos: retake it closer to {where}."
         )
     if len(plan.unplaced) > len(named):
-        said.append(f"The same holds for {listed(plan.unplaced[len(named) :])}.")
+        said.append(f"The same applies to {listed(plan.unplaced[len(named) :])}.")
     return " ".join(said)
 
 

@@ -17,7 +17,7 @@ FEWEST_SAMPLES = 30
 within the 30 degrees of a band's side, so that 24 photos have 190 and four photos suffice."""
 NOTICED_PX = 0.5
 """Left against right from which on it counts, px of the photo as checked. On the sets that it was chosen on
-0.3 at most without a flash, 1.5 and 2.4 with one: benchmarks/photo_evidence.py, "left-right"."""
+0.3 at most without a flash, 1.5 and 2.4 with one."""
 
 
 def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:

@@ -48,7 +48,7 @@ STEP_PX = 3
 PRIOR_SCALE_PX = 1.5
 """Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
 Evidence of three units moves the edge by seven pixels all the same. With this and STEP_PX the edge's error
-fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px (benchmarks/photo_evidence.py)."""
+fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
 SHADOW_SHARE = 0.15
 """Prior share of ground beside a fruit that is darkened."""
 LEAST_DENSITY = 2e-7

@@ -20,7 +20,7 @@ from recon.wording import FEW_NAMES, listed
 
 ENOUGH_VIEWS = 12
 """Photos; where the best are as many, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off
-(docs/validation.md, Photos to mesh)."""
+(docs/validation.md, Shape)."""
 MOST_BLUR_PX = 1.25
 """Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
 LEAST_SHARP = 0.35
@@ -79,7 +79,7 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     if mat is None:
         kept = _with_first(distinct[0], good, kept, lost)
     used = {look.photo.name for look in kept}
-    for done, these in (("left out", False), ("used all the same, for want of better ones", True)):
+    for done, these in (("left out", False), ("used anyway, because there are no better photos", True)):
         reasons = {n: r for n, r in weak.items() if n not in lost and (n in used) == these}
         for reason, names in _by_reason(reasons).items():
             warnings.append(f"{listed(names)}: {reason}; {done}.")
@@ -98,9 +98,9 @@ def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[s
     if first.name in lost:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"The first photo, {first.name}, is of no use ({lost[first.name]}); without a mat it says "
-            f"where the suture "
-            "is: retake it from the suture's side, or use the mat (drupe mat).",
+            f"The first photo, {first.name}, is unusable ({lost[first.name]}). Without a mat it "
+            "defines the suture's direction: retake it from the suture's side, or use the mat (drupe "
+            "mat).",
         )
     names = {look.photo.name for look in kept} | {first.name}
     return [look for look in good if look.photo.name in names]
@@ -121,7 +121,10 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
     )
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        f"{len(copies)} {noun} of another ({pairs}), used once; take a photo from every direction."
+        (
+            f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
+            "every direction."
+        )
     ]
 
 
@@ -156,9 +159,8 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
             f"{len(mirrored)} of {len(looks)} photos are mirrored "
-            f"({listed([m.photo.name for m in mirrored])}): the "
-            "mat's tags can be read in a mirror only; turn the camera's mirroring off, or flip the files "
-            "back.",
+            f"({listed([m.photo.name for m in mirrored])}): the mat's tags are readable only in a "
+            "mirror. Turn the camera's mirroring off, or flip the files back.",
         )
 
 
@@ -169,11 +171,11 @@ def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
     lost = {}
     for look in looks:
         if look.mirrored:
-            lost[look.photo.name] = "mirrored (the mat's tags can be read in a mirror only); flip it back"
+            lost[look.photo.name] = "mirrored (the mat's tags are readable only in a mirror); flip it back"
         elif on_mat and len(look.tags) < FEWEST_TAGS:
             blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
             if blurred and (look.tags or not others_show_it):
-                what = "too blurred for its tags to be read"
+                what = "too blurred for drupe to read its tags"
             elif blurred:
                 what = "shows no tags of the mat (too blurred, or another scene)"
             else:
@@ -190,18 +192,21 @@ def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
         optics = look.optics
         if look.clipped > MOST_CLIPPED:
             weak[look.photo.name] = (
-                "overexposed (over a third of the picture is plain white); retake it, exposed less"
+                "overexposed (more than a third of the picture is pure white); retake it with less exposure"
             )
         elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
             weak[look.photo.name] = (
-                "too dark (paper should come out above 90 of 255); retake it, exposed more"
+                "too dark (white paper should exceed 90 of 255); retake it with more exposure"
             )
         elif optics is not None and optics.blur_px > MOST_BLUR_PX:
             weak[look.photo.name] = (
-                "blurred (edges of the tags run over several pixels); retake it, held still and in focus"
+                "blurred (edges of the tags spread over several pixels); retake it with a steady "
+                "camera and in focus"
             )
         elif not on_mat and look.sharpness < LEAST_SHARP * usual:
-            weak[look.photo.name] = "blurred beside the others; retake it, held still and in focus"
+            weak[look.photo.name] = (
+                "more blurred than the other photos; retake it with a steady camera and in focus"
+            )
     return weak
 
 
@@ -213,16 +218,15 @@ def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
     if most == 0 and not any("blurred" in reason for reason in lost.values()):
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
-            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
-            f"{len(looks)} "
-            "photos; check that mat.json belongs to the printed mat, and that it is in view and in focus.",
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
+            f"of {len(looks)} photos; check that mat.json belongs to the printed mat, and that the "
+            "photos show the mat in focus.",
         )
     why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
     raise ReconFailure(
         ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
         f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
-        f"{listed(sorted(lost))}); at least "
-        f"{FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
+        f"{listed(sorted(lost))}); expected at least {FEWEST_PHOTOS}, better 24. Retake them.",
     )
 
 

@@ -3,7 +3,7 @@ them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,6 +49,10 @@ class ReconQuality:
     offset_local_mm: float = float("nan")
     offset_volume_share: float = float("nan")
     ground_known_share: float = float("nan")
+
+    def known(self) -> dict[str, int | float]:
+        """The numbers that are known, by name."""
+        return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
 NOTHING_KNOWN = ReconQuality(
@@ -96,23 +100,25 @@ def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
     out = []
     q = quality
     if q.views_used < 12:
-        out.append(f"Only {q.views_used} views show the fruit; the shape is coarser than with 24.")
+        out.append(f"Only {q.views_used} views show the fruit; the shape is coarser than with 24 views.")
     if q.views_used < 0.75 * q.views_given:
-        out.append(f"{q.views_given - q.views_used} of {q.views_given} photos were left out.")
+        out.append(f"drupe left out {q.views_given - q.views_used} of {q.views_given} photos.")
     if q.widest_gap_deg > 75:
         out.append(
-            f"No photo was taken over {q.widest_gap_deg:.0f} degrees around the fruit; that side is guessed."
+            f"There is a gap of {q.widest_gap_deg:.0f} degrees without photos around the fruit; drupe "
+            "estimated that side."
         )
     if q.reprojection_px > 1.5:
         out.append(
-            f"Camera poses fit to {q.reprojection_px:.1f} px only; photos may be blurred or the mat not flat."
+            f"Camera poses fit only to {q.reprojection_px:.1f} px; the photos may be blurred or the "
+            "mat not flat."
         )
     if q.silhouette_iou < 0.97:
         out.append(
-            f"Outlines agree to {100 * q.silhouette_iou:.1f} % only; something else may stand in the photos."
+            f"Outlines agree to only {100 * q.silhouette_iou:.1f} %; another object may be in the photos."
         )
     if q.outline_rms_mm > 0.01 * largest_mm:
-        out.append(f"The mesh misses the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")
+        out.append(f"The mesh deviates from the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")
     return (*out, *seen_doubts(q))
 
 
@@ -120,5 +126,5 @@ def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
     """What is said where much of the surface was not seen."""
     if not quality.seen_share < ENOUGH_SEEN:
         return ()
-    share = f"Only {100 * quality.seen_share:.0f} % of the surface is in sight of two cameras or more"
+    share = f"Only {100 * quality.seen_share:.0f} % of the surface is visible to two or more cameras"
     return (f"{share}; take photos from more heights.",)

@@ -145,11 +145,11 @@ def rim_doubts(
     misses = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
     noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
     return (
-        f"In {noun} the fruit lies elsewhere, or is larger or smaller, than in the rest ({misses}): it "
-        f"was moved "
-        "or changed between photos, something hides its edge, or the zoom was changed; photograph it again "
-        "without "
-        "touching it.",
+        (
+            f"In {noun} the fruit has another position or size than in the other photos ({misses}). "
+            "Somebody moved or changed the fruit, an object hides its edge, or the zoom changed. "
+            "Photograph it again without touching it."
+        ),
     )
 
 

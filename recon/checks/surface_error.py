@@ -21,8 +21,7 @@ ROBUST_ROUNDS = 4
 INDEPENDENT, LEAST_HELD = 3.0, 0.3
 """Samples about a vertex that err independently, per full one held there: neighbours in a photo do not, the
 two to six photos whose rims pass by do. What unclear rims made of right meshes of dark glossy fruit
-fell from 0.31 mm to 0.16; with 1 instead of 3 half as many wrong meshes more passed
-(benchmarks/photo_evidence.py)."""
+fell from 0.31 mm to 0.16; with 1 instead of 3 half as many wrong meshes more passed."""
 RIM_SD_PX = 0.35
 """Least error of a place on a rim, px."""
 HALF_KNOWN = 0.03

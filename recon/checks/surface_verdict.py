@@ -15,8 +15,8 @@ from recon.triangle_mesh import face_areas, vertex_normals, volume_mm3
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
 """Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
 On ten of eleven true surfaces at most 0.16 mm (on the eleventh, with a false edge at its top, 0.32 mm), on
-all eleven moved by 0.5 mm at least 0.23 mm. This and the next two: benchmarks/photo_evidence.py on the sets
-that they were chosen on."""
+all eleven moved by 0.5 mm at least 0.23 mm. This and the next two were measured on
+the sets that they were chosen on."""
 LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
 """The same for the offset that 2 % of the skin exceeds: said beyond 0.5 mm or 0.014 diameters, whichever is
 less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
@@ -87,10 +87,12 @@ def surface_doubts(
     peak, patch = _worst(error, vertices, faces, views)
     off_mm = abs(float(error.offset_mm[peak]))
     found = (
-        f"{place_in_words(vertices, faces, peak)} the photos put the skin {off_mm:.1f} mm "
+        f"{place_in_words(vertices, faces, peak)} the photos place the skin {off_mm:.1f} mm "
         f"{'outside' if error.offset_mm[peak] > 0 else 'inside'} the mesh"
     )
-    whole = f"{offset.rms_mm:.2f} mm over all of it, {100 * abs(offset.volume_share):.1f} % of the volume"
+    whole = (
+        f"{offset.rms_mm:.2f} mm over the whole surface, {100 * abs(offset.volume_share):.1f} % of the volume"
+    )
     cause = _cause(evidence, patch, outside=bool(error.offset_mm[peak] > 0))
     if offset.rms_mm > REFUSED_OFF * diameter or offset.local_mm > REFUSED_LOCAL * diameter:
         raise ReconFailure(
@@ -116,9 +118,11 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
     off_mm = abs(worst) * float(np.median(evidence.pixel_mm))
     side, other = ("left", "right") if worst > 0 else ("right", "left")
     return (
-        f"In all photos the fruit's outline lies {off_mm:.1f} mm further out on the {side} than on the "
-        f"{other}: a shadow that goes with the camera may have been taken for fruit, and the mesh be too "
-        "large; switch the flash off and take the photos again in even light.",
+        (
+            f"In all photos the fruit's outline is {off_mm:.1f} mm farther out on the {side} than on the "
+            f"{other}. A shadow that follows the camera may look like fruit, so the mesh may be too "
+            "large. Switch the flash off and retake the photos in even light."
+        ),
     )
 
 
@@ -167,25 +171,25 @@ def _cause(evidence: RimEvidence, patch: Int[np.ndarray, " p"], *, outside: bool
     offset = evidence.offset_mm[mine]
     if np.std(offset) > MOVED_SHARE * max(abs(float(np.median(offset))), float(evidence.pixel_mm[0])):
         return (
-            "The photos differ there by more than that: the fruit, the mat or a reflection moved between "
-            "photos; take them again without touching fruit or mat."
+            "The photos disagree by more than that: the fruit, the mat or a reflection moved between "
+            "photos. Retake them without touching fruit or mat."
         )
     if outside and evidence.dim[mine].mean() > CAUSE_SHARE:
         return (
-            "Fruit was likely taken for a shadow on the ground there: light it evenly from all sides, or use "
-            "a ground of another colour."
+            "drupe probably took fruit for a shadow on the ground there: light it evenly from all "
+            "sides, or use a ground of another colour."
         )
     if outside:
         return (
-            "Fruit was likely cut off there because it looks like the ground or shines: use a ground of "
-            "another colour, and softer light."
+            "drupe probably cut off fruit there, because it resembles the ground or shines: use a "
+            "ground of another colour, and softer light."
         )
     if evidence.through[mine].mean() > CAUSE_SHARE:
         return (
-            "Ground was taken for fruit there, likely by a hard shadow or because the colours are alike: use "
-            "softer light, or a ground of another colour."
+            "drupe probably took ground for fruit there, because of a hard shadow or similar "
+            "colours: use softer light, or a ground of another colour."
         )
     return (
-        "A shadow or a reflection beside the fruit was likely taken for fruit there: use softer light and a "
-        "dull ground."
+        "drupe probably took a shadow or reflection beside the fruit for fruit: use softer light and "
+        "a matt ground."
     )

@@ -13,7 +13,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.triangle_mesh import volume_mm3
 
 FEWEST_VIEWS = 6
-"""Photos in use, at least: with 8 meshes are 0.09 to 0.20 mm off (docs/validation.md, Photos to mesh), fewer
+"""Photos in use, at least: with 8 meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv), fewer
 leave gaps. Set by hand."""
 WIDEST_GAP_DEG = 120.0
 """Degrees about the fruit that no photo covers, at most: a third of a turn. Set by hand."""
@@ -32,18 +32,16 @@ def require_seen(
     if quality.views_used < FEWEST_VIEWS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
-            f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
-            f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality, left_out)} Take 24 sharp ones from all "
-            f"around, at two or three heights.{where}",
+            f"Too few views: only {quality.views_used} of {quality.views_given} photos are usable, "
+            f"expected at least {FEWEST_VIEWS}.{_why_left_out(quality, left_out)} Take 24 sharp "
+            f"photos from all sides, at two or three heights.{where}",
             plan,
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
-            f"Too few views: no photo that could be used was taken over {quality.widest_gap_deg:.0f} "
-            f"degrees around the "
-            f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too."
-            f"{where}",
+            f"Too few views: usable photos leave a gap of {quality.widest_gap_deg:.0f} degrees around "
+            f"the fruit, expected at most {WIDEST_GAP_DEG:.0f}; take photos from that side too.{where}",
             plan,
         )
 
@@ -52,8 +50,8 @@ def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
     if quality.views_used == quality.views_given:
         return ""
     return "".join(f" {reason}" for reason in left_out) + (
-        " Photos that were tried in vain show the fruit cut off or hidden, or its outline fits no other "
-        "photo's, as where another fruit stands beside it, or the camera could not be placed."
+        " In the unused photos, the fruit is cut off or hidden, the outline fits no other photo, or the "
+        "camera has no pose. Another fruit beside it also spoils the outline."
     )
 
 
@@ -65,15 +63,16 @@ def shape_doubts(
     box = np.ptp(vertices, axis=0)
     if box.max() > body.longest_over_shortest * box.min():
         out.append(
-            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, {box.max() / box.min():.2f} times "
-            f"as long as wide, expected at most {body.longest_over_shortest:g}: two fruits may stand in "
-            "view, or a hand or leaf beside the fruit; photograph one fruit alone."
+            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, a ratio of "
+            f"{box.max() / box.min():.2f} of length to width, expected at most "
+            f"{body.longest_over_shortest:g}. The photos may show two fruits, or a hand or leaf "
+            "beside the fruit. Photograph one fruit alone."
         )
     share = volume_mm3(vertices, faces) / float(ConvexHull(vertices).volume)
     if share < body.least_convex:
         out.append(
-            f"The mesh fills {100 * share:.0f} % of its convex hull only, expected at least "
-            f"{100 * body.least_convex:.0f} %: two fruits may stand in view, or something beside the fruit; "
-            "photograph one fruit alone."
+            f"The mesh fills only {100 * share:.0f} % of its convex hull, expected at least "
+            f"{100 * body.least_convex:.0f} %. The photos may show two fruits, or another object "
+            "beside the fruit. Photograph one fruit alone."
         )
     return tuple(out)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from recon.plain_file import NO_LFS_FILE, is_lfs_pointer, not_plain, size
+from pipeline.files.plain_file import NO_LFS_FILE, is_lfs_pointer, not_plain, size
 from recon.recon_failure import ReconFailure, ReconProblem
 
 MOST_BYTES = 4_000_000_000

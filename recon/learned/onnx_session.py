@@ -10,8 +10,8 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps
 import numpy as np
 import onnxruntime
 
+from pipeline.files.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 from recon.learned.onnx_file import bad_model, model_files, require_onnx
-from recon.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""
@@ -51,7 +51,7 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
         raise bad_model(
             model,
             f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
-            f"onnxruntime has not",
+            "onnxruntime does not offer",
             f"one of {', '.join(known)} in providers",
         )
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES

@@ -27,7 +27,7 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
     if not path.is_file():
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"{path} is no file; give a measured pit's mesh ({', '.join(SUFFIXES)}), in mm.",
+            f"{path} is not a file; give the mesh of a measured pit ({', '.join(SUFFIXES)}), in mm.",
         )
     vertices, faces = read_mesh(path)
     require_closed(vertices, faces, what=path.name)
@@ -36,7 +36,7 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
     if not least <= longest <= most:
         raise ReconFailure(
             ReconProblem.BAD_PRIOR,
-            f"{path}: the pit is {longest:.3g} long; expected {least:g} to {most:g} mm: export it in mm.",
+            f"{path}: the pit is {longest:.3g} long, expected {least:g} to {most:g} mm; export it in mm.",
         )
     digest = hashlib.sha256(np.ascontiguousarray(vertices).tobytes())
     digest.update(faces.astype(np.int64).tobytes())

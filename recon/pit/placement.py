@@ -72,8 +72,8 @@ def place_pit(
     if prior.axis_ratios is None:
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f'The category "{prior.category}" has no pit of its own; add pit.ply beside fruit.ply, or name a '
-            "pit prior in batch.toml.",
+            f'The category "{prior.category}" has no default pit; add pit.ply beside fruit.ply, or '
+            "name a pit prior in batch.toml.",
         )
     semi = np.array(prior.axis_ratios) * half
     directions, faces = ball(LEVEL)
@@ -107,7 +107,9 @@ def embed_pit(
         raise _outside(f"{100 * outside / pit_volume:.1f} % of the pit lies outside the fruit")
     thinnest = least_gap_mm((fruit_vertices, fruit_faces), (pit_vertices, pit_faces))
     if thinnest < LEAST_FLESH_MM:
-        raise _outside(f"The flesh between pit and skin is {thinnest:.2f} mm at its thinnest")
+        raise _outside(
+            f"The flesh between pit and skin is only {thinnest:.2f} mm thick at its thinnest point"
+        )
     flesh = (fruit.as_original() - pit.as_original()).to_mesh64()
     faces = np.asarray(flesh.tri_verts, int)
     runs = np.asarray(flesh.run_index) // 3
@@ -141,20 +143,19 @@ def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     if gaps:
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is not watertight: {gaps} edges lack their second face or are shared by "
-            f"more; "
-            "expected one closed surface: repair it.",
+            f"The {what}'s mesh is not watertight: {gaps} edges do not join exactly two faces; "
+            "expected one closed surface. Repair the mesh.",
         )
     if (pieces := bodies(faces)) > 1:
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is {pieces} separate surfaces; expected one closed surface: keep the outer "
-            "skin alone (a pit belongs into pit.ply).",
+            f"The {what}'s mesh has {pieces} separate surfaces; expected one closed surface. Keep "
+            "only the outer skin (put the pit into pit.ply).",
         )
     if volume_mm3(vertices, faces) <= 0:
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is inside out; expected faces that look outward: flip them.",
+            f"The {what}'s mesh is inside out; expected faces that point outward. Flip the faces.",
         )
 
 
@@ -170,8 +171,8 @@ def _solid(
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is no valid solid ({solid.status().name}); expected one closed surface: "
-            f"repair it.",
+            f"The {what}'s mesh is not a valid solid ({solid.status().name}); expected one closed "
+            "surface. Repair the mesh.",
         )
     return solid
 
@@ -183,6 +184,6 @@ def _run_volume(mesh: manifold3d.Mesh64, faces: Int[np.ndarray, "m 3"]) -> float
 def _outside(fault: str) -> ReconFailure:
     return ReconFailure(
         ReconProblem.PIT_OUTSIDE_FRUIT,
-        f"{fault}; expected it well inside: check pit.ply, or the category's pit and the height, "
-        "and the meshes' unit (mm).",
+        f"{fault}; expected the pit well inside. Check pit.ply (or the category's pit and the "
+        "height), and the meshes' unit (mm).",
     )

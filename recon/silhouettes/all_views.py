@@ -266,7 +266,7 @@ def _refined(
     drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
     expected = [outline for outline in drawings if outline is not None]
     if len(expected) < len(views):
-        raise no_fruit("its outline was lost while it was refined")
+        raise no_fruit("drupe lost its outline during refinement")
     found = snapped(
         expected,
         log_odds,
@@ -299,9 +299,9 @@ def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, I
     if len(whole) < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.FRUIT_CUT_OFF,
-            f"Only {len(whole)} of {given} photos hold the whole fruit; at least {FEWEST_PHOTOS} must, "
-            "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
-            "top open: take photos from two or three heights.",
+            f"Only {len(whole)} of {given} photos show the whole fruit, expected at least "
+            f"{FEWEST_PHOTOS}, better all. Increase the distance. If no photo cuts the fruit off, all "
+            "have one height, which leaves its top open. Take photos from two or three heights.",
         )
     if len(whole) == given:
         return scene, np.arange(given)

@@ -34,7 +34,7 @@ STEEPEST_REACH_PX = 3.0
 STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 """Where the colours inside and outside are taken, and which share of fruit the true edge has between them. At
 grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
-in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets (benchmarks/edge_share.py)."""
+in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets."""
 CLEAR_STEP = 0.05
 """Length of the step in linear light of 0 to 1 from which a sample has an edge: grain is below. Set by
 hand."""

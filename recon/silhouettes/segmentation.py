@@ -183,7 +183,7 @@ def _carved(
     windows, cameras = [v.window for v in views], [v.camera for v in views]
     block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
     if block.filled.sum() < FEWEST_CELLS:
-        raise no_fruit("the photos show nothing but the support")
+        raise no_fruit("the photos show only the support")
     return block
 
 
@@ -326,6 +326,6 @@ def no_fruit(fault: str) -> ReconFailure:
     """The failure that there is no fruit, and why it is thought so."""
     return ReconFailure(
         ReconProblem.NO_FRUIT,
-        f"No fruit found: {fault}; expected one fruit in the blank centre, seen from all around: check the "
-        f"photos.",
+        f"drupe found no fruit: {fault}; expected one fruit in the blank centre, visible from all "
+        "sides. Check the photos.",
     )

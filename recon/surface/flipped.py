@@ -120,14 +120,14 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     if not best.miss_mm <= MOST_MISS_SHARE * size:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"the two meshes differ by {best.miss_mm:.2f} mm (root mean square) where both saw the skin: "
+            f"the two meshes differ by {best.miss_mm:.2f} mm (root mean square) on their common skin: "
             "another fruit, or poor photos",
         )
     if abs(best.larger) > (MOST_LARGER if on_mat else MOST_LARGER_BY_HEIGHT):
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"they show the fruit {100 * best.larger:+.1f} % larger than the upright ones: another fruit, or "
-            "another mat or height",
+            f"they show the fruit {100 * best.larger:+.1f} % larger than the upright photos: another "
+            "fruit, or another mat or height",
         )
     vertices, seen = _merged(upright, over, best)
     rivals = [
@@ -141,8 +141,9 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
         if len(known) != 1:
             raise ReconFailure(
                 ReconProblem.NO_OVERLAP,
-                "the fruit is so round that they fit the upright ones in two ways, whose undersides differ; "
-                "lay it over about the mat's arrow, so that the suture still points along it",
+                "the fruit is so round that they fit the upright photos in two ways with different "
+                "undersides. Turn it over about the mat's arrow, so that the suture still points "
+                "along the arrow",
             )
         best = known[0]
         vertices, seen = _merged(upright, over, best)

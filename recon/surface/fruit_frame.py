@@ -43,16 +43,16 @@ def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:
     if orientation.stem_confidence >= SURE and orientation.tilt_deg > MOST_TILT_DEG:
         out.append(
             f"The stem axis appears tilted by {orientation.tilt_deg:.0f} degrees (a hollow "
-            f"{orientation.hollow_mm:.1f} mm deep; confidence {orientation.stem_confidence:.2f}): the pit "
-            "was placed for a fruit that stands stem end up; set the fruit upright, photograph and grasp it "
-            "again, or give its pit as pit.ply."
+            f"{orientation.hollow_mm:.1f} mm deep; confidence {orientation.stem_confidence:.2f}), but "
+            "drupe placed the pit for an upright fruit. Set the fruit upright, photograph and grasp "
+            "it again, or give its pit as pit.ply."
         )
     elif orientation.suture_confidence >= SURE and abs(orientation.turn_deg) > MOST_TURN_DEG:
         side = "left" if orientation.turn_deg > 0 else "right"
         out.append(
-            f"The suture appears turned by {abs(orientation.turn_deg):.0f} degrees to the {side} of the "
-            f"mat's arrow, or of +x (a groove {orientation.groove_mm:.1f} mm deep; confidence "
-            f"{orientation.suture_confidence:.2f}): the pit was placed for a suture towards the arrow; turn "
-            "the fruit, photograph and grasp it again, or give its pit as pit.ply."
+            f"The suture appears turned by {abs(orientation.turn_deg):.0f} degrees to the {side} of "
+            f"the mat's arrow, or of +x (a groove {orientation.groove_mm:.1f} mm deep; confidence "
+            f"{orientation.suture_confidence:.2f}). drupe placed the pit for a suture along the "
+            "arrow. Turn the fruit, photograph and grasp it again, or give its pit as pit.ply."
         )
     return tuple(out)

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
-from recon.plain_file import NotReadable, json_of, printable, read_bytes
+from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply

@@ -28,8 +28,8 @@ def poisson_surface(
     if len(faces) == 0:
         raise ReconFailure(
             ReconProblem.NO_SURFACE,
-            f"No surface passes through the {len(points)} points found on the fruit; take more photos all "
-            f"around it.",
+            f"drupe found no surface through the {len(points)} points on the fruit; take more photos "
+            "from all sides.",
         )
     return vertices, faces
 

@@ -28,17 +28,11 @@ so many rings around a region kept are refined."""
 LEAST_MEAN_GAIN, LEAST_MEAN_GAIN_LESS_AVERAGED = 0.03, 0.2
 """Mean rise of correlation that a region must bring, by search. True cavities brought 0.07 to 0.55 with
 AVERAGED; with LESS_AVERAGED a nectarine's brought 0.44 to 0.55, skin without texture 0.037, a glossy
-cherry's wrong region 0.099:
-
-    python benchmarks/recon_relief.py FOLDER... --set LEAST_MEAN_GAIN_LESS_AVERAGED=0.03
-"""
+cherry's wrong region 0.099."""
 LEAST_AGAIN_GAIN, LEAST_FINE_GAIN = 0.05, 0.02
 """Mean rise of correlation that a search on the finer mesh must bring over the whole range, and near the
 surface found. True improvements brought 0.099 and 0.28 over the whole range; one on mirror images, wrong by
-0.2 mm, 0.034; with 0.004 near the surface bank set 12 (glossy plum) gets worse, 0.052 -> 0.060 mm:
-
-    python benchmarks/recon_relief.py FOLDER... --set LEAST_AGAIN_GAIN=0.0 --set LEAST_FINE_GAIN=0.0
-"""
+0.2 mm, 0.034; with 0.004 near the surface bank set 12 (glossy plum) gets worse, 0.052 -> 0.060 mm."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,10 +14,7 @@ from recon.triangle_mesh import neighbour_mean, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
-0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies within 0.1 mm:
-
-    python benchmarks/recon_relief.py FOLDER... --set FLAT=0.3 --set ROUND=1.0
-"""
+0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies within 0.1 mm."""
 CURVATURE_ROUNDS = 6
 """Times that curvature is averaged with the neighbours': over about a fifth of the radius, less than a cavity
 is wide."""

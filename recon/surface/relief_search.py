@@ -45,16 +45,10 @@ AVERAGED, LESS_AVERAGED = (2, 2, 2), (1, 1, 1)
 noise of glossy skin down, but smears the peaks of a steep slope, on which neighbours lie at other depths: on
 18 photos of a nectarine 2 of 79 vertices of the cavity passed with it, 21 with once (19 right). So less
 is tried only where the first found nothing that the held-out views confirm. At once, it leaves a glossy
-nectarine (bank set 16) at 0.180 mm instead of 0.171, 18 photos of a nectarine at 0.108 instead of 0.409:
-
-    python benchmarks/recon_relief.py FOLDER... --every 2 --set "AVERAGED=(1, 1, 1)"
-"""
+nectarine (bank set 16) at 0.180 mm instead of 0.171, 18 photos of a nectarine at 0.108 instead of 0.409."""
 FINE_STIFFNESS, FINE_AVERAGED, FINE_PULL = 5.0, 5, 0.02
 """The same on the finer mesh, over about as many millimetres, and the pull (as a weight) back to where the
-surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets:
-
-    python benchmarks/recon_relief.py FOLDER... --set FINE_AVERAGED=2 --set FINE_STIFFNESS=2.0
-"""
+surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""
 EVERYWHERE, LOOSE = 0.02, 2e-4
 """Pull (as a weight) back to the outline surface of every vertex, and of those in a hollow: against a depth's
 0.16 to 1 the first costs an eighth at most, and alone brings vertices without a depth back."""

@@ -15,10 +15,7 @@ LEAST_GAIN = 0.05
 """Rise of the correlation in the held-out views that confirms a vertex."""
 CHANCE = 1e-2
 """How probable as many confirmed vertices of a region may be by chance. On 16 sets the stem cavities had
-2.6e-3 or less, what is refused 1.4e-2 or more:
-
-    python benchmarks/recon_relief.py FOLDER... --set CHANCE=1.1
-"""
+2.6e-3 or less, what is refused 1.4e-2 or more."""
 
 
 @dataclass(frozen=True, kw_only=True)

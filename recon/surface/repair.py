@@ -56,7 +56,7 @@ def repaired(
     except pymeshlab.PyMeshLabException as error:
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The fruit's surface could not be repaired ({error}); take more photos all around it.",
+            f"drupe cannot repair the fruit's surface ({error}); take more photos from all sides.",
         ) from error
     mesh = work.current_mesh()
     found, triangles = np.array(mesh.vertex_matrix(), float), np.array(mesh.face_matrix(), int)
@@ -65,8 +65,8 @@ def repaired(
     if open_edges(triangles):
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The fruit's surface stays open at {open_edges(triangles)} edges after repair; take more "
-            f"photos all around it.",
+            f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
+            "more photos from all sides.",
         )
     away = distances_mm(whole, found, triangles)
     return RepairedMesh(found, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))

@@ -30,13 +30,13 @@ SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
 FIT_SD = 0.5
 """Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
 of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
-The relative standard deviations of that and of the excess (benchmarks/unseen_top_error.py BANK)."""
+The relative standard deviations of that and of the excess."""
 SIDEWAYS_DEG = 25.0
 """Where the lowest photo looks down on the top less steeply, nothing is taken off: an egg without a cavity,
-seen from 15 degrees, and a nectarine from 18 come out right so (tests/recon/test_fruit_mesh.py,
-benchmarks/recon.py --route height); with the shoulder's term the egg was 2 % too large. Fruits with a cavity
+seen from 15 degrees, and a nectarine from 18 come out right so (tests/recon/test_fruit_mesh.py);
+with the shoulder's term the egg was 2 % too large. Fruits with a cavity
 are by the shoulder's term too tall there (21 meshes from 4 to 18 degrees: 0.4 to 3.1 %, 0.8 to 1.9 times the
-term, benchmarks/unseen_top_error.py BANK), so the term is the standard deviation."""
+term), so the term is the standard deviation."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 

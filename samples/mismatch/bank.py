@@ -30,7 +30,7 @@ from samples.sample_failure import SampleFailure
 SEED = 2028
 """Of fruit and cases; any number does. 2027 was the bank whose cases were stored with their noise."""
 MESH = BrickGrading(cells=3, layers=3)
-"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md)."""
+"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md, Solver)."""
 MESHES = (0, 2, 1)
 """Each is stored alone. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
 DRAWN = (

@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.mismatch.drawn_fruit import DrawnFruit, scanned_skin
+from samples.fruit import scanned_skin
+from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.mismatch.true_recording import TrueRecording
 from samples.sensor_noise import measured

@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from samples.cubed_sphere import even_sphere
 from samples.fruit import (
     MESH_ERROR_MM,
     PIT_OFFSET_SD_MM,
@@ -15,6 +14,7 @@ from samples.fruit import (
     SampleFruit,
     SamplePit,
     Skin,
+    triple,
 )
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor, drawn_sensor, with_drawn_noise
 
@@ -26,7 +26,7 @@ to 1.4 MPa) and a little softer."""
 
 
 MESH_ERRORS_MM = (0.05, 0.12)
-"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Photos to mesh)."""
+"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Shape)."""
 LARGEST_SHARE = 0.9
 """Of the travel that goes into the height of the contact at most, for a gel that is to be wide enough."""
 
@@ -101,9 +101,9 @@ def drawn_fruit(
         groove_width=float(rng.uniform(0.12, 0.18)),
         cubic=rng.normal(0.0, 0.005, (3, 3, 3)),
     )
-    prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=_triple(np.array(kind.pit_share) * half))
+    prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=triple(np.array(kind.pit_share) * half))
     centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
-    pit = SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(np.array(prior.semi_axes_mm) * sizes))
+    pit = SamplePit(centre_mm=triple(centre), semi_axes_mm=triple(np.array(prior.semi_axes_mm) * sizes))
     modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
     fruit = SampleFruit(
         fruit_id=fruit_id, seed=0, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio,
@@ -146,26 +146,11 @@ def seen_anew(
     """
     centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
     prior = SamplePit(
-        centre_mm=_triple(np.array(drawn.fruit.pit.centre_mm) - centre),
-        semi_axes_mm=_triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),
+        centre_mm=triple(np.array(drawn.fruit.pit.centre_mm) - centre),
+        semi_axes_mm=triple(np.array(drawn.fruit.pit.semi_axes_mm) / sizes),
     )
     return _with_error(replace(drawn, prior=prior, sensor=with_drawn_noise(drawn.sensor, rng)), rng)
 
 
 def _with_error(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
     return replace(drawn, mesh_error_mm=float(rng.uniform(*MESH_ERRORS_MM)))
-
-
-def scanned_skin(
-    skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
-    """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
-    sphere = even_sphere(cells)
-    waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)
-    wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)
-    wobble *= error_mm / np.sqrt(np.mean(wobble**2))
-    return skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
-
-
-def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -15,7 +15,7 @@ from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
 
 CASE = BrickGrading(cells=4, layers=4)
 """Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
-leaves is measured by benchmarks/truth_verification.py (docs/validation.md, Mismatch finder). Fewer
+leaves is measured by benchmarks/truth_verification.py (docs/validation.md, Solver). Fewer
 layers are too stiff between skin and pit: with two, a pad's force is 0.25 % too large."""
 RIGID_SHARE, HALF, FIRMNESS_MM, SPARE_MM = 1.2, 0.5, 2.4, 0.1
 """Skin touches a pad where its height above the first touch is below a share of the travel: half of it for

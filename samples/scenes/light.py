@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.cubed_sphere import even_sphere
+from samples.fruit import triple
 from samples.viewpoints import Viewpoint
 
 Rgb = tuple[float, float, float]
@@ -49,7 +50,7 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
     """One of `LIGHTS`, drawn evenly, with its numbers."""
     kind = str(rng.choice(LIGHTS))
     azimuth, tint = float(rng.uniform(0, 360)), rng.normal(0, 0.04)
-    colour = _rgb(np.array(_NEUTRAL) * (1 + tint, 1.0, 1 - tint))
+    colour = triple(np.array(_NEUTRAL) * (1 + tint, 1.0, 1 - tint))
     lamps: tuple[Lamp, ...] = ()
     room, radii, offset = 0.2, None, (0.0, 0.0)
     if kind == "window":
@@ -80,7 +81,7 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
     return SceneLight(
         kind=kind,
         room=room,
-        room_rgb=_rgb(np.clip(rng.normal(1.0, 0.05, 3), 0.8, 1.2)),
+        room_rgb=triple(np.clip(rng.normal(1.0, 0.05, 3), 0.8, 1.2)),
         lamps=lamps,
         flash_radii_mm=radii,
         flash_offset_mm=offset,
@@ -112,13 +113,13 @@ def lamp_radiance(lamp: Lamp) -> Rgb:
     """Radiance that gives the lamp its share of the main irradiance: E = L A sin(elevation) / distance^2."""
     area = 4 * lamp.half_mm[0] * lamp.half_mm[1]
     level = lamp.share * _KEY * lamp.distance_mm**2 / (area * np.sin(np.radians(lamp.elevation_deg)))
-    return _rgb(level * np.array(lamp.rgb))
+    return triple(level * np.array(lamp.rgb))
 
 
 def flash_radiance(light: SceneLight, *, distance_mm: float) -> Rgb:
     """Radiance of the flash that gives the main irradiance straight ahead: E = L A / distance^2."""
     inner, outer = light.flash_radii_mm or (0.0, 1.0)
-    return _rgb(_KEY * distance_mm**2 / (np.pi * (outer**2 - inner**2)) * np.array(_NEUTRAL))
+    return triple(_KEY * distance_mm**2 / (np.pi * (outer**2 - inner**2)) * np.array(_NEUTRAL))
 
 
 def flash_mesh(
@@ -196,7 +197,3 @@ def _lamp(
 def _in_world(points: Float[np.ndarray, "n 3"], view: Viewpoint) -> Float[np.ndarray, "n 3"]:
     pose = view.cam_from_world
     return np.asarray((points - pose[:3, 3]) @ pose[:3, :3])
-
-
-def _rgb(values: Float[np.ndarray, " 3"]) -> Rgb:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -3,54 +3,43 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm
+from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, triple
+from samples.kinds import Proportions
 
 # half of a blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Proportions:
-    """Middle proportions of a kind. Depths are shares of the mean half axis, widths angles in radians;
-    `pit_over_box` are the pit's semi-axes over the half box. All assumed, by eye on shop fruit.
-    """
+class SceneKind(Proportions):
+    """With the spread of the height over the width, evenly to both sides."""
 
-    half_axes_mm: tuple[float, float, float]
-    size_sd: float
     height_spread: float
-    stem_depth: float
-    stem_width: float
-    blossom_depth: float
-    groove_depth: float
-    groove_width: float
-    lopsided_sd: float
-    pit_over_box: tuple[float, float, float]
 
 
 KINDS = {
-    "nectarine": Proportions(
+    "nectarine": SceneKind(
         half_axes_mm=(30.6, 29.6, 29.6), size_sd=0.05, height_spread=0.05, stem_depth=0.12, stem_width=0.30,
         blossom_depth=0.025, groove_depth=0.027, groove_width=0.12, lopsided_sd=0.007,
         pit_over_box=(0.446, 0.328, 0.567),
     ),
-    "peach": Proportions(
+    "peach": SceneKind(
         half_axes_mm=(32.6, 32.0, 30.6), size_sd=0.04, height_spread=0.06, stem_depth=0.13, stem_width=0.34,
         blossom_depth=0.02, groove_depth=0.045, groove_width=0.12, lopsided_sd=0.010,
         pit_over_box=(0.43, 0.33, 0.54),
     ),
-    "apricot": Proportions(
+    "apricot": SceneKind(
         half_axes_mm=(21.8, 20.2, 21.6), size_sd=0.06, height_spread=0.07, stem_depth=0.08, stem_width=0.26,
         blossom_depth=0.01, groove_depth=0.040, groove_width=0.12, lopsided_sd=0.009,
         pit_over_box=(0.50, 0.30, 0.56),
     ),
-    "plum": Proportions(
+    "plum": SceneKind(
         half_axes_mm=(21.8, 20.6, 23.0), size_sd=0.06, height_spread=0.12, stem_depth=0.08, stem_width=0.24,
         blossom_depth=0.01, groove_depth=0.018, groove_width=0.12, lopsided_sd=0.009,
         pit_over_box=(0.50, 0.30, 0.56),
     ),
-    "cherry": Proportions(
+    "cherry": SceneKind(
         half_axes_mm=(12.8, 12.0, 12.0), size_sd=0.05, height_spread=0.07, stem_depth=0.16, stem_width=0.40,
         blossom_depth=0.015, groove_depth=0.012, groove_width=0.16, lopsided_sd=0.010,
         pit_over_box=(0.44, 0.36, 0.46),
@@ -73,7 +62,7 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
     mean = float(half.mean())
     skin = Skin(
         centre_mm=(0.0, 0.0, 0.0),
-        half_axes_mm=_triple(half),
+        half_axes_mm=triple(half),
         stem_depth_mm=mean * kind.stem_depth * float(rng.uniform(0.5, 1.4)),
         stem_width=kind.stem_width * float(rng.uniform(0.85, 1.2)),
         blossom_depth_mm=mean * kind.blossom_depth * float(rng.uniform(0.0, 1.5)),
@@ -85,8 +74,8 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
     middle, half_box = (low + high) / 2, (high - low) / 2
     skin = replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
     pit = SamplePit(
-        centre_mm=_triple(np.array([0.0, 0.0, half_box[2]]) + rng.normal(0.0, 0.01, 3) * half_box),
-        semi_axes_mm=_triple(np.array(kind.pit_over_box) * half_box * rng.normal(1.0, 0.04, 3)),
+        centre_mm=triple(np.array([0.0, 0.0, half_box[2]]) + rng.normal(0.0, 0.01, 3) * half_box),
+        semi_axes_mm=triple(np.array(kind.pit_over_box) * half_box * rng.normal(1.0, 0.04, 3)),
     )
     return name, SampleFruit(
         fruit_id=fruit_id,
@@ -97,7 +86,3 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
         poisson_ratio=POISSON_RATIO,
         ripeness=float(rng.uniform(0.1, 0.95)),
     )
-
-
-def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])

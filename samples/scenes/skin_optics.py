@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from samples.appearance import linear_rgb, random_field
+from samples.fruit import triple
 
 Rgb = tuple[float, float, float]
 
@@ -65,8 +66,8 @@ def draw_skin(rng: np.random.Generator) -> SkinLook:
     return SkinLook(
         colour=colour,
         gloss=gloss,
-        srgb=_rgb(srgb),
-        other_srgb=_rgb(other),
+        srgb=triple(srgb),
+        other_srgb=triple(other),
         mottle=float(rng.uniform(0.0, 0.35)),
         fine=float(rng.uniform(0.0, 0.06)),
         specks=int(rng.integers(40, 700) * rng.integers(2)),
@@ -124,10 +125,6 @@ def skin_bsdf(look: SkinLook) -> dict[str, Any]:
         "clearcoat_gloss": look.clearcoat_gloss,
         "sheen": look.sheen,
     }
-
-
-def _rgb(values: Float[np.ndarray, " 3"]) -> Rgb:
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:

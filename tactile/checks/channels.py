@@ -55,8 +55,7 @@ CLIPPED_REFUSED, E_PER_CLIPPED = 0.05, 2.0
 fruit of benchmarks/field_mistakes.py): 0.8 of the share, doubled, since what went is not known."""
 COPIED_REFUSED = 0.3
 """Share of the contact's frames. Every second frame a copy makes up to 0.5, and copies up to a third leave
-two new frames of three; E loses no value of them, only their time (docs/validation.md, mistakes of the
-field)."""
+two new frames of three; E loses no value of them, only their time (benchmarks/results/field_mistakes.csv)."""
 FEWEST_COPIED = 2
 """One copied frame may be the machine waiting for a trigger."""
 FEWEST_LEVELS, LEVELS_REFUSED = 12, 4
@@ -107,8 +106,9 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                         pads=(one.pad.name,),
                         field=name,
                         says=(
-                            f"{name} is mostly noise: {100 * share:.0f} % of what the most pressed markers "
-                            f"show, expected below {100 * most:.0f} %; press harder, or look after the sensor"
+                            f"{name} is mostly noise: {100 * share:.0f} % of the signal of the most "
+                            f"loaded markers, expected below {100 * most:.0f} %; press harder, or "
+                            "check the sensor"
                         ),
                         refused=name == "displacement" and share > NOISE_REFUSED,
                         relative_sd=float(np.dot(E_PER_NOISE, noise_shares(one))),
@@ -168,8 +168,8 @@ def _markers(one: Pressing) -> list[Finding]:
             pads=(one.pad.name,),
             says=(
                 f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
-                f"({100 * share:.0f} %) are {words} while their neighbours are pressed; "
-                "their force is missing"
+                f"({100 * share:.0f} %) are {words} while their neighbours carry load, so their force "
+                "is missing"
             ),
             refused=share > LOST_REFUSED,
             relative_sd=share,
@@ -195,9 +195,9 @@ def _whole_frames(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} is zero at every marker in {int(lost.sum())} frames during the contact "
-                        f"(the first is frame {int(np.argmax(lost))}): "
-                        "frames were lost and filled with zeros"
+                        f"{name} is zero at every marker in {int(lost.sum())} frames during the "
+                        f"contact (first: frame {int(np.argmax(lost))}), so frames are missing and "
+                        "filled with zeros"
                     ),
                     refused=True,
                 )
@@ -211,8 +211,8 @@ def _whole_frames(one: Pressing) -> list[Finding]:
                 rank=FindingRank.FIELD,
                 pads=(one.pad.name,),
                 says=(
-                    f"frames are duplicated: {int(copied.sum())} in the contact are copies of the one before "
-                    f"(the first is frame {int(np.argmax(copied)) + 1})"
+                    f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame "
+                    f"before (first: frame {int(np.argmax(copied)) + 1})"
                 ),
                 refused=bool(copied.mean() > COPIED_REFUSED),
                 relative_sd=float(copied.mean()),
@@ -237,8 +237,8 @@ def _values(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} knows only {levels} different values up to {top:.3g}: "
-                        "it was rounded (quantised) too coarsely"
+                        f"{name} has only {levels} different values up to {top:.3g}, so its "
+                        "quantisation is too coarse"
                     ),
                     relative_sd=1.0 / levels,
                     refused=levels < LEVELS_REFUSED,
@@ -255,9 +255,8 @@ def _values(one: Pressing) -> list[Finding]:
                     pads=(one.pad.name,),
                     field=name,
                     says=(
-                        f"{name} is clipped: {int(clipped.sum())} values stand at exactly {top:.3g} "
-                        f"{'mm' if name == 'displacement' else 'N'}, the greatest of all; "
-                        "the sensor saturates"
+                        f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
+                        f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates"
                     ),
                     refused=share > CLIPPED_REFUSED,
                     relative_sd=E_PER_CLIPPED * share,

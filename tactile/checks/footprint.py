@@ -118,11 +118,15 @@ def footprint_findings(
             found.append(
                 _aside(
                     f"the pads touched {abs(aside):.1f} mm farther to the "
-                    f"{prints[0].name if aside < 0 else prints[1].name} than poses and mesh say"
+                    f"{prints[0].name if aside < 0 else prints[1].name} than poses and mesh predict"
                 )
             )
     elif prints and abs(prints[0].ahead_mm) > MOVED_MM + SAID * surface_sd_mm:
-        found.append(_aside(f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from where pose and mesh say"))
+        found.append(
+            _aside(
+                f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from the place that pose and mesh predict"
+            )
+        )
     if not found and tilted(prints, surface_sd_mm) > TILT_SAID:
         found.append(_aside(_where(prints), kind=FindingKind.PRINT_ASIDE))
     return found
@@ -149,15 +153,18 @@ def better_otherwise(
     if best > TILT_FITS or tilted(prints, surface_sd_mm) ** 2 - best**2 < OTHERWISE:
         return None
     what = {
-        FindingKind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, "
-        "are exchanged (left and right), or the mesh is turned or of another fruit",
-        FindingKind.MESH_TURNED: "on the mesh turned by a quarter: the mesh is turned or of another fruit, "
-        "or a pose is wrong",
+        FindingKind.PADS_EXCHANGED: (
+            "with the pads exchanged: left and right are swapped (signals or "
+            "poses), or the mesh is rotated or of another fruit"
+        ),
+        FindingKind.MESH_TURNED: (
+            "on the mesh rotated by 90 degrees: the mesh is rotated or of another fruit, or a pose is wrong"
+        ),
     }[kind]
     return Finding(
         kind=kind,
         rank=FindingRank.FRUIT,
-        says=f"{_where(prints)}, and the prints fit far better {what}",
+        says=f"{_where(prints)}, and the contact imprints fit far better {what}",
         relative_sd=E_OF_A_TURN,
     )
 
@@ -165,7 +172,10 @@ def better_otherwise(
 def _where(prints: Sequence[Footprint]) -> str:
     worst = max(prints, key=lambda one: float(np.nan_to_num(np.linalg.norm(one.tilt))))
     off = float(np.linalg.norm(worst.middle_mm))
-    return f"the middle of the {worst.name} pad's print lies {off:.1f} mm from where pose and mesh put it"
+    return (
+        f"the middle of the {worst.name} pad's contact imprint is {off:.1f} mm from the place that "
+        "pose and mesh predict"
+    )
 
 
 def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
@@ -181,9 +191,9 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
         kind=FindingKind.WIDTH,
         rank=FindingRank.FRUIT,
         says=(
-            f"the fruit between the pads is {real:.1f} mm wide where they first touch, "
-            f"its mesh {width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, "
-            "the mesh is scaled, turned or of another fruit, or the poses are wrong"
+            f"the fruit between the pads is {real:.1f} mm wide at first contact, but its mesh is "
+            f"{width_mm:.1f} mm wide ({width_mm / real:.3f} times). The recording is of another "
+            "fruit, the mesh is scaled, rotated or of another fruit, or the poses are wrong"
         ),
         refused=refused,
         relative_sd=E_OF_ANOTHER_FRUIT,
@@ -195,8 +205,8 @@ def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
         kind=kind,
         rank=FindingRank.FRUIT,
         says=(
-            f"{what}: the mesh is turned, mirrored or of another fruit, "
-            "or a pose is wrong (a pad moved in its mount, another day, the other pad)"
+            f"{what}. Either the mesh is rotated, mirrored or of another fruit, or a pose is wrong (a "
+            "moved pad, another day, the other pad)"
         ),
         relative_sd=E_OF_A_TURN,
     )

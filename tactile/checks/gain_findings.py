@@ -59,8 +59,8 @@ def _gain_finding(
     if left_out > 1 and is_thinned(pressing.pad.rest_mm[:, :2]):
         return _thinned_finding(pressing, gain, names, left_out)
     blamed = _blamed(pressing, closing, gain, E_range_MPa)
-    said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
-    scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
+    said = f"{times_said(gain)} the value from this gel's stiffness and displacement"
+    scaled = f"{times_said(1 / gain)} the value from this gel's stiffness and force"
     unit_F = unit_like(gain, FORCE)
     unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
     detail = ""
@@ -69,16 +69,16 @@ def _gain_finding(
         says = f"displacement looks like {unit_u}: {scaled}; record millimetres, or convert it"
     elif blamed == "displacement":
         kind = FindingKind.DISPLACEMENT_SCALE
-        says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
+        says = f"displacement is scaled: {scaled}, and does not match the closing of the jaws"
     elif blamed == "force" and unit_F:
         kind, detail = FindingKind.FORCE_UNIT, unit_F
         says = f"forces look like {unit_F}: {said}; record newtons, or convert force_N"
     elif blamed == "force":
         kind = FindingKind.FORCE_SCALE
-        says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
+        says = f"forces are scaled: {said}, and no fruit of this category has such a stiffness"
     elif unit_k and blamed == "stiffness":
         kind, detail = FindingKind.STIFFNESS_UNIT, unit_k
-        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, but agree with the fruit"
     elif unit_F and unit_k:
         kind, detail = FindingKind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
         says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
@@ -86,11 +86,11 @@ def _gain_finding(
         kind = FindingKind.GAIN
         unit = f" (as if in {unit_F})" if unit_F else ""
         says = (
-            f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
-            "a gel that creeps, or the stiffness (kn, kt) of another gel"
+            f"forces are {said}{unit}. Possible causes are a gain of the force, a scale of the "
+            "displacement, a creeping gel, or the stiffness (kn, kt) of another gel"
         )
         if left_out > 1:
-            says += f"; or only one of every {left_out} markers is in the arrays"
+            says += f"; or the arrays hold only one of every {left_out} markers"
     return Finding(
         kind=kind,
         rank=FindingRank.RELATION,
@@ -119,9 +119,10 @@ def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: 
         rank=FindingRank.RELATION,
         pads=names,
         says=(
-            f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} "
-            f"are missing from the arrays. The {there} that are there stand in an uneven grid, and their "
-            f"forces are {times_said(gain)} what the gel's stiffness says; write all markers"
+            f"markers are only every {every} one of the gel: about {(count - 1) * there} of "
+            f"{count * there} are missing from the arrays. The remaining {there} form an uneven grid, "
+            f"and their forces are {times_said(gain)} the value from the gel's stiffness. Write all "
+            "markers"
         ),
         detail=str(count),
         refused=True,

@@ -46,9 +46,10 @@ def _stiffness(pad: GelPad, known: PublishedGel) -> Finding | None:
                 rank=FindingRank.RELATION,
                 pads=(pad.name,),
                 says=(
-                    f"{name} is {stated:g}, and {known.source} has {expected:.3g} ± {100 * sd:.2g} % "
-                    f"({abs(off) / sd:.1f} standard deviations): E is wrong by the same factor if the forces "
-                    "were computed with it; correct it, or state the gel's own under [sensor] in batch.toml"
+                    f"{name} is {stated:g}, but {known.source} has {expected:.3g} ± {100 * sd:.2g} % "
+                    f"({abs(off) / sd:.1f} standard deviations). E has the same relative error if the "
+                    "forces use this value. Correct it, or state the gel's own under [sensor] in "
+                    "batch.toml"
                 ),
                 relative_sd=abs(off),
             )
@@ -67,9 +68,9 @@ def _pitch(pad: GelPad, known: PublishedGel) -> Finding | None:
         rank=FindingRank.RELATION,
         pads=(pad.name,),
         says=(
-            f"markers are {pitch:.3g} mm apart, and {known.source} has {known.pitch_mm:.3g} mm ± "
-            f"{100 * known.pitch_sd:.2g} %: the scale of the gel's pictures is wrong, in displacement and in "
-            "forces computed from it, or another gel is on the sensor; calibrate the sensor's camera"
+            f"markers are {pitch:.3g} mm apart, but {known.source} has {known.pitch_mm:.3g} mm ± "
+            f"{100 * known.pitch_sd:.2g} %. Either the scale of the gel's pictures is wrong (in "
+            "displacement and forces), or the sensor has another gel. Calibrate the sensor's camera"
         ),
         relative_sd=E_PER_PITCH * abs(off),
     )

@@ -34,14 +34,17 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
     gels = sum(float(np.quantile(-pad.displacement_mm[peak, :, 2], DEEPEST)) for pad in pads)
     fruit = travel - gels
     jaws, sd = (float(of(force[peak : peak + 1])[0]) for of in (rig.give, rig.sd))
-    said = f"at {force[peak]:.3g} N the jaws give {jaws:.2g} ± {sd:.1g} mm and the fruit {fruit:.2g} mm"
+    said = (
+        f"at {force[peak]:.3g} N the machine compliance takes {jaws:.2g} ± {sd:.1g} mm and the "
+        f"fruit {fruit:.2g} mm"
+    )
     found = []
     if sd > UNSURE * max(fruit, 0.0):
         found.append(
             Finding(
                 kind=FindingKind.STIFFER_THAN_RIG,
                 rank=FindingRank.MACHINE,
-                says=f"{said}: it is stiffer than the rig lets one see, and E is a lower bound",
+                says=f"{said}: it is too stiff for this rig, and E is a lower bound",
             )
         )
     if force[peak] > rig.largest_N:
@@ -50,7 +53,7 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
                 kind=FindingKind.BEYOND_RIG,
                 rank=FindingRank.MACHINE,
                 says=(
-                    f"the rig is calibrated up to {rig.largest_N:.3g} N and was extrapolated to "
+                    f"the rig calibration ends at {rig.largest_N:.3g} N; drupe extrapolated it to "
                     f"{force[peak]:.3g} N"
                 ),
                 remark=True,

@@ -59,7 +59,8 @@ def jaw_findings(
                 found.append(
                     _refused(
                         FindingKind.POSE_AWAY,
-                        "pose has its z axis away from the fruit; z points out of the gel into the fruit",
+                        "pose has its z axis pointing away from the fruit; z must point out of the "
+                        "gel into the fruit",
                         pads=(one.pad.name,),
                     )
                 )
@@ -76,8 +77,8 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
             found.append(
                 _refused(
                     FindingKind.TOO_DEEP,
-                    f"gel is indented by {felt:.2f} mm although its jaw goes only {closing:.2f} mm past the "
-                    "first touch: displacement, or the poses' movement, is scaled or of another recording",
+                    f"gel is indented by {felt:.2f} mm although its jaw moves only {closing:.2f} mm "
+                    "past first contact: displacement or poses are scaled, or from another recording",
                     pads=(one.pad.name,),
                 )
             )
@@ -97,8 +98,8 @@ def _aperture(
         return [
             _refused(
                 FindingKind.POSES_UNIT,
-                f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, "
-                f"about a fruit of {size_mm:.0f} mm",
+                f"the poses look like {unit}: they place the pads {between.max():.3g} mm apart, "
+                f"around a fruit of {size_mm:.0f} mm",
                 detail=unit,
             )
         ]
@@ -117,7 +118,7 @@ def _aperture(
     what = (
         f"aperture_mm looks like {unit}"
         if unit
-        else ("aperture and poses disagree (another recording's, or another clock)")
+        else ("aperture and poses disagree (from another recording, or with another clock)")
     )
     return [
         Finding(
@@ -125,8 +126,8 @@ def _aperture(
             rank=FindingRank.MACHINE,
             detail=unit or "",
             says=(
-                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, "
-                f"and they differ by up to {apart:.2f} mm"
+                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, and "
+                f"they differ by up to {apart:.2f} mm"
             ),
             relative_sd=0.0 if unit else E_OF_APERTURE,
         )
@@ -141,8 +142,8 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
         return _refused(
             FindingKind.POSES_TRANSPOSED,
-            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): "
-            "only turned round do the pads face each other",
+            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): the pads "
+            "face each other only after transposition",
         )
     back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
     if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
@@ -152,12 +153,13 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
         return _refused(
             FindingKind.POSES_BACK_TO_BACK,
-            "the poses have the pads back to back: the z axes point away from each other; z points out of "
-            "the gel into the fruit, or the poses of left and right are exchanged (swapped)",
+            "the poses put the pads back to back: the z axes point away from each other. z must "
+            "point out of the gel into the fruit, or the poses of left and right are swapped",
         )
     return _refused(
         FindingKind.POSES_TURNED,
-        "the pads do not face each other by their poses: rotations are transposed, or poses of another day",
+        "the pads do not face each other in their poses: rotations are transposed, or the poses are "
+        "from another day",
     )
 
 

@@ -81,9 +81,9 @@ def _pad(one: Pressing) -> list[Finding]:
                 rank=FindingRank.FIELD,
                 pads=(one.pad.name,),
                 says=(
-                    "markers are in another order (permuted) in rest_mm than in displacement and force: "
-                    f"neighbours on the gel feel unlike things (correlation {max(order, 0.0):.2f}, "
-                    "expected above 0.9)"
+                    "markers are in another order (permuted) in rest_mm than in displacement and "
+                    "force: neighbours on the gel have different signals (correlation "
+                    f"{max(order, 0.0):.2f}, expected above 0.9)"
                 ),
                 refused=True,
             )
@@ -101,9 +101,9 @@ def _pad(one: Pressing) -> list[Finding]:
                     rank=FindingRank.FIELD,
                     pads=(one.pad.name,),
                     says=(
-                        f"marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in the "
-                        f"contact ({100 * share:.0f} %) have no marker (missing from the arrays); "
-                        "their force is missing"
+                        f"marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in "
+                        f"the contact ({100 * share:.0f} %) have no marker in the arrays, so their "
+                        "force is missing"
                     ),
                     refused=share > LOST_REFUSED,
                     relative_sd=share,
@@ -125,9 +125,9 @@ def _pitch_off(one: Pressing) -> Finding | None:
         rank=FindingRank.FIELD,
         pads=(one.pad.name,),
         says=(
-            f"markers may be {one.spacing_mm:.2g} mm off, a pitch of their grid, from frame {unsure[0]} on: "
-            "nearly all of them moved at once by a good part of a pitch; close the jaws more slowly, or "
-            "record more frames a second"
+            f"markers may be wrong by {one.spacing_mm:.2g} mm (a grid pitch) from frame {unsure[0]} "
+            "on, because nearly all moved at once by much of a pitch. Close the jaws more slowly, or "
+            "record at a higher frame rate"
         ),
         refused=True,
     )
@@ -238,9 +238,9 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
             rank=FindingRank.FIELD,
             pads=(one.pad.name,),
             says=(
-                "contact runs over the edge of its markers "
-                f"(the outermost carry {100 * share:.0f} % of the peak): the force beyond them is missing; "
-                "markers are missing, or the fruit was not held in the pad's middle"
+                f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the "
+                "peak), so some force is missing; markers are missing, or the fruit was not in the "
+                "pad's middle"
             ),
             refused=True,
         )
@@ -256,8 +256,8 @@ def _unit(one: Pressing, side_mm: float) -> Finding:
         rank=FindingRank.FIELD,
         pads=(one.pad.name,),
         says=(
-            f"rest_mm spans {side_mm:.3g} mm{unit}; "
-            "expected the places of the markers on the gel in millimetres"
+            f"rest_mm spans {side_mm:.3g} mm{unit}; expected the positions of the markers on the gel "
+            "in millimetres"
         ),
         detail=" or ".join(fits),
         refused=True,

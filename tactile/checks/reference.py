@@ -38,19 +38,25 @@ def print_without_force(pad: GelPad) -> str | None:
     what_to_do = WHAT_TO_DO
     if pad.reference_sd_mm is not None:
         spread_mm = float(np.sqrt((pad.reference_sd_mm**2).mean()))
-        cause = f"the untouched gel is estimated to {spread_mm:.2g} mm, too coarsely for this print's force"
+        cause = (
+            f"the estimate of the untouched gel has a standard deviation of {spread_mm:.2g} mm, "
+            "too coarse for the force of this imprint"
+        )
         what_to_do = "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
     elif on_reference:
-        cause = "the reference bears a print itself"
+        cause = "the reference shows a contact imprint itself"
     elif pad.print_shown is not None and pad.print_shown[0] >= SURE:
-        cause = "the gel is loaded from frame 0 on, and the reference is not of this gel untouched"
+        cause = "the gel is under load from frame 0 on, and the reference does not show this gel untouched"
     else:
         cause = (
-            "the reference or the sensor's description is of another gel, or the fruit drags the gel more "
-            "than it presses it, of which one camera tells no depth"
+            "the reference or the sensor's description is of another gel, or shear exceeds pressure "
+            "(one camera measures no depth)"
         )
     shows = (
-        f"pictures show a print ({shown:.1f} times what an empty gel shows), yet its force is at most "
+        (
+            f"pictures show a contact imprint ({shown:.1f} times the limit for an empty gel), yet its "
+            "force is at most "
+        )
         if shown >= SURE
         else "force is at most "
     )
@@ -76,8 +82,8 @@ def _pad(pad: GelPad) -> list[Finding]:
             rank=FindingRank.FIELD,
             pads=(pad.name,),
             says=(
-                f"reference bears a print ({pad.reference_print:.1f} times what an empty gel may show), so "
-                f"that displacements are not counted from the untouched gel; {WHAT_TO_DO}"
+                f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an "
+                f"empty gel), so displacements are not relative to the untouched gel; {WHAT_TO_DO}"
             ),
             refused=pad.reference_print >= SURE,
             relative_sd=E_OF_A_PRINT,

@@ -65,8 +65,8 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                     _refused(
                         one,
                         FindingKind.AXES,
-                        f"{name} has its axes exchanged or turned: "
-                        f"it is greatest along {AXES[most]}, expected along z, out of the gel",
+                        f"{name} has its axes exchanged or rotated: it is largest along {AXES[most]}, "
+                        "expected along z, out of the gel",
                         field=name,
                     )
                 )
@@ -112,8 +112,8 @@ def _dead_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.DEAD_FIELD,
-            f"displacement is dead: it stays at {1e3 * peak_normal(one.felt_mm):.0f} um while its forces "
-            f"reach {peak_total_N(one):.2g} N; the markers were not tracked",
+            f"displacement is dead: it stays at {1e3 * peak_normal(one.felt_mm):.0f} um while its "
+            f"forces reach {peak_total_N(one):.2g} N, so tracking failed",
             field="displacement",
         )
     if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
@@ -136,8 +136,8 @@ def _axes_finding(one: Pressing, r: Relation) -> Finding | None:
     return _refused(
         one,
         FindingKind.AXES,
-        f"{field or 'force or displacement'} has its axes exchanged or turned: "
-        f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
+        f"{field or 'force or displacement'} has its axes exchanged or rotated: the force along "
+        f"{AXES[i]} follows the displacement along {AXES[j]}",
         field=field,
     )
 
@@ -149,8 +149,8 @@ def _timing_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.SIGN,
-            f"{wrong} has the wrong sign: pressing moves markers to negative z and puts a positive force "
-            "on the fruit, expected as the format has it",
+            f"{wrong} has the wrong sign: pressing must move markers to negative z and give a "
+            "positive force on the fruit",
             field=wrong,
         )
     if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER):
@@ -158,23 +158,23 @@ def _timing_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.DELAY,
-            f"force comes {abs(r.lag_frames)} frames {late} against its displacement: "
-            "the two clocks disagree",
+            f"force comes {abs(r.lag_frames)} frames {late} relative to its displacement: the two "
+            "clocks disagree",
             detail=f"{r.lag_frames} frames",
         )
     if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
         return _refused(
             one,
             FindingKind.INCREMENTS,
-            "displacement is written as increments from frame to frame: summed up it follows the force; "
-            "write displacement from rest (cumulative)",
+            "displacement is written as increments between frames: its cumulative sum follows the "
+            "force. Write displacement from rest",
         )
     if r.in_time < OUT_OF_STEP:
         return _refused(
             one,
             FindingKind.OUT_OF_STEP,
-            f"force and displacement do not go together over time (correlation {r.in_time:.2f}, "
-            "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
+            f"force and displacement do not agree over time (correlation {r.in_time:.2f}, expected "
+            "above 0.97): frames of one of them are shuffled, missing or wrong",
             detail=f"{r.in_time:.2f}",
         )
     return None
@@ -187,9 +187,9 @@ def _markers_finding(one: Pressing, r: Relation) -> Finding | None:
     return _refused(
         one,
         FindingKind.OTHER_MARKERS,
-        "force and displacement are not of the same markers "
-        f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
-        "one of the two lists its markers in another order (permuted)",
+        "force and displacement do not belong to the same markers (correlation over markers "
+        f"{max(r.over_markers, 0):.2f}, expected above 0.9): one of them has another marker order "
+        "(permuted)",
         detail=f"{max(r.over_markers, 0):.2f}",
     )
 
@@ -200,8 +200,8 @@ def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.SATURATION,
-            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; "
-            "the sensor saturates, or its reading is not linear (drupe explain tells how much)",
+            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as "
+            "below; the sensor saturates or is nonlinear (run drupe explain for the amount)",
             field="force",
             has_effect=True,
         )
@@ -209,8 +209,8 @@ def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.SATURATION,
-            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak "
-            "as below; tracking saturates",
+            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its "
+            "peak as below; tracking saturates",
             field="displacement",
         )
     return None

@@ -77,9 +77,8 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
         return [
             _refused(
                 FindingKind.FRAMES_SHUFFLED,
-                "the frames are out of order (shuffled): the jaws turn back at "
-                f"{100 * back:.0f} % of their steps; "
-                "sort the frames by the time at which they were taken",
+                f"the frames are out of order (shuffled): the jaws reverse in {100 * back:.0f} % of "
+                "their steps; sort the frames by their times",
             )
         ]
     for one in pressings:
@@ -93,8 +92,8 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
                 found.append(
                     _refused(
                         FindingKind.GEL_FRAMES_SHUFFLED,
-                        f"{name} jumps from frame to frame while the jaws move evenly: "
-                        "its frames are out of order (shuffled) against the jaws' log",
+                        f"{name} jumps from frame to frame while the jaws move evenly: its frames are "
+                        "out of order (shuffled) relative to the jaws' log",
                         pads=(one.pad.name,),
                     )
                 )
@@ -149,8 +148,8 @@ def _dropped(recording: Recording) -> list[Finding]:
             kind=FindingKind.FRAMES_DROPPED,
             rank=FindingRank.FIELD,
             says=(
-                f"frames were dropped: {missing} of {steps} time steps are twice or more those beside them; "
-                "record slower, or look for what keeps the computer busy"
+                f"frames were dropped: {missing} of {steps} time steps are at least twice their "
+                "neighbours; record at a lower rate, or check the computer's load"
             ),
             relative_sd=E_OF_DROPPED,
         )
@@ -168,8 +167,8 @@ def _end(pressings: Sequence[Pressing]) -> list[Finding]:
             rank=FindingRank.MACHINE,
             pads=tuple(one.pad.name for one in pressed),
             says=(
-                "recording ends while it is pressed (there is no unloading): E does not need one, but a late "
-                "clock, a drift of the force and flesh that flows or yields cannot be told without"
+                "recording ends under load (there is no unloading). E needs none, but without it "
+                "drupe cannot detect clock lag, force drift, creep or yield"
             ),
             remark=True,
         )
@@ -229,8 +228,8 @@ def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
                     rank=FindingRank.RELATION,
                     pads=(one.pad.name,),
                     says=(
-                        f"force drifts: with nothing touching it differs by {change:+.2f} N after the grasp "
-                        f"from before ({100 * change / peak:+.0f} % of the peak)"
+                        f"force drifts: without contact it differs by {change:+.2f} N between before "
+                        f"and after the grasp ({100 * change / peak:+.0f} % of the peak)"
                     ),
                     relative_sd=E_PER_DRIFT * abs(change) / peak,
                 )
@@ -254,8 +253,8 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
                     rank=FindingRank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
-                        f"recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in the first "
-                        "frame): the frames before the first touch are missing"
+                        f"recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in the "
+                        "first frame): the frames before first contact are missing"
                     ),
                     relative_sd=E_WITHOUT_TOUCH,
                     hides_touch=True,
@@ -270,8 +269,8 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
                     rank=FindingRank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
-                        f"force has an offset of {rest_F:.2g} N in the contact's markers "
-                        "while nothing touches (no tare)"
+                        f"force has an offset of {rest_F:.2g} N in the contact's markers without "
+                        "contact (no tare)"
                     ),
                     refused=_taken_for_contact(one),
                     relative_sd=E_OF_A_TARE,
@@ -331,9 +330,9 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
             kind=FindingKind.CLOCKS_APART,
             rank=FindingRank.MACHINE,
             says=(
-                f"the gel's signals (displacement and force) are {late} against the jaws: "
-                f"at release the jaws stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than "
-                "at touch; the two clocks disagree (lag)"
+                f"the gel's signals (displacement and force) are {late} relative to the jaws: at "
+                f"release the jaws are {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than "
+                "at first contact; the two clocks disagree (lag)"
             ),
             refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),
             relative_sd=E_PER_MM_LATE * abs(apart),
@@ -368,8 +367,8 @@ def _clock(recording: Recording) -> list[Finding]:
             kind=FindingKind.TIME_UNIT,
             rank=FindingRank.MACHINE,
             says=(
-                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, "
-                f"expected {low:g} to {high:g}; E does not depend on it"
+                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, expected "
+                f"{low:g} to {high:g}; E does not depend on it"
             ),
             remark=True,
         )

@@ -74,8 +74,9 @@ def ball_print(
     if change_size.max() < LEAST_CHANGE:
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{source}: colours change by {100 * change_size.max():.1f} % at most, expected a ball's print "
-            f"of {radius_mm:g} mm; press deeper, or check that the reference is of the same sensor",
+            f"{source}: colours change by at most {100 * change_size.max():.1f} %, expected a ball's "
+            f"imprint of {radius_mm:g} mm; press deeper, or check that the reference is of the same "
+            "sensor",
         )
     strong = change_size > 0.5 * change_size.max()
     centre = np.average(face[strong], axis=0, weights=change_size[strong])
@@ -86,7 +87,7 @@ def ball_print(
         distance = np.linalg.norm(arm, axis=1)
         near = lit & (distance < reach)
         if near.sum() < FEWEST_BLOCKS:
-            raise _no_ball(source, f"a print of {16 * near.sum()} pixels", radius_mm)
+            raise _no_ball(source, f"an imprint of {16 * near.sum()} pixels", radius_mm)
         basis = np.column_stack([arm, np.ones(len(arm)), distance**2])
         fit = np.linalg.lstsq(basis[near], change[near], rcond=None)[0]
         centre = centre - np.linalg.lstsq(fit[:2].T, fit[2], rcond=None)[0]
@@ -97,14 +98,15 @@ def ball_print(
     if not reach < radius_mm:
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{source}: found a print that reaches {reach:.2f} mm, expected less than the ball's radius of "
-            f"{radius_mm:g} mm; give the radius (not the diameter) in mm, and press less deep",
+            f"{source}: found an imprint of {reach:.2f} mm, expected less than the ball's radius of "
+            f"{radius_mm:g} mm; give the radius (not the diameter) in mm, and press less deeply",
         )
     near = lit & (distance < reach)
     explained = _explained(basis[near], change[near])
     if near.sum() < FEWEST_BLOCKS or explained < LIKE_A_BALL:
         found = (
-            f"a print of {16 * near.sum()} pixels whose colours go with a ball's slopes by {explained:.0%}"
+            f"an imprint of {16 * near.sum()} pixels whose colours explain only {explained:.0%} of a "
+            "ball's slopes"
         )
         raise _no_ball(source, found, radius_mm)
     deep, eye = contact**2 / radius_mm, camera.gel_from_camera[2, 3]
@@ -118,7 +120,8 @@ def ball_print(
     low, high = DEPTH_SHARES[0] * contact**2 / (2 * radius_mm), DEPTH_SHARES[1] * contact**2 / radius_mm
     if not low <= deep <= high:
         found = (
-            f"a print {2 * contact:.1f} mm wide and {deep:.2f} mm deep, where {low:.2f} to {high:.2f} mm fit"
+            f"an imprint {2 * contact:.1f} mm wide and {deep:.2f} mm deep, where {low:.2f} to "
+            f"{high:.2f} mm fit"
         )
         raise _no_ball(source, found, radius_mm)
     return BallPrint(centre_mm=centre, contact_mm=contact, depth_mm=deep, change=change[near], slopes=slopes)
@@ -134,8 +137,8 @@ def ball_lookup(prints: Sequence[BallPrint]) -> SlopeLookup:
 def _no_ball(source: str, found: str, radius_mm: float) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_FRAMES,
-        f"{source}: found {found}, expected a ball's of {radius_mm:g} mm, whole within the picture; press "
-        "one ball into the middle of the gel, under the light of the reference",
+        f"{source}: found {found}, expected the imprint of a ball of {radius_mm:g} mm, fully within "
+        "the picture; press one ball into the middle of the gel, under the lighting of the reference",
     )
 
 

@@ -28,10 +28,10 @@ from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_NOISE_PX = 0.01
-"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (docs/validation.md,
-Gel frames)."""
+"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (eight real
+clips)."""
 LEAST_DEPTH_SD_MM = 0.002
-"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Gel frames)."""
+"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Force)."""
 MONO_SLAB_SD_MM, MONO_SIDES_SD_MM = 0.006, 0.001
 """What is asked of the slab's motion along the face where it alone must tell the depth: of an endless slab,
 and of a gel whose sides are known (`benchmarks/gel_image_errors.py --draws 5`)."""
@@ -90,7 +90,8 @@ def layer_of(sensor: Sensor) -> GelLayer:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
             f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
-            f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe calibrate",
+            f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe "
+            "calibrate",
         )
     return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu, outline=sensor.outline)
 
@@ -307,9 +308,8 @@ def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
     if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
         raise _refusal(
             sensor,
-            f"its gel is a dome ({np.ptp(off):.2f} mm out of the face described, {sensor.thickness_mm:g} mm "
-            "thick); give face_radius_mm and size_mm under [gel], or use the maker's own forces "
-            '(kind = "fields")',
+            f"its gel is a dome ({np.ptp(off):.2f} mm high, {sensor.thickness_mm:g} mm thick). Give "
+            'face_radius_mm and size_mm under [gel], or use the maker\'s own forces (kind = "fields")',
         )
 
 
@@ -323,9 +323,9 @@ def _refuse_outside(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
         x, y = rest_mm[np.argmax(outside), :2]
         raise _refusal(
             sensor,
-            f"found {int(outside.sum())} of {len(rest_mm)} markers outside of the gel, one at ({x:.1f}, "
-            f"{y:.1f}) mm, expected all within size_mm {size.tolist()} about centre_mm {centre.tolist()}; "
-            "correct [gel]",
+            f"found {int(outside.sum())} of {len(rest_mm)} markers outside the gel (one at ({x:.1f}, "
+            f"{y:.1f}) mm), expected all within size_mm {size.tolist()} around centre_mm "
+            f"{centre.tolist()}; correct [gel]",
         )
 
 

@@ -32,7 +32,7 @@ CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "
 """Likewise, where the contact is found anew at every step."""
 DRAGGED = 0.4
 """Share of one direction in the motion of a gel from which it is dragged: 0.54 to 0.91 in the greatest frame
-of three real drags (cheese_tube of Parag, Incipient-Slip-Detection; docs/validation.md), 0.99 and more in
+of three real drags (cheese_tube of Parag, Incipient-Slip-Detection), 0.99 and more in
 drawn ones, 0.00 where prints come or go (tests/pipeline/test_reference_messages.py). Set by hand between
 them, on these clips."""
 

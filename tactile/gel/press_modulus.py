@@ -42,8 +42,8 @@ def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *,
     if used.sum() < FEWEST_FRAMES:
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{source}: found {int(used.sum())} frames in which gel and load cell feel the press, expected "
-            f"at least {FEWEST_FRAMES}; press harder, or slower.",
+            f"{source}: found {int(used.sum())} frames in which gel and load cell measure the press, "
+            f"expected at least {FEWEST_FRAMES}; press harder, or more slowly.",
         )
     W, F = W[used], F[used]
     value = float((W @ F) / (F @ F))
@@ -51,7 +51,8 @@ def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *,
     if scatter > NOT_ONE_LINE * W.max():
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{source}: found gel and load cell {100 * scatter / W.max():.0f} % of the peak apart, expected "
-            "one line through zero; check that the whole contact is in view and both clocks agree.",
+            f"{source}: gel and load cell differ by {100 * scatter / W.max():.0f} % of the peak, "
+            "expected one line through zero; check that the whole contact is in view and both clocks "
+            "agree.",
         )
     return GelGain(value=value, sd=scatter / float(np.sqrt(F @ F)), residual=scatter / float(W.max()))

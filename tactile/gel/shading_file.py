@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
+from pipeline.files.plain_file import NotReadable
 from tactile.gel.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
-from tactile.io.named_file import FileNotReadable
 from tactile.io.plain_numpy import load_npz
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -27,7 +27,7 @@ def read_lookup(path: Path) -> SlopeLookup:
     """The look-up in `path`; raises TactileFailure (unreadable-sensor) where it holds none."""
     try:
         coefficients = load_npz(path)["coefficients"]
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise _refused(path, f"that it {cause}") from cause
     except KeyError as cause:
         raise _refused(path, "no array of coefficients") from cause

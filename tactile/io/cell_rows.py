@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from pipeline.files.plain_file import NotReadable, not_plain, read_bytes, size
 from tactile.io.decimal_number import decimal_number
 from tactile.io.limited_process import TrialEnding, tried
-from tactile.io.named_file import FileNotReadable, not_plain, read_bytes, size
 from tactile.io.pictures import unusable
 
 MOST_BYTES, MOST_UNPACKED = 200_000_000, 500_000_000
@@ -62,7 +62,7 @@ def sheets_of(path: Path) -> tuple[CellTable, ...]:
         raise unusable(path.name, found, "a table with the columns time_s, travel_mm, force_N")
     try:
         data = read_bytes(path, most_bytes=MOST_BYTES)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a table of numbers") from cause
     if path.suffix.lower() in SPREADSHEETS and data.startswith(SPREADSHEETS_BEGIN):
         return _spreadsheet(path, data)

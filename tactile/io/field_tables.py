@@ -14,9 +14,9 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
+from pipeline.files.plain_file import NotReadable
 from tactile.io.converted import Converted
 from tactile.io.grasp_log import LARGEST, increasing, read_columns
-from tactile.io.named_file import FileNotReadable
 from tactile.io.pictures import unusable
 from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
@@ -80,7 +80,7 @@ def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
         return load_npz(path)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
 
 
@@ -89,9 +89,7 @@ def _from_csv(path: Path) -> dict[str, np.ndarray]:
     columns = read_columns(path, wanted=COLUMNS)
     missing = [name for name in COLUMNS if name not in columns]
     if missing:
-        raise unusable(
-            f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column as well"
-        )
+        raise unusable(f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too")
     time_s, first = np.unique(columns["time_s"], return_index=True)
     held = {"time_s": time_s, "aperture_mm": columns["aperture_mm"][first]}
     kinds = np.unique(columns["pad"])

@@ -47,9 +47,8 @@ def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:
     if share > SATURATED:
         raise TactileFailure(
             TactileProblem.SATURATED,
-            f"{source}: found {share:.0%} of the gel over-exposed, expected at most {SATURATED:.0%}; turn "
-            "the "
-            "sensor's lights or its exposure down.",
+            f"{source}: found {share:.0%} of the gel over-exposed, expected at most {SATURATED:.0%}; "
+            "reduce the sensor's lights or exposure.",
         )
 
 
@@ -69,6 +68,8 @@ def gaps_said(
         return []
     steps = step[long] / usual if numbers is None else np.diff(numbers)[long]
     return [
-        f"{source}: about {int(np.rint(steps).sum() - len(long))} frames lost in {len(long)} gaps, the first "
-        f"after {time_s[long[0]]:.3f} s (usual step {usual * 1e3:.1f} ms)."
+        (
+            f"{source}: about {int(np.rint(steps).sum() - len(long))} frames are missing in {len(long)} "
+            f"gaps, the first after {time_s[long[0]]:.3f} s (usual step {usual * 1e3:.1f} ms)."
+        )
     ]

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import NotReadable, not_plain, read_text
 from tactile.io.decimal_number import decimal_number, meant
-from tactile.io.named_file import FileNotReadable, not_plain, read_text
 from tactile.io.pictures import unusable
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
@@ -59,7 +59,7 @@ def read_columns(
         raise unusable(path.name, found, "a table with the columns " + ", ".join(wanted))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
     lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows, begun = [], 1
@@ -104,7 +104,7 @@ def read_log(path: Path) -> GraspLog:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)
             found = "the columns " + ", ".join(columns)
-            expected = f"a column {name} as well" if like is None else f"{name} in place of {like}"
+            expected = f"a column {name} too" if like is None else f"{name} in place of {like}"
             raise unusable(f"{path.name}: {name}", found, expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):

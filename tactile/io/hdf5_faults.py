@@ -5,7 +5,7 @@ from typing import Any
 
 import h5py
 
-from tactile.io.named_file import LFS_POINTER, NO_LFS_FILE, printable
+from pipeline.files.plain_file import LFS_POINTER, NO_LFS_FILE, printable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 OPEN_TO_WRITE = 0b101

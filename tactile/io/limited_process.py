@@ -1,4 +1,4 @@
-"""Reading with limits: in a process of its own first, or with a limit on this process's memory.
+"""Reading with limits on time and memory, in a process of its own first.
 
 Native libraries believe what a file says of itself. One changed byte can make them loop for ever, and a file
 of 1 kB can make them ask for 500 GB, at which some of them end the whole process.
@@ -10,14 +10,14 @@ import math
 import os
 import signal
 import sys
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum, auto
-from pathlib import Path
+
+from pipeline.files.limited_memory import limited_memory
 
 try:
     import resource
@@ -87,68 +87,6 @@ def tried(action: Callable[[Callable[[str], None]], None], *, patience_s: float,
     return Trial(TrialEnding.DONE if status == 0 else TrialEnding.TOO_LARGE, lines)
 
 
-@contextmanager
-def limited_memory(most_bytes: int) -> Iterator[None]:
-    """Inside the block this process gets at most `most_bytes` more memory; more ends in an exception.
-
-    The limit is on addresses (RLIMIT_AS) of the whole process, so that its other threads have it too. The
-    widest of the blocks that are open at the same time counts, and the last one to end lifts the limit. Only
-    Linux says how many addresses are in use; elsewhere there is no limit.
-    """
-    if resource is None or sys.platform != "linux":
-        yield
-        return
-    _BLOCKS.begin(_addresses_in_use() + most_bytes)
-    try:
-        yield
-    finally:
-        _BLOCKS.end()
-
-
-class _Blocks:
-    """The blocks of `limited_memory` that are open, in all threads."""
-
-    def __init__(self) -> None:
-        self._lock, self._open, self._before = threading.Lock(), 0, math.inf
-        if hasattr(os, "register_at_fork"):
-            os.register_at_fork(
-                before=self._lock.acquire, after_in_parent=self._lock.release, after_in_child=self._forget
-            )
-
-    def begin(self, most: float) -> None:
-        """Sets the limit, within the one before the first block."""
-        with self._lock:
-            now = _limit()
-            self._before = now if self._open == 0 else self._before
-            _set_limit(min(most if self._open == 0 else max(most, now), self._before))
-            self._open += 1
-
-    def end(self) -> None:
-        """After the last block the limit is as before, or wider where somebody else has widened it."""
-        with self._lock:
-            self._open = max(self._open - 1, 0)
-            if self._open == 0:
-                _set_limit(max(self._before, _limit()))
-
-    def _forget(self) -> None:
-        """A forked process has none of the threads in which blocks are open."""
-        if self._open:
-            _set_limit(self._before)
-        self._open = 0
-        self._lock.release()
-
-
-def _limit() -> float:
-    """Bytes of addresses; infinite without a limit."""
-    now, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return math.inf if now == resource.RLIM_INFINITY else now
-
-
-def _set_limit(most: float) -> None:
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY if most == math.inf else int(most), hard))
-
-
 def lacks_memory(cause: BaseException) -> bool:
     """Whether it was raised for want of memory; HDF5 says so in words alone."""
     return isinstance(cause, MemoryError) or "allocat" in str(cause).lower()
@@ -205,11 +143,3 @@ def _end_with(parent: int, patience_s: float) -> None:
         LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         if os.getppid() != parent:  # it ended before the kernel was told
             os._exit(1)
-
-
-def _addresses_in_use() -> int:
-    """Bytes, from /proc (Linux)."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
-
-
-_BLOCKS = _Blocks()

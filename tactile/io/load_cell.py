@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from pipeline.files.plain_file import not_plain
 from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_of, sheets_of
 from tactile.io.converted import Converted
 from tactile.io.decimal_number import meant
 from tactile.io.field_tables import MOVED
 from tactile.io.grasp_log import EMPTY, LARGEST
-from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen
@@ -30,8 +30,8 @@ LATEST_START_S = 1e6
 UNLOADED_FRAMES = 5
 """First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
 NO_MARKERS = (
-    "a load cell's table has neither markers nor poses: `drupe explain` reads the recording, `drupe grade` "
-    "only where plates squeezed a fruit of three diameters."
+    "a load cell's table has neither markers nor poses. `drupe explain` reads the recording; "
+    "`drupe grade` reads it only for plates around a fruit with three diameters."
 )
 """Note on every recording of a load cell."""
 FEWEST_FRAMES = 2
@@ -82,11 +82,11 @@ def read_trace(
     prepared = _prepared(path.name, logged, words.run, notes)
     time_s, pushed = prepared.time_s, prepared.force_N
     if time_s[0] > LATEST_START_S:
-        notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; it is counted from the first frame.")
+        notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; drupe counts from the first frame.")
         time_s = time_s - time_s[0]
     unloaded = float(np.median(pushed[:UNLOADED_FRAMES]))
     if unloaded - pushed.min() > pushed.max() - unloaded:
-        notes.append(f"{path.name}: the force is negative when pressed; its sign is turned.")
+        notes.append(f"{path.name}: the force is negative under load; drupe reversed its sign.")
         pushed = -pushed
     travel = _travel(path, prepared, pushed, notes)
     if (thinned := thin(time_s, travel, pushed)) is not None:
@@ -135,7 +135,7 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
     sheet, columns = found[0]
     notes = [NO_MARKERS]
     if sheet.encoding == "cp1252":
-        notes.append(f"{path.name}: is not UTF-8; its letters were read as Windows-1252.")
+        notes.append(f"{path.name}: is not UTF-8; drupe read it as Windows-1252.")
     if words.columns or words.units or sheet.name:
         said = ", ".join(
             f'{q} is "{columns.header[at]}" in {columns.units[q].text}' for q, at in columns.place.items()
@@ -278,7 +278,9 @@ def _travel(
     """The travel, or what the gap has closed by; a TactileFailure where it goes back as the force grows."""
     quantity, travel = prepared.quantity, prepared.travel
     if quantity == "gap":
-        notes.append(f"{path.name}: the gap is {travel[0]:.4g} mm at first; what it closes by is the travel.")
+        notes.append(
+            f"{path.name}: the gap is {travel[0]:.4g} mm at first; drupe uses its decrease as travel."
+        )
         travel = travel[0] - travel
     deepest = int(np.argmax(pushed))
     gone = float(travel[deepest] - travel[0])
@@ -288,7 +290,7 @@ def _travel(
         raise unusable(
             path.name,
             f"a {quantity} that {grows} by {-gone:.3g} mm up to the largest force",
-            f"a {quantity} that {'closes' if quantity == 'gap' else 'grows'} as the force does: is it a "
-            f"{other}? give --columns {other}=...",
+            f"a {quantity} that {'closes' if quantity == 'gap' else 'grows'} with the force. Is it a "
+            f"{other}? Give --columns {other}=...",
         )
     return travel

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from tactile.io.limited_process import lacks_memory, limited_memory
-from tactile.io.named_file import (
+from pipeline.files.limited_memory import limited_memory
+from pipeline.files.plain_file import (
     NO_LFS_FILE,
-    FileNotReadable,
+    NotReadable,
     is_lfs_pointer,
     not_plain,
     printable,
@@ -24,6 +24,7 @@ from tactile.io.named_file import (
     read_head,
     size,
 )
+from tactile.io.limited_process import lacks_memory
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -70,7 +71,7 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     named = f"{path.parent.name}/{path.name}"
     try:
         data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
     pixels = _require_size(named, data)
     picture = None
@@ -179,7 +180,7 @@ def _require_container(path: Path) -> None:
     """
     try:
         begin = read_head(path, 12)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a video") from cause
     if is_lfs_pointer(path):
         raise unusable(path.name, f"that it {NO_LFS_FILE}", "the video itself")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-from tactile.io.named_file import FileNotReadable, read_bytes, size
+from pipeline.files.plain_file import NotReadable, read_bytes, size
 
 MOST_BYTES = 400_000_000
 """Of a file, and of what it unpacks to: twenty minutes of 400 markers at 30 frames a second."""
@@ -21,12 +21,12 @@ MOST_VALUES = MOST_BYTES // 8
 
 
 def load_npy(path: Path) -> np.ndarray:
-    """The array in an .npy file, in double precision where it is of numbers; raises FileNotReadable."""
+    """The array in an .npy file, in double precision where it is of numbers; raises NotReadable."""
     return _array(io.BytesIO(read_bytes(path, most_bytes=MOST_BYTES)))
 
 
 def load_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file by name, in double precision; raises FileNotReadable.
+    """The arrays of an .npz file by name, in double precision; raises NotReadable.
 
     What an archive unpacks to is counted before it is unpacked: a few kilobytes of it can promise terabytes.
     """
@@ -35,14 +35,14 @@ def load_npz(path: Path) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             held = archive.infolist()
             if len(held) > MOST_ARRAYS or sum(one.file_size for one in held) > MOST_BYTES:
-                raise FileNotReadable(f"unpacks to more than {size(MOST_BYTES)} or {MOST_ARRAYS} arrays")
+                raise NotReadable(f"unpacks to more than {size(MOST_BYTES)} or {MOST_ARRAYS} arrays")
             arrays: dict[str, np.ndarray] = {}
             for one in held:
                 left = MOST_VALUES - sum(array.size for array in arrays.values())
                 arrays[one.filename.removesuffix(".npy")] = _array(_opened(archive, one), most_values=left)
             return arrays
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-        raise FileNotReadable("is no whole .npz file") from error
+        raise NotReadable("is no whole .npz file") from error
 
 
 def _opened(archive: zipfile.ZipFile, one: zipfile.ZipInfo) -> io.BytesIO:
@@ -58,17 +58,17 @@ def _array(file: Any, *, most_values: int = MOST_VALUES) -> np.ndarray:
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = read(file)
     except Exception as error:  # its header is a Python literal: a broken one fails in a dozen ways
-        raise FileNotReadable("is no whole NumPy file") from error
+        raise NotReadable("is no whole NumPy file") from error
     if dtype.kind not in "fiub":
-        raise FileNotReadable(f"holds values of type {dtype}, no numbers")
+        raise NotReadable(f"holds values of type {dtype}, no numbers")
     start = file.tell()
     length = file.seek(0, io.SEEK_END) - start
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > length:
-        raise FileNotReadable("was cut short (its header promises more)")
+        raise NotReadable("was cut short (its header promises more)")
     if math.prod(shape) > most_values:
-        raise FileNotReadable(f"holds more than {MOST_VALUES} values")
+        raise NotReadable(f"holds more than {MOST_VALUES} values")
     file.seek(0)
     try:
         return np.asarray(npy.read_array(file, allow_pickle=False), dtype=np.float64)
     except (ValueError, EOFError, OSError) as error:
-        raise FileNotReadable("is no whole NumPy file") from error
+        raise NotReadable("is no whole NumPy file") from error

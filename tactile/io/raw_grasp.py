@@ -39,8 +39,8 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from pipeline.files.plain_file import named_in_utf8, not_plain
 from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
-from tactile.io.named_file import named_in_utf8, not_plain
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.io.recording import PADS_OF_LOADING, Loading, Support
 from tactile.io.reference_source import ESTIMATE, named_reference, read_reference, reference_path

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial import QhullError, Voronoi
 
+from pipeline.files.plain_file import named_in_utf8, not_plain, size
 from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
 from tactile.io.hdf5_faults import fault_of
 from tactile.io.hdf5_texts import child_group, link_out, texts_fault
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
-from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.io.written_frames import written_frames

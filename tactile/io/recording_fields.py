@@ -8,9 +8,10 @@ import h5py
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from pipeline.files.limited_memory import limited_memory
+from pipeline.files.plain_file import printable
 from tactile.io.hdf5_faults import unknown_filter
-from tactile.io.limited_process import lacks_memory, limited_memory
-from tactile.io.named_file import printable
+from tactile.io.limited_process import lacks_memory
 from tactile.io.pictures import MOST_PIXELS
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

@@ -32,7 +32,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from tactile.io.named_file import FileNotReadable, read_bytes
+from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.io.recording_fields import Limit
 from tactile.io.toml_table import MOST_BYTES, Table, read_table
 from tactile.rig.rig_curve import RigCurve
@@ -87,7 +87,7 @@ def read_rig(path: Path) -> Rig:
         raise TypeError(path)
     try:
         digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise TactileFailure(TactileProblem.UNREADABLE_SENSOR, f"{path.name}: {cause}.") from cause
     return Rig(
         object_name=top.text("object"),

@@ -49,8 +49,8 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
+from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.gel.gel_sides import SIDES, GelOutline, GelSides
-from tactile.io.named_file import FileNotReadable, read_bytes
 from tactile.io.plain_numpy import MOST_BYTES
 from tactile.io.recording import MODULUS, RATIO, SCALE_SD, STIFFNESS, THICKNESS
 from tactile.io.recording_fields import Limit
@@ -283,7 +283,7 @@ def _calibration(top: Table) -> Path | None:
     if name and wanted:
         try:
             digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
-        except FileNotReadable as cause:
+        except NotReadable as cause:
             raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
         if digest != wanted.lower():
             found = f"{name} of another calibration (SHA-256 {digest[:12]}...)"

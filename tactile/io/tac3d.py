@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import NotReadable, not_plain
 from tactile.io.grasp_log import LARGEST
-from tactile.io.named_file import FileNotReadable, not_plain
 from tactile.io.plain_numpy import load_npy
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -113,7 +113,7 @@ def _loaded(folder: Path, name: str) -> np.ndarray:
         raise _refused(folder, name, found, "the recorder's array; copy the whole folder")
     try:
         return load_npy(path)
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise _refused(folder, name, f"that it {cause}", "a whole NumPy array; copy it again") from cause
 
 

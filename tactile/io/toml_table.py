@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile.io.named_file import FileNotReadable, not_plain, printable, read_text, toml_of
+from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from tactile.io.recording_fields import Limit
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -26,7 +26,7 @@ def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
         raise refused(problem, path, "the file", found, what)
     try:
         return Table(path, problem, toml_of(read_text(path, most_bytes=MOST_BYTES)))
-    except FileNotReadable as cause:
+    except NotReadable as cause:
         raise refused(problem, path, "the file", f"that it {cause}", f"{what} in TOML") from cause
 
 

@@ -157,7 +157,7 @@ def _parts(
 def _refusal(source: str, found: int, markers: int, needed: int) -> TactileFailure:
     return TactileFailure(
         TactileProblem.NO_MARKERS,
-        f"{source}: found {found} of {markers} markers outside the print, expected at least {needed} to "
-        "estimate the untouched gel from; name a picture or a clip of it: reference = ... in grasp.toml, or "
-        "record one with the jaws open.",
+        f"{source}: found {found} of {markers} markers outside the imprint, expected at least "
+        f"{needed} to estimate the untouched gel. Name a picture or clip of it (reference = ... in "
+        "grasp.toml), or record one with the jaws open.",
     )

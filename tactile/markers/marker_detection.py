@@ -16,8 +16,8 @@ FLOOR = 0.3
 CENTRE_STEPS = 6
 """Of moving a window onto its own centroid, at most; SETTLED_PX mostly ends them before."""
 STATIONARY_PX = 0.01
-"""px of a step below which a centre is found: a third of a frame's noise of 0.03 px (docs/validation.md, Gel
-frames)."""
+"""px of a step below which a centre is found: a third of a frame's noise of 0.03 px (eight
+real clips)."""
 LEAST_CONTRAST = 0.08
 """A marker is at least this much darker or lighter than its gel."""
 UNLIKE = 3.0

@@ -41,8 +41,7 @@ SURE = 0.02
 """A match of so low a cost is taken at once: neighbours that differ by a seventh of the spacing."""
 LEAST_MARGIN = 0.02
 """Cost by which a match must be better than its shifts, a fifth of the markers that have stayed: of 150 drawn
-jumps of 0.3 to 1.5 pitches all five that were matched a pitch off had less, and 11 of the 145 others
-(benchmarks/gel_lattice_jumps.py 0 150)."""
+jumps of 0.3 to 1.5 pitches all five that were matched a pitch off had less, and 11 of the 145 others."""
 STEPS_GONE = 4
 """Steps of the grid that a match is shifted by in turn, at most: further than VOTE_REACH. Set by hand."""
 SEAM = 0.4

@@ -65,9 +65,9 @@ def tracked_markers(
         if seen < FEWEST_SEEN:
             raise TactileFailure(
                 TactileProblem.MARKERS_LOST,
-                f"{source}: frame {view.pictures.numbers[t]}: found {seen:.0%} of the markers, expected at "
-                "least "
-                f"{FEWEST_SEEN:.0%}; is the gel torn, or the picture blurred or dark?",
+                f"{source}: frame {view.pictures.numbers[t]}: found {seen:.0%} of the markers, "
+                f"expected at least {FEWEST_SEEN:.0%}; check whether the gel is torn, or the picture "
+                "blurred or dark.",
             )
         if progress is not None:
             progress(pad.name, t + 1, count)
@@ -85,13 +85,14 @@ def tracked_markers(
     if (unsure := np.flatnonzero(certainty < UNSURE)).size:
         k = int(unsure[0])
         notes.append(
-            f"{source}: frame {view.pictures.numbers[k]} ({pad.time_s[k]:.3f} s): nearly all markers move at "
-            "once, and a pitch of their grid more or less fits the picture as well; displacements from there "
-            "on may be a pitch off. Close the jaws more slowly, or record more frames a second."
+            f"{source}: frame {view.pictures.numbers[k]} ({pad.time_s[k]:.3f} s): nearly all markers "
+            "move at once, and a shift by one grid pitch fits the picture equally well. Later "
+            "displacements may be wrong by a pitch. Close the jaws more slowly, or record at a "
+            "higher frame rate."
         )
     unknown = len(rest_px) - len(places.kept)
     if unknown:
-        notes.append(f"{source}: {unknown} marks that the sensor's description does not know are left out.")
+        notes.append(f"{source}: drupe ignored {unknown} marks that are not in the sensor's description.")
     tracked = TrackedMarkers(
         time_s=pad.time_s,
         reference_px=rest_px[places.kept],
@@ -156,14 +157,15 @@ def losses_said(tracked: TrackedMarkers, source: str) -> list[str]:
         went = tracked.time_s[min(int(np.flatnonzero(~lost[:, n])[-1]) if (~lost[:, n]).any() else 0
                                   for n in np.flatnonzero(torn))]  # fmt: skip
         notes.append(
-            f"{source}: {int(torn.sum())} of {len(torn)} markers went (the first at {went:.3f} s) and did "
-            "not come "
-            "back: torn off, hidden, or out of view; their displacement is their neighbours'."
+            f"{source}: {int(torn.sum())} of {len(torn)} markers disappeared (the first at {went:.3f} "
+            "s) and did not return (torn, hidden or out of view). drupe uses their neighbours' "
+            "displacement."
         )
     passing = lost.any(axis=0) & ~torn
     if passing.any():
         share = float(lost[:, passing].mean())
         notes.append(
-            f"{source}: {int(passing.sum())} markers are hidden in {share:.0%} of the frames; filled in."
+            f"{source}: {int(passing.sum())} markers are hidden in {share:.0%} of the frames; drupe "
+            "filled them in."
         )
     return notes

@@ -51,8 +51,8 @@ def places_of(
     if shape != (height, width):
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
-            f"{source}: found frames of {shape[1]} x {shape[0]} pixels, expected {width} x {height} as the "
-            "sensor's description says; is it this sensor's description?",
+            f"{source}: found frames of {shape[1]} x {shape[0]} pixels, expected {width} x {height} "
+            "as in the sensor's description; check that the description belongs to this sensor.",
         )
     if rest_mm is None:
         every = np.arange(len(reference_px))
@@ -67,9 +67,10 @@ def places_of(
     if near.mean() < ENOUGH or not single or spacing_differs > REACH:
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
-            f"{source}: found {int(near.sum())} of {len(near)} markers where the sensor's description "
-            f"has one (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} px), expected "
-            f"at least {ENOUGH:.0%}; is it this sensor's description, and are the pads not swapped?",
+            f"{source}: found {int(near.sum())} of {len(near)} markers at their places in the "
+            f"sensor's description (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} "
+            f"px), expected at least {ENOUGH:.0%}. Check that the description belongs to this sensor "
+            "and that the pads are not swapped.",
         )
     described = np.asarray(which)[kept]
     return Places(kept, described, rest_mm[described], float(np.median(np.asarray(away)[kept])))

@@ -94,8 +94,8 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
     if count < FEWEST_MARKERS:
         raise TactileFailure(
             TactileProblem.NO_MARKERS,
-            f"{source}: found {count} markers, expected at least {FEWEST_MARKERS}; is it a picture of the "
-            "untouched gel, in focus, with its lights on?",
+            f"{source}: found {count} markers, expected at least {FEWEST_MARKERS}; use a picture of "
+            "the untouched gel, in focus and with its lights on.",
         )
     shape = (intensity.shape[0], intensity.shape[1])
     spacing = spacing_of(markers.centre_px)

@@ -102,7 +102,7 @@ def _replaced(
     kind = "wild" if fault is LoggerFault.WILD else "missing"
     many = f"{int(which.sum())} {kind} value{'' if which.sum() == 1 else 's'}"
     says = (
-        f"{many} of {name} replaced by a line between those beside: "
+        f"drupe replaced {many} of {name} by interpolation between neighbours: "
         f"{listed(words, name, rows[which], values[which])}."
     )
     return [
@@ -135,8 +135,8 @@ def _without_repeats(
     rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
     count = words.count(int(again.sum()))
     says = (
-        f"{name} was read {rate:.3g} times a second and repeated in between; {count} lie on lines between "
-        "the readings."
+        f"{name} was read {rate:.3g} times a second and repeated in between; {count} now lie on lines "
+        "between the readings."
     )
     note = LoggerCorrection(
         fault=LoggerFault.REPEATED,

@@ -127,7 +127,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
-        says = f"{words.count(int(inside.sum()))} inside the record hold one value; left out."
+        says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
         notes.append(
             _note(
                 LoggerFault.MISSING,
@@ -210,8 +210,8 @@ def _on_readings(
         again &= np.isfinite(values)
         rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
         says = (
-            f"{name} was read {rate:.3g} times a second and repeated in between; the first row of each "
-            f"reading is used ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
+            f"{name} was read {rate:.3g} times a second and repeated in between; drupe used the first "
+            f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
         notes.append(_note(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
@@ -244,9 +244,9 @@ def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
         found = f"two clocks: {one} from {a:.10g} to {b:.10g} s, {other} from {c:.10g} to {d:.10g} s"
         raise NotPrepared(found, "both on one clock; export them again with one time for all topics")
     says = (
-        f"{one} ({n} readings, {n / (b - a):.3g} a second) and {other} ({m} readings, {m / (d - c):.3g} a "
-        f"second) are two topics in one table; {one} was interpolated at the times of {other}, within its "
-        "own range and where its readings determine it."
+        f"{one} ({n} readings, {n / (b - a):.3g} per second) and {other} ({m} readings, "
+        f"{m / (d - c):.3g} per second) are two topics in one table. drupe interpolated {one} at the "
+        f"times of {other}, where its readings determine it."
     )
     return _note(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
 
@@ -257,16 +257,17 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
         found = resets(logged.time_s, logged.travel, logged.force_N)
     except Ambiguous as cause:
         shown = (
-            "no air is recorded afterwards"
+            "no frames in air follow"
             if cause.shift_N is None
-            else f"it differs by {cause.shift_N:+.3g} N in the air afterwards"
+            else f"it differs by {cause.shift_N:+.3g} N in air afterwards"
         )
         said = (
-            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]}, and {shown}: the "
-            "load cell was zeroed under load, or the specimen broke"
+            f"a force that jumps by {cause.step_N:+.3g} N at row {logged.rows[cause.row]}, and "
+            f"{shown}: the load cell was zeroed under load, or the specimen broke"
         )
         wanted = (
-            "one zero of the load cell throughout, and air after the press; press again without zeroing it"
+            "one zero of the load cell throughout, and frames in air after the press; press again "
+            "without zeroing it"
         )
         raise NotPrepared(said, wanted) from None
     travel, force, notes = logged.travel.copy(), logged.force_N.copy(), []
@@ -280,8 +281,9 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             else f"the display of the {name} was zeroed"
         )
         says = (
-            f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while the other "
-            "quantity goes on); the step was removed, on the scale of the rows before it."
+            f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while "
+            "the other quantity continues); drupe removed the step, on the scale of the rows before "
+            "it."
         )
         notes.append(_note(LoggerFault.RESET, name, np.array([row]), step, says))
     return replace(logged, travel=travel, force_N=force), notes

@@ -57,7 +57,7 @@ def _reserved_note(
         quantity=", ".join(held),
         rows=tuple(rows.tolist()),
         values=tuple(held.values()),
-        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; left out.",
+        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; drupe left out all of them.",
     )
 
 
@@ -99,7 +99,10 @@ def wild_or_repeated_times(
     twice[1:] = np.all(same, axis=0)
     if twice.any():
         at = tuple(rows[twice].tolist())
-        says = f"{words.count(len(at))} written twice ({listed(words, 'time', at, time_s[twice])}); left out."
+        says = (
+            f"{words.count(len(at))} appear twice ({listed(words, 'time', at, time_s[twice])}); "
+            "drupe left out the repeats."
+        )
         notes.append(
             LoggerCorrection(
                 fault=LoggerFault.REPEATED,

@@ -29,17 +29,17 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
     pad = recording.pads[0]
     if not isinstance(pad, IndenterPad) or len(recording.pads) != 1:
         raise _refused(
-            source, "pads with markers", "the trace of a bare indenter; name the rig in batch.toml"
+            source, "pads with markers", "the curve of a bare indenter; name the rig in batch.toml"
         )
     if recording.rig_give_mm is not None:
-        raise _refused(source, "a travel that a rig's give was taken off before", "the travel as recorded")
+        raise _refused(source, "a travel that is already corrected for a rig", "the travel as recorded")
     force = pad.force_z_N - float(np.median(pad.force_z_N[:UNLOADED_FRAMES]))
     largest = float(force.max())
     if not curve.reaches(largest):
         raise _refused(
             source,
-            f"a largest force of {largest:.3g} N where {named} is calibrated up to {curve.largest_N:.3g} N",
-            f"at most {MOST_BEYOND:g} times that; squeeze the rigid object as hard, and calibrate anew",
+            f"a maximum force of {largest:.3g} N, but {named} is calibrated up to {curve.largest_N:.3g} N",
+            f"at most {MOST_BEYOND:g} times that; squeeze the rigid object equally hard, and calibrate again",
         )
     give, sd = curve.give(force), curve.sd(force)
     closing = -1.0 if recording.loading == "grasp" else 1.0
@@ -49,14 +49,16 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
     at = int(np.argmax(force))
     travel = closing * recording.aperture_mm
     notes = [
-        f"{source}: of {float(travel[at] - travel[_touched(force)]):.3g} mm of travel since the first touch "
-        f"{give[at]:.3g} ± {sd[at]:.2g} mm at {largest:.3g} N are the rig's own ({named}), and were taken "
-        "off."
+        (
+            f"{source}: of {float(travel[at] - travel[_touched(force)]):.3g} mm of travel since first "
+            f"contact, {give[at]:.3g} ± {sd[at]:.2g} mm at {largest:.3g} N belong to the rig ({named}); "
+            "drupe subtracted them."
+        )
     ]
     if largest > curve.largest_N:
         notes.append(
-            f"{source}: {named} is calibrated up to {curve.largest_N:.3g} N; from there to {largest:.3g} N "
-            "it was extrapolated by its last slope, with a spread that grows."
+            f"{source}: {named} is calibrated up to {curve.largest_N:.3g} N. Up to {largest:.3g} N "
+            "drupe extrapolated by its last slope, with a growing standard deviation."
         )
     return RigCorrected(recording=corrected, notes=tuple(notes))
 

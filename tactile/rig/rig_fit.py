@@ -102,9 +102,9 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
 def _not_resolved(source: str, peak: float, largest: float, readings: float) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_FRAMES,
-        f"{source}: found a give of {peak:.3g} mm at {largest:.3g} N with readings {readings:.2g} mm off one "
-        f"curve, expected at least {LEAST_RESOLVED:.0f} times that: squeeze harder, or slower; a rig that "
-        "gives less than its travel resolves needs no correction.",
+        f"{source}: found a compliance displacement of {peak:.3g} mm at {largest:.3g} N with readings "
+        f"{readings:.2g} mm off one curve, expected at least {LEAST_RESOLVED:.0f} times that. Squeeze "
+        "harder, or more slowly. A rig below the resolution of its travel needs no correction.",
     )
 
 

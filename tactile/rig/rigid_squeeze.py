@@ -25,7 +25,7 @@ FALL = 0.1
 slipped or broken."""
 CREEP = 0.15
 """Share of the peak force that may be lost while the travel stands still. Set by hand between gels, which
-lose 2 to 6 % in a golf ball's squeezes (benchmarks/rig_golf_ball.py, column "lost"), and meat, which loses 43
+lose 2 to 6 % in a golf ball's squeezes, and meat, which loses 43
 to 72 % in 10 s."""
 CREEPS_ON = 0.25
 """Share of the travel that may follow the largest force. Set by hand: a gripper that holds its force gives a

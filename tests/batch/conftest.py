@@ -1,7 +1,9 @@
 """Batches that a test may break, and fruit that are graded in the test's own process."""
 
+import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from unittest import mock
@@ -10,8 +12,13 @@ import pytest
 from in_this_process import InThisProcess
 from sample_batches import ready_batch
 
+import pipeline.fruit.elasticity
+import pipeline.fruit.flesh_model
+import pipeline.fruit.fruit_shape
+import pipeline.fruit.missing_physics
 import pipeline.fruit.stages
 import pipeline.run.grading
+from pipeline.batch.cache import Kept, cached
 from reports.mesh_picture import mesh_picture
 
 
@@ -23,6 +30,33 @@ def _in_this_process() -> Iterator[None]:
         mock.patch.object(pipeline.run.grading, "local_pool", side_effect=lambda *_, **__: InThisProcess()),
         mock.patch.object(pipeline.fruit.stages, "mesh_picture", small),
     ):
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _stages_of_all_files(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[None]:
+    """What one test's grading kept of a stage serves all files and workers: its key is a hash of its inputs.
+
+    Not where a second run's own stages are the claim.
+    """
+    if request.module.__name__ == "test_resume":
+        yield
+        return
+    base = tmp_path_factory.getbasetemp()
+    store = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "stages"
+
+    def shared(
+        folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]
+    ) -> Kept:
+        kept = partial(cached, store, f"{stage}-{key}", key, compute, record=record)
+        return cached(folder, stage, key, kept, record=record)
+
+    fruit = pipeline.fruit
+    with ExitStack() as patches:
+        for room in (fruit.elasticity, fruit.flesh_model, fruit.fruit_shape, fruit.missing_physics):
+            patches.enter_context(mock.patch.object(room, "cached", shared))
         yield
 
 

@@ -24,19 +24,19 @@ def refused(batch):
 @pytest.mark.slow
 def test_missing_batch_toml(batch):
     (batch / "batch.toml").unlink()
-    assert "batch.toml: there is no batch.toml" in refused(batch)
+    assert "batch.toml: does not exist. Write one" in refused(batch)
 
 
 @pytest.mark.slow
 def test_a_case_is_no_batch(batch):
     (batch / "batch.toml").rename(batch / "case.toml")
-    assert "which `drupe explain` takes" in refused(batch)
+    assert "this is a single case; use `drupe explain`" in refused(batch)
 
 
 def test_missing_folder(tmp_path):
     ran = drupe("grade", tmp_path / "nowhere")
     assert ran.status == 2
-    assert "no such batch folder" in ran.one_line_error()
+    assert "does not exist; give an existing batch folder" in ran.one_line_error()
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_own_pits_in_a_category_without_a_prior_need_only_poissons_ratio(batch):
         centre = vertices.mean(axis=0)
         write_mesh(mesh.with_name("pit.ply"), centre + 0.4 * (vertices - centre), faces)
     (batch / "batch.toml").write_text('category = "mango"\n')
-    assert "Poisson's ratio of the flesh is not known" in refused(batch)
+    assert "Poisson's ratio of the flesh is unknown" in refused(batch)
     (batch / "batch.toml").write_text('category = "mango"\npoisson_ratio = 0.45\n')
     assert drupe("check", batch).status == 0
 
@@ -84,7 +84,7 @@ def test_duplicate_fruit_id(batch):
     table.write_text(table.read_text() + table.read_text().splitlines()[1] + "\n")
     line = refused(batch)
     assert "fruits.csv" in line
-    assert "stands on lines 2, 4" in line
+    assert "appears on lines 2, 4" in line
 
 
 @pytest.mark.slow
@@ -132,5 +132,5 @@ def test_check_says_what_is_wrong_with_table_and_fruit_together(batch):
     pd.concat([table, more]).to_csv(batch / "fruits.csv", index=False)
     (batch / "fruits" / "STRAY").mkdir()
     said = drupe("check", batch).out
-    for words in ('height_mm is "tall"', "GONE: there is no such folder", "STRAY: is not listed"):
+    for words in ('height_mm is "tall"', "GONE: does not exist", "STRAY: is not in fruits.csv"):
         assert words in said

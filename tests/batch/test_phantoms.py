@@ -113,12 +113,12 @@ def refused(batch):
 
 def test_a_phantom_without_poissons_ratio_is_refused(one_cube):
     line = refused(one_cube('category = "phantom"\n'))
-    assert 'not known for the category "phantom"; add the key poisson_ratio' in line
+    assert 'unknown for the category "phantom"; add poisson_ratio to batch.toml' in line
 
 
 def test_a_phantom_without_a_pit_is_refused(one_cube):
     line = refused(one_cube(HEADER, core=False))
-    assert 'batch.toml: the category "phantom" has no pit of its own, and cube has no pit.ply' in line
+    assert 'batch.toml: the category "phantom" has no default pit, and cube has no pit.ply' in line
     assert 'prior = "none"' in line
 
 

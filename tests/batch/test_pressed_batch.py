@@ -134,15 +134,15 @@ def test_what_is_wrong_with_one_fruit_is_said_and_costs_no_other(graded):
     assert "columns diameter_a_mm, diameter_b_mm, diameter_c_mm 61 60 58" in rows["unmeasured"]["reason"]
     assert rows["mixed"]["outcome"] == "graded"
     assert rows["mixed"]["grasps"] == "1"
-    assert "it is the recording of another fruit of this batch" in rows["mixed"]["warnings"]
+    assert "the recording belongs to another fruit of this batch" in rows["mixed"]["warnings"]
 
 
 def test_check_says_beforehand_what_grading_would(batch):
     code, said = run("check", batch)
     assert code == 2
     assert "2 problems found" in said
-    assert "it is the recording of another fruit of this batch" in said
-    assert "says not enough of the fruit between the plates" in said
+    assert "the recording belongs to another fruit of this batch" in said
+    assert "does not fully describe the fruit between the plates" in said
 
 
 @pytest.mark.proof
@@ -160,8 +160,8 @@ def test_plates_along_the_stem_are_refused_with_the_way_out(tmp_path, force_per_
     (tmp_path / "batch" / "batch.toml").write_text('category = "nectarine"\n')
     (tmp_path / "batch" / "fruits.csv").write_text(f"{HEADER}\na,60,60,57,c\n")
     said = run("check", tmp_path / "batch")[1]
-    assert "squeeze-1.h5: found plates along diameter c, from stem to tip" in said
-    assert "expected them across the cheeks (axis b)" in said
+    assert "squeeze-1.h5: found plates along diameter c (from stem to tip)" in said
+    assert "expected plates across the cheeks (axis b)" in said
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_plates_along_the_stem_are_refused_with_the_way_out(tmp_path, force_per_
         ("a,60,60,,b", "diameter_c_mm is empty; expected all three diameters"),
         ("a,6,6,5.7,c", "diameter_a_mm 6: a nectarine is 12.5 to 115 mm in size; is it in cm (60 mm)?"),
         ("a,60,60,57,z", 'axis is "z"; expected a, b or c'),
-        ("a,60,57,60,b,44", 'pit_share is "44"; expected the pit'),
+        ("a,60,57,60,b,44", 'pit_share is "44"; expected the diameter of the pit'),
         ("a,60,57,60,b,44", "is it in percent?"),
     ],
 )
@@ -186,4 +186,4 @@ def test_three_diameters_without_a_recording_are_not_only_told_to_be_photographe
     (tmp_path / "fruits.csv").write_text(f"{HEADER}\na,60,60,57,b\n")
     (tmp_path / "fruits" / "a" / "grasps").mkdir(parents=True)
     said = run("grade", tmp_path, "--out", tmp_path / "out")[1]
-    assert "nor a recording of bare plates alone in grasps/, with which the three diameters" in said
+    assert "nor is there a recording of bare plates alone in grasps/, for which the three diameters" in said

@@ -79,7 +79,7 @@ def test_a_gain_of_both_pads_is_found_doubted_and_corrected_without_grading_agai
     corrected = drupe("grade", "--no-screen", batch)
     chart = (batch.parent / "gripper.csv").read_text()
     assert len(chart.splitlines()) == 2
-    assert "is out of control: the last batch is beyond 3 standard deviations" in corrected.out
+    assert "is out of control: the last batch deviates by more than 3 standard deviations" in corrected.out
     assert "Control chart of ball" in (batch / "results" / "report.html").read_text()
     assert drupe("grade", "--no-screen", batch).status == 4  # the chart's alarm
     assert (batch.parent / "gripper.csv").read_text() == chart

@@ -100,7 +100,7 @@ def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch, number)
         _, err = run.communicate(timeout=60)
     assert run.returncode == 130
     assert not psutil.wait_procs(workers, timeout=5)[1]
-    assert "interrupted; finished fruit are kept" in err
+    assert "interrupted; drupe kept the finished fruit" in err
     assert "Traceback" not in err
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
 

@@ -104,14 +104,14 @@ def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_and_rid_of_the_rig, t
     write_rig(vague, share=0.9)
     ran = drupe("check", vague)
     assert ran.status == 4
-    assert "it is stiffer than the rig lets one see, and E is a lower bound" in ran.out + ran.err
+    assert "it is too stiff for this rig, and E is a lower bound" in ran.out + ran.err
     row, _ = graded(vague, tmp_path / "out")
     assert "E is a lower bound" in row["doubts"]
     assert float(row["E_sd_MPa"]) > 0.3 * float(row["E_MPa"])
     write_rig(vague, share=0.05, largest_N=3.0)
     ran = drupe("check", vague)
     assert ran.status == 2
-    assert "the rig is calibrated up to 3 N, expected at most 1.25 times that" in ran.out + ran.err
+    assert "the rig calibration ends at 3 N, expected at most 1.25 times that" in ran.out + ran.err
     (vague / "rig.toml").write_text("format = 3\n")
     ran = drupe("check", vague)
     assert ran.status == 2

@@ -14,7 +14,7 @@ from fem.indentation.energy_share import (
     hertz_energy_density,
     whole_energy,
 )
-from fem.indentation.foundation import elastic_force, springs
+from fem.indentation.foundation import elastic_force, relaxing_force, springs
 
 SLAB = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=THICK_MM, poisson_ratio=NU)
 
@@ -105,3 +105,13 @@ def test_shares_and_times_carry_the_unknowns_scatter():
     for name, sample in {"g": g[:, 0], "g_2": g[:, 1], "tau_s": tau[:, 0], "tau_2_s": tau[:, 1]}.items():
         assert found[name].sd == pytest.approx(sample.std(), rel=0.1)
         assert found[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.012)
+
+
+def test_a_curve_that_only_opens_is_elastic_without_memory():
+    """Depth falls from the first frame on: with a share of nil the force is that of the springs."""
+    time_s, depth = np.arange(5.0), np.array([[1.0, 0.8, 0.6, 0.4, 0.2]])
+    level, stiffness = np.array([[0.0, 0.3]]), np.array([[2.0, 1.0]])
+    share, tau = np.zeros((1, 1)), np.ones((1, 1))
+    found = relaxing_force(time_s, depth, None, level, stiffness, share, tau)
+    expected = 2 * depth + np.maximum(depth - 0.3, 0)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -115,7 +115,7 @@ def test_a_surface_with_nan_is_refused():
 def test_a_pit_that_reaches_out_of_the_fruit_is_refused(scale):
     failure = refused(*FRUIT, scale * PIT[0], PIT[1])
     assert failure.problem is FemProblem.PIT_OUTSIDE_FRUIT
-    assert "mm out of the fruit at" in failure.detail
+    assert "mm from the fruit at" in failure.detail
 
 
 def test_surfaces_wound_inside_out_give_the_same_flesh():

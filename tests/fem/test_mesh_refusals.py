@@ -100,7 +100,7 @@ def test_elements_inside_out_are_named_with_place_and_amount():
     moved[inside[0]] += [0.0, 0, 0.6]
     mesh = FleshMesh(10 * moved, tets, np.zeros((0, 6), dtype=np.int64), np.zeros(0, dtype=np.int64))
     skin = box((10, 10, 10), centre_mm=(5, 5, 5))
-    with pytest.raises(FemFailure, match=r"turned inside out, the worst near \(") as failure:
+    with pytest.raises(FemFailure, match=r"are inverted, the worst near \(") as failure:
         refined_where(mesh, np.zeros(len(tets), dtype=bool), skin, None)
     assert failure.value.problem is FemProblem.INVERTED_ELEMENTS
     *place, jacobian = numbers(failure.value.detail.split("near")[1])[:4]
@@ -121,7 +121,7 @@ def test_open_edges_are_counted():
 
 def test_a_contact_off_the_fruit_is_named_with_place_and_amount():
     at = np.array([[30.0, 0, 0], [50, 0, 0]])
-    with pytest.raises(FemFailure, match=re.escape("the worst at (50.0, 0.0, 0.0) mm by 20.")) as failure:
+    with pytest.raises(FemFailure, match=re.escape("the worst at (50.0, 0.0, 0.0) mm, by 20.")) as failure:
         tetrahedralise(*FRUIT, *PIT, edge_mm=4.0, refine_at_mm=at)
     assert failure.value.problem is FemProblem.OFF_SURFACE
     with pytest.raises(FemFailure, match="non-finite"):

@@ -36,7 +36,7 @@ def test_a_noisy_recording_falls_back_on_the_surface_and_says_why():
     found = found_in(with_pads(grasp(surface_mm=0.0, noise=0.1), displacement_sd_mm=1.0))
     assert found.form == "absolute"
     (warning,) = found.warnings
-    assert "noise leaves the comparison of 9 loaded frames" in warning.sentence
+    assert "noise makes the comparison of 9 loaded frames" in warning.sentence
     assert "only one frame is loaded" not in warning.sentence
 
 

@@ -253,7 +253,7 @@ def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
     assert found.pit.offset_mm[0] == pytest.approx(0.5 * weak / (weak + 0.5**-2), rel=0.1)
     assert found.pit.sd[0] == pytest.approx((weak + 0.5**-2) ** -0.5, rel=0.05)
     (said,) = found.warnings
-    assert f"the pads differ {np.sqrt(chi2):.1f} times" in said
+    assert f"the pads differ by {np.sqrt(chi2):.1f} times" in said
 
 
 def test_pads_that_agree_with_noise_and_prior_contradict_nothing():

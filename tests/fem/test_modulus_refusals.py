@@ -24,7 +24,7 @@ from fem.solid.pad_link import OFF_SKIN_MM, contact_nodes
 
 def test_forces_that_pull_are_refused():
     pulled = with_pads(grasp(), force_N=lambda pad: -pad.force_N)
-    with pytest.raises(FemFailure, match="check the signs") as caught:
+    with pytest.raises(FemFailure, match="Check the signs") as caught:
         found_in(pulled, plain_model())
     assert caught.value.problem is FemProblem.NO_MODULUS
 
@@ -52,7 +52,7 @@ def test_fewer_markers_than_hold_a_fruit_are_refused_and_counted():
     with pytest.raises(FemFailure, match=r"found 5 markers under load, expected at least 6") as caught:
         found_in(few, plain_model())
     assert caught.value.problem is FemProblem.TOO_FEW_MARKERS
-    assert "press deeper" in caught.value.detail
+    assert "Press deeper" in caught.value.detail
     assert found_in(only_touching(grasp(), FEWEST_MARKERS), plain_model()).E_MPa > 0
 
 
@@ -60,7 +60,7 @@ def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
     off = OFF_SKIN_MM + 1.5
     away = with_pads(grasp(), surface_mm=lambda pad: pad.surface_mm * (1 + off / 25.0))
     for refused in (lambda: contact_nodes(ball_mesh(), [away]), lambda: grasp_model(away, free_ball())):
-        with pytest.raises(FemFailure, match=r"the worst .*4\.[45]\d mm.*check the pad's pose") as caught:
+        with pytest.raises(FemFailure, match=r"the worst .*4\.[45]\d mm.*Check the pad's pose") as caught:
             refused()
         assert caught.value.problem is FemProblem.OFF_SURFACE
 
@@ -78,7 +78,7 @@ def test_a_pad_with_a_place_that_is_no_number_is_refused():
 
 @pytest.mark.parametrize("poisson_ratio", [-0.01, 0.49991, 0.5, np.nan])
 def test_a_poisson_ratio_that_no_flesh_has_is_refused_with_its_value(poisson_ratio):
-    with pytest.raises(FemFailure, match=rf"is {poisson_ratio:g}, but must lie between 0 and") as caught:
+    with pytest.raises(FemFailure, match=rf"is {poisson_ratio:g}, expected a value between 0 and") as caught:
         solid_of(ball_mesh(), grasp(), poisson_ratio=poisson_ratio)
     assert caught.value.problem is FemProblem.BAD_POISSON_RATIO
 

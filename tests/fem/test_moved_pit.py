@@ -52,4 +52,4 @@ def test_a_pit_pushed_through_the_skin_is_refused_with_where_it_should_go(place,
     with pytest.raises(FemFailure, match=said) as refused:
         with_pit_moved(fruit_mesh(), np.array(place, dtype=float))
     assert refused.value.problem is FemProblem.INVERTED_ELEMENTS
-    assert "check the pit prior" in refused.value.detail
+    assert "Check the pit prior" in refused.value.detail

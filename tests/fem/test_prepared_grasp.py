@@ -167,7 +167,7 @@ def test_a_touch_by_too_few_markers_is_no_load():
     normal[:, : FEWEST_PRESSED - 1] = 1.0
     pad = pressing(normal)
     history = GraspHistory(time_s=np.arange(5.0), phase=("load",) * 5, pads=(pad,))
-    with pytest.raises(FemFailure, match=f"presses at {FEWEST_PRESSED} markers at once") as caught:
+    with pytest.raises(FemFailure, match=f"presses on {FEWEST_PRESSED} markers at once") as caught:
         prepared_grasp(history, TURN)
     assert caught.value.problem is FemProblem.NO_LOAD
     enough = replace(history, pads=(pressing(np.ones((5, 30))),))

@@ -126,7 +126,7 @@ def test_one_analysis_serves_matrices_of_one_pattern():
 
 
 def test_a_matrix_of_another_pattern_is_refused_by_an_analysis():
-    with pytest.raises(ValueError, match="analyse it anew"):
+    with pytest.raises(ValueError, match="analyse it again"):
         analyse(sheet(9)).factorise(held_cube(2))
 
 

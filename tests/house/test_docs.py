@@ -2,11 +2,13 @@
 
 import re
 import subprocess
+import tomllib
 from functools import cache
 from inspect import signature
 from pathlib import Path
 
 import pytest
+import yaml
 from pydantic import BaseModel
 
 from pipeline.batch.fruits_table import COLUMNS
@@ -34,7 +36,7 @@ MODULE = re.compile(rf"(?<![\w/.`-])((?:{'|'.join(ROOMS[:6])})(?:\.[a-z]\w*)+)")
 CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 FOREIGN = {"ProcessPool", "ProcessPoolExecutor"}
 """Classes of libraries."""
-MOST_README_LINES = 150
+MOST_README_LINES = 90
 
 
 @cache
@@ -132,6 +134,20 @@ def test_the_readme_holds_the_commands_that_continuous_integration_reads(marker)
     assert command is not None
     assert command[1].endswith({"grade": "--out sample-results", "tests": "/bin/pytest"}[marker])
     assert subprocess.run(["bash", "-n", "-c", command[1]], check=False).returncode == 0
+
+
+def test_the_readme_shows_columns_of_the_ranking():
+    header = re.search(r"^```\n(rank +fruit_id .+)$", text_of("README.md"), re.MULTILINE)
+    assert header is not None
+    assert set(header[1].split()) <= set(RANKING_COLUMNS)
+
+
+def test_the_citation_names_the_version_and_licence_of_the_package():
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    project = tomllib.loads(text_of("pyproject.toml"))["project"]
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
+    assert [citation["version"], citation["license"]] == [project["version"], project["license"]]
 
 
 def keys_of(model: type[BaseModel]) -> set[str]:

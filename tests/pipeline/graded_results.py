@@ -3,9 +3,10 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.provenance import write_provenance
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, write_record
+from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 
 
 def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:

@@ -98,20 +98,20 @@ def test_a_pair_becomes_two_entries():
 def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert why_not(fake_explanation()) == ""
     assert "nothing is missing" in why_not(fake_explanation(detected=False, verdict="none"))
-    assert "not known" in why_not(fake_explanation(verdict="unknown"))
-    assert "cannot be told apart" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
+    assert "the cause is unknown" in why_not(fake_explanation(verdict="unknown"))
+    assert "cannot distinguish skin" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
     assert "no second recording" in why_not(fake_explanation(heldout=None))
     worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
-    assert "does not help" in why_not(fake_explanation(heldout=worse))
+    assert "does not improve the prediction" in why_not(fake_explanation(heldout=worse))
     quiet = HeldOut(rms_before=0.9, rms_after=0.8, noise_rms=1.0)
-    assert "within the sensors' noise" in why_not(fake_explanation(heldout=quiet))
+    assert "within sensor noise" in why_not(fake_explanation(heldout=quiet))
 
 
 def test_what_the_recorded_forces_hold_is_not_written_and_the_user_is_told_why():
     adhesion = candidate("adhesion", 0.99, reach_mm=0.13)
     found = fake_explanation(verdict="adhesion", ranking=(adhesion,))
     assert why_not(found) == (
-        "adhesion needs no entry: the recorded forces hold it, so E is right without one."
+        "adhesion needs no entry: the recorded forces include it, so E is right without one."
     )
     pair = candidate("adhesion+sensor_gain", 0.9, reach_mm=0.13, pad="left", gain=1.1)
     assert why_not(fake_explanation(verdict="adhesion+sensor_gain", ranking=(pair,))) == ""
@@ -150,7 +150,7 @@ def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_pat
             "expected 0.01 to 100",
         ),
         ('effect = "pit_offset"\nparameters = {offset_mm = [1, 2]}', "expected 3 numbers"),
-        ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has "b"'),
+        ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has the key "b"'),
         ("parameters = {mu = 0.2}", 'the required key "mismatch.0.effect" is missing'),
     ],
 )

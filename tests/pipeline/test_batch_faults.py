@@ -6,7 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from pipeline.batch.records import AmountRecord, FruitRecord, Given, ScreenRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import AmountRecord, FruitRecord, ScreenRecord
 from pipeline.ranking.batch_faults import FALSE_ALARM, FLOOR, batch_faults, combined
 
 OWN_SD = {"gain": 0.003, "newton_per_s": 0.005}
@@ -94,7 +95,7 @@ def test_a_gain_of_four_percent_in_ten_fruit_is_said_once_with_its_size():
     assert "or the right pad reads" in fault.sentence.lower() or fault.pad == "right"
     said = re.search(r"left pad reads ([\d.]+) ± ([\d.]+) % too much force", fault.sentence)
     assert float(said[1]) == pytest.approx(4.0, abs=4 * float(said[2]))
-    assert "in 10 of 10 by itself" in fault.sentence
+    assert "visible in 10 of 10 individually" in fault.sentence
 
 
 def test_a_gain_of_one_fruit_is_no_fault_of_the_batch():

@@ -75,9 +75,9 @@ def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--rigid", "ball"), "give --size-mm with it"),
-        (("--size-mm", "40"), "give --rigid ball"),
-        (("--rigid", "ball", "--size-mm", "40", "--ball-mm", "3"), "which are of a sensor"),
+        (("--rigid", "ball"), "--rigid calibrates a rig and needs --size-mm"),
+        (("--size-mm", "40"), "add --rigid ball"),
+        (("--rigid", "ball", "--size-mm", "40", "--ball-mm", "3"), "which calibrate a sensor"),
     ],
 )
 def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
@@ -151,7 +151,7 @@ def test_E_comes_back_through_a_soft_rig_and_its_interval_knows_the_rig(tmp_path
     trace = write_trace(tmp_path / "soft.csv", 9, own_mm=hertz_mm(truth), peak_N=4.0, frames=120, scale=1.01)
     converted(tmp_path / "bare", trace)
     said = converted(tmp_path / "less", trace, "--rig", tmp_path / "rig.toml")
-    assert "are the rig's own (rig.toml), and were taken off" in said
+    assert "belong to the rig (rig.toml); drupe subtracted them" in said
     with h5py.File(tmp_path / "less/one.h5") as file:
         assert file["rig_give_mm"][()].max() == pytest.approx(RIG.give_mm(4.0) * 1.01, rel=0.03)
     explained(tmp_path / "bare")
@@ -226,7 +226,7 @@ def test_of_a_squeeze_between_gels_the_jaws_part_is_told_from_the_gels(tmp_path:
     out = tmp_path / "rig.toml"
     code, said = run("calibrate", first, out, "--squeeze", second, "--rigid", "ball", "--size-mm", "40")
     assert code == 0, said
-    assert "mm are the gels' own as their markers show" in said
+    assert "mm belong to the gels, as their markers show" in said
     rig = read_rig(out)
     assert rig.jaws is not None
     force = np.linspace(2, 14, 7)
@@ -260,7 +260,7 @@ def test_a_rig_is_of_bare_traces_alone_in_convert(tmp_path: Path) -> None:
         tmp_path / "rig.toml",
     )  # fmt: skip
     assert code != 0
-    assert "name it in batch.toml" in said
+    assert "name the rig in batch.toml" in said
     code, said = run(
         "convert", write_trace(tmp_path / "t.csv", 3, peak_N=60.0), tmp_path / "t.h5", "--indenter", "ball",
         "--radius-mm", "5", "--rig", tmp_path / "rig.toml",

@@ -71,9 +71,9 @@ def tasks(root):
 
 def test_what_a_phantom_lacks_is_named_with_the_fruit_that_lack_it(made):
     (line,) = problems(made(PHANTOM))
-    assert line.startswith('batch.toml: the category "phantom" has no pit of its own, and B has no pit.ply')
+    assert line.startswith('batch.toml: the category "phantom" has no default pit, and B has no pit.ply')
     both = problems(made('category = "phantom"\n'))
-    assert any("add the key poisson_ratio" in one for one in both)
+    assert any("add poisson_ratio to batch.toml" in one for one in both)
     assert len(both) == 2
 
 
@@ -109,7 +109,7 @@ def test_a_core_of_140_mm_is_no_unit_error_in_a_phantom_as_it_is_in_a_fruit(made
     trimesh.creation.box(3 * [100.0]).export(root / "core.stl")
     assert open_batch(root).prior.has_pit
     (root / "batch.toml").write_text('category = "plum"\n[pit]\nprior = "core.stl"\n')
-    assert any("the pit is 100 long; expected 4 to 60 mm" in line for line in problems(root))
+    assert any("the pit is 100 long, expected 4 to 60 mm" in line for line in problems(root))
 
 
 def test_an_own_category_is_called_by_its_own_name_and_judged_by_its_own_limits(made):
@@ -120,7 +120,7 @@ def test_an_own_category_is_called_by_its_own_name_and_judged_by_its_own_limits(
     assert first.category == "kaki"
     shape = fruit_shape(first)
     (doubt,) = shape.warnings
-    assert "would weigh 2.69 g" in doubt
+    assert "the density would be 2.69 g" in doubt
     assert "expected 1.00 to 1.20" in doubt
     assert shape.record.stance is None
 
@@ -139,7 +139,7 @@ def test_limits_are_the_categorys_where_the_pit_is_another_files(made):
     assert pit.record.box_mm == pytest.approx([12, 12, 12], rel=0.01)
     (root / "batch.toml").write_text('category = "phantom"\n[pit]\nprior = "core.toml"\n')
     (line,) = problems(root)
-    assert 'not known for the category "phantom"; add the key poisson_ratio' in line
+    assert 'unknown for the category "phantom"; add poisson_ratio to batch.toml' in line
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,10 @@ def test_limits_are_the_categorys_where_the_pit_is_another_files(made):
         (("offset_sd_mm", "# "), "mine.toml: offset_sd_mm is None; expected { value = a number from 0 to 20"),
         (("0.44", "0.7"), "mine.toml: poisson_ratio is {'value': 0.7"),
         (('["pit"]', '["pips"]'), "mine.toml: given_by_batch is ['pips']; expected a list of"),
-        (('["pit"]', '["poisson_ratio"]'), 'given_by_batch leaves "poisson_ratio" to the batch; take one of'),
+        (
+            ('["pit"]', '["poisson_ratio"]'),
+            'given_by_batch leaves "poisson_ratio" to the batch; remove one of',
+        ),
         (("[1.0, 1.2]", "[1.2, 1.0]"), "the smaller first"),
         (
             ("= false,", '= "no",'),
@@ -169,14 +172,14 @@ def test_an_own_category_that_is_not_there_is_named_even_where_all_fruit_bring_p
     write_mesh(root / "fruits" / "B" / "pit.ply", 8 * DIRECTIONS, FACES)
     (line,) = problems(root)
     assert 'batch.toml: "category": ' in line
-    assert "mine.toml is no file; write it" in line
+    assert "mine.toml is no file; write the file" in line
 
 
 def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
     effect = '[[mismatch]]\neffect = "pit_size"\nparameters = {{ scale = 1.1 }}\nfruits = ["{}"]\n'
     none = PHANTOM + '[pit]\nprior = "none"\n'
     (line,) = problems(made(none + effect.format("B")))
-    assert 'pit_size is of the pit, and B has none (pit.prior is "none")' in line
+    assert 'pit_size is an effect of the pit, but B has no pit (pit.prior is "none")' in line
     assert open_batch(made(none + effect.format("A"))).prior.category == "phantom"
 
 

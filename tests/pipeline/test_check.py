@@ -69,7 +69,7 @@ def test_a_fault_of_drupe_itself_is_one_line_of_the_file_and_hides_no_other(batc
     monkeypatch.setattr(checking, "read_recording", faulty)
     (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_bytes(b"nothing")
     first, second = said(batch)
-    beginning = "fruits/A/grasps/grasp-1.h5: a fault of drupe itself reading grasp-1.h5: "
+    beginning = "fruits/A/grasps/grasp-1.h5: an internal error of drupe occurred while reading grasp-1.h5: "
     assert first.startswith(beginning + type(fault).__name__)
     assert "\n" not in first
     assert "of the library" not in first
@@ -121,7 +121,7 @@ def test_a_pit_that_grading_refuses_is_a_problem(batch):
     with_pit(batch, 8.0)
     status, text = run(batch)
     assert status == 2
-    assert "fruits/A/pit.ply: pit.ply lies 8.0 mm from where a nectarine has its pit" in text
+    assert "fruits/A/pit.ply: pit.ply lies 8.0 mm from the expected place of a nectarine's pit" in text
     assert text.endswith(f"1 problem found in {batch}\n")
 
 
@@ -130,8 +130,8 @@ def test_a_pit_that_grading_doubts_is_no_problem_and_is_said(batch):
     status, text = run(batch)
     assert status == 4
     line, last = text.splitlines()
-    assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from where")
-    assert "the mesh in pit.ply was shifted, is given in another frame of reference than fruit.ply" in line
+    assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from the expected place")
+    assert "The mesh in pit.ply is shifted, uses another frame than fruit.ply" in line
     assert line.endswith("E will be in doubt.")
     assert last == f"0 problems found in {batch}, and 1 finding that will put E in doubt"
 

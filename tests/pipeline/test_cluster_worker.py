@@ -21,10 +21,10 @@ def test_one_that_is_as_this_machine_is_fit(tmp_path):
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"drupe": "9.9"}, "and this command drupe 9.9 on Python"),
+        ({"drupe": "9.9"}, "but this command runs drupe 9.9 on Python"),
         ({"python": "3.99"}, "on Python 3.99; install the same on both."),
-        ({"code": "of another checkout"}, "whose source or numerical libraries differ from those of this"),
-        ({"settings_sha256": "0"}, "batch.toml is another file for it: BATCH must lie on a file system"),
+        ({"code": "of another checkout"}, "with other source files or numerical libraries than this command"),
+        ({"settings_sha256": "0"}, "finds another "),
         ({"mark": "another run"}, "as this command does: OUT must lie on a file system that all machines"),
     ],
 )
@@ -33,9 +33,9 @@ def test_what_differs_is_named(tmp_path, changed, sentence):
 
 
 def test_a_batch_and_results_that_are_not_there_are_named(tmp_path):
-    assert "batch.toml is not there for it: BATCH must lie" in said(
-        needs_of(tmp_path, settings=tmp_path / "nowhere" / "batch.toml")
-    )
+    missing = tmp_path / "nowhere" / "batch.toml"
+    expected = f"does not find {missing}: BATCH must lie on a file system"
+    assert expected in said(needs_of(tmp_path, settings=missing))
     assert "nowhere as this command does: OUT must lie" in said(
         needs_of(tmp_path, run=tmp_path / "nowhere" / ".run.json")
     )
@@ -51,10 +51,11 @@ def test_results_that_cannot_be_written_to_are_named(tmp_path, monkeypatch):
 
 def test_threads_and_memory_are_named_with_what_to_start_it_with(tmp_path):
     assert said(needs_of(tmp_path), threads=8) == (
-        "has 8 threads, expected 1, one fruit at a time; start it with --nthreads 1."
+        "has 8 threads, expected 1 (one fruit at a time); start it with --nthreads 1."
     )
     assert said(needs_of(tmp_path), most_MiB=99.0).startswith(
-        "leaves a fruit 99 MiB of memory, and one needs about 100 MiB; start it with --memory-limit 600MiB or"
+        "has 99 MiB of memory per fruit, but a fruit needs about 100 MiB. "
+        "Start it with --memory-limit 600MiB or"
     )
 
 
@@ -64,6 +65,6 @@ def test_a_fruit_whose_process_cannot_be_made_ends_alike_here_and_on_a_worker(tm
 
     monkeypatch.setattr(runner, "_started", refused)
     order = FruitOrder(fruit_id="a", packed=b"", time_limit_s=9.0, needs=needs_of(tmp_path))
-    ended = Died("a", None, "it could not be begun: Resource temporarily unavailable")
+    ended = Died("a", None, "its process did not start: Resource temporarily unavailable")
     assert fruit_here(order, tell=print, wanted=lambda: True, most_MiB=None) == ended
     assert list(run_fruits(print, [("a", 1)], jobs=1, time_limit_s=9.0)) == [ended]

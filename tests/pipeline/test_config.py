@@ -23,12 +23,12 @@ def test_only_the_category_is_required(tmp_path):
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(BatchRefused, match=r"batch\.toml: there is no batch\.toml"):
+    with pytest.raises(BatchRefused, match=r"batch\.toml: does not exist"):
         read_settings(tmp_path / "batch.toml")
 
 
 def test_missing_folder_is_named(tmp_path):
-    with pytest.raises(BatchRefused, match="no such batch folder"):
+    with pytest.raises(BatchRefused, match="does not exist; give an existing batch folder"):
         read_settings(tmp_path / "nowhere" / "batch.toml")
 
 
@@ -125,7 +125,7 @@ def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
     assert read_settings(path).photos.scale.diameter_mm == 23.25
     (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 eur"\n')
     assert '"photos.coin": found' in said
-    assert 'no coin here is called "1 eur"; did you mean "1 euro"? known are' in said
+    assert 'drupe knows no coin "1 eur"; did you mean "1 euro"? known:' in said
     assert "2 euro (25.75 mm)" in said
     assert ".." not in said
     (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 euro"\ncoin_mm = 23.25\n')

@@ -41,7 +41,7 @@ def test_a_second_run_adds_to_the_log(tmp_path):
 def test_a_file_of_somebody_else_is_left_as_it_is(tmp_path):
     mine = tmp_path / "batch.toml"
     mine.write_text('category = "plum"\n')
-    with pytest.raises(BatchRefused, match="is no log of drupe"):
+    with pytest.raises(BatchRefused, match="is not a log of drupe"):
         RunConsole(log=mine)
     assert mine.read_text() == 'category = "plum"\n'
     with pytest.raises(BatchRefused, match="cannot be written"):

@@ -85,7 +85,7 @@ def test_a_tac3d_recording_keeps_the_makers_own_arrays(tmp_path: Path) -> None:
     folder = write_sensor(tmp_path / "AD2", lost=(20,))
     code, said = run(folder, tmp_path / "out.h5", "--fruit", "f3", "--category", "plum")
     assert code == 0, said
-    assert "note: AD2: 1 of 40 frames lost" in said
+    assert "note: AD2: 1 of 40 frames are missing" in said
     with h5py.File(tmp_path / "out.h5") as file:
         kept = file["source/AD2/3D_Forces"][()]
     np.testing.assert_array_equal(kept, np.load(folder / "3D_Forces.npy"))
@@ -121,11 +121,13 @@ def test_a_bare_load_cell_becomes_a_press(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("time_s,travel_mm,force_N\n0,0,0\n0.1,0.5,-1.5\n0.2,1,-4\n")
     code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "ball", "--radius-mm", "4")
     assert code == 0, said
-    assert "its sign is turned" in said
+    assert "drupe reversed its sign" in said
     pad = read_recording(tmp_path / "out.h5").pads[0]
     assert isinstance(pad, IndenterPad)
     np.testing.assert_array_equal(pad.force_z_N, [0, 1.5, 4])
-    assert "give --indenter ball and --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
+    assert (
+        "Give --indenter ball or flat with --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
+    )
 
 
 @pytest.mark.parametrize("lacking", ["marker", "pad"])

@@ -188,8 +188,8 @@ def write_xlsx(path: Path, names: list[str], rows: np.ndarray) -> None:
         ("1,2,3\n2,3,4\n3,4,5\n", (), "no row of names above columns of numbers"),
         ("time_s;travel_mm;force_N\n0;0;0\n1;1,5;1.000,2\n", (), '"1.000,2" in row 3, expected either'),
         ("time_s;travel_mm;force_N\n0;0;0\n1;1,5;1.5\n", (), '"1,5" in row 3 and "1.5" in row 3, expected'),
-        ("time_s,travel_mm,force_N\n0,9,0\n1,8,1\n2,7,4\n", (), "is it a gap? give --columns gap=..."),
-        ("time_s,gap_mm,force_N\n0,0,0\n1,1,1\n2,2,4\n", (), "is it a travel? give --columns travel=..."),
+        ("time_s,travel_mm,force_N\n0,9,0\n1,8,1\n2,7,4\n", (), "Is it a gap? Give --columns gap=..."),
+        ("time_s,gap_mm,force_N\n0,0,0\n1,1,1\n2,2,4\n", (), "Is it a travel? Give --columns travel=..."),
         ("T,T,F\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F,travel=T",), "the column 'T' twice"),
         ("Time,Pos,Frc\n0,0,0\n1,1,1\n2,2,2\n", (NAMES,), 'did you mean force="Frc"?'),
         ("T,P,F (Pa)\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F (Pa),travel=P",), "a pressure or stress, not"),
@@ -240,15 +240,15 @@ def test_a_unit_of_what_is_not_read_is_refused(tmp_path: Path) -> None:
 
 def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", time_s=TIMES)
-    assert "is no table of a load cell" in refused(tmp_path, tmp_path / "a.npz", "--columns", NAMES)
+    assert "is not a load cell's table" in refused(tmp_path, tmp_path / "a.npz", "--columns", NAMES)
 
 
 def test_a_last_row_cut_short_and_a_clock_of_the_day_are_said(tmp_path: Path) -> None:
     source = tmp_path / "t.csv"
     source.write_text(table("time_s,travel_mm,force_N", 1.75e9 + TIMES, GONE, PRESSED, form="%.12g") + "17\n")
     said = " ".join(converted(tmp_path, source).split())
-    assert "1 row at the end, from row 32 on, not whole; left out" in said
-    assert "time starts at 1750000000 s; it is counted from the first frame" in said
+    assert "1 row at the end, from row 32 on, not whole; drupe left out" in said
+    assert "time starts at 1750000000 s; drupe counts from the first frame" in said
 
 
 @pytest.mark.parametrize("mark", [";", "\t", ","])
@@ -267,7 +267,7 @@ def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
     source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED - offset))
     code, said = run(source, tmp_path / "out.h5", *BALL)
     assert code == 0
-    assert "sign is turned" not in said
+    assert "reversed its sign" not in said
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
 
 
@@ -349,4 +349,4 @@ def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
 def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
     (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
-    assert "the number of a run, from 1, or all" in refused(tmp_path, tmp_path / "t.csv", f"--run={text}")
+    assert "the number of a run (from 1), or all" in refused(tmp_path, tmp_path / "t.csv", f"--run={text}")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.batch.diagnosis_record import DiagnosisRecord
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord, SuspectedRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings
@@ -69,7 +70,7 @@ def test_what_a_class_says_is_done_to_its_own_fruit_alone(ship, lists):
 def test_a_fruit_at_the_limit_is_borderline_and_its_other_class_is_named():
     found = decided(0.69, 0.05)
     assert found.list_name == "inspect"
-    assert found.why.startswith("borderline: to be shipped with")
+    assert found.why.startswith("borderline: ship with probability")
     assert found.other_class == "firm"
     firm = class_probabilities(np.log(0.69), 0.05 / 0.69, CLASSES)[2]
     assert found.other_probability == pytest.approx(firm)
@@ -85,7 +86,10 @@ def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back(
     [
         ({"outcome": "never-touches"}, "not graded"),
         ({"doubts": ("grams",)}, "E is in doubt"),
-        ({"screen": ScreenRecord(p_value=1e-4, names=("unknown",))}, "nothing known explains its recordings"),
+        (
+            {"screen": ScreenRecord(p_value=1e-4, names=("unknown",))},
+            "no known effect explains its recordings",
+        ),
     ],
 )
 def test_what_is_inspected_whatever_its_modulus(changes, why):

@@ -63,14 +63,14 @@ def test_a_moved_pit_widens_the_error_bar_by_more_than_what_it_did_to_E_and_not_
 def test_a_pit_of_another_size_is_said(nectarine, times, refused):
     skin, (pit, faces), prior = nectarine
     (doubt,) = of_a_given_pit(skin, about_middle(pit, times * np.eye(3)), faces, prior)
-    assert f"{times:.2f} times the size" in doubt.sentence
+    assert f"{times:.2f} times the expected size" in doubt.sentence
     assert doubt.refused == refused
 
 
 def test_a_turned_pit_is_said(nectarine):
     skin, (pit, faces), prior = nectarine
     (doubt,) = of_a_given_pit(skin, about_middle(pit, [[1, 0, 0], [0, 0, -1], [0, 1, 0]]), faces, prior)
-    assert "it is turned" in doubt.sentence
+    assert "It is rotated" in doubt.sentence
 
 
 def test_a_body_that_may_have_its_core_anywhere_is_not_judged(nectarine):
@@ -91,7 +91,7 @@ def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
         moved=(8.0, 0.0, 6.0, 0.3),
     )
     (doubt,) = of_a_pit_found(found, given=True)
-    assert "5.0 mm from where pit.ply has it" in doubt.sentence
+    assert "5.0 mm from its place in pit.ply" in doubt.sentence
     assert of_a_pit_found(found, given=False) == []
     near = found.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
     assert of_a_pit_found(near, given=True) == []

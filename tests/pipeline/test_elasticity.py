@@ -193,7 +193,7 @@ def test_a_grasp_off_the_skin_does_not_cost_the_others(workplace, mesh):
     lost, good = found.grasps
     assert isinstance(lost, FemFailure)
     assert lost.problem is FemProblem.OFF_SURFACE
-    assert "off the skin" in lost.detail
+    assert "from the skin" in lost.detail
     assert found.modulus.grasps == 1
     assert good.E_MPa == pytest.approx(E_MPA, rel=0.05)
     again = modulus(task, mesh, "lost", "along-x")

@@ -61,7 +61,7 @@ def test_one_that_cannot_be_begun_costs_itself_alone():
     events = list(run_on(Few(), print, [(name, None) for name in ("a", "unlucky", "b")]))
     assert sorted(events, key=lambda one: one.fruit_id) == [
         Finished("a", "a"), Finished("b", "b"),
-        Died("unlucky", None, "it could not be begun: no process can be made"),
+        Died("unlucky", None, "its process did not start: no process can be made"),
     ]  # fmt: skip
 
 
@@ -70,15 +70,15 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     place = ClusterPlace(address="tcp://127.0.0.1:9")
     with pytest.raises(BatchRefused) as refused:
         list(run_on(Cluster(place, needs=needs_of(tmp_path), time_limit_s=9, tell=print), print, []))
-    assert str(refused.value).startswith("tcp://127.0.0.1:9: no scheduler of dask answers there (")
+    assert str(refused.value).startswith("tcp://127.0.0.1:9: no dask scheduler answers there (")
     assert "start one with `dask scheduler`" in str(refused.value)
 
 
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
-        ({"slurm": True, "scheduler": "tcp://a:1", "jobs": 2}, "--slurm: is given together with --scheduler"),
-        ({"slurm": True}, "--slurm: needs --jobs: how many jobs Slurm is asked for."),
+        ({"slurm": True, "scheduler": "tcp://a:1", "jobs": 2}, "--slurm: conflicts with --scheduler"),
+        ({"slurm": True}, "--slurm: needs --jobs, the number of Slurm jobs."),
         (
             {"scheduler": "node1"},
             '--scheduler: found "node1"; expected the address that `dask scheduler` prints',

@@ -21,7 +21,7 @@ def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, find
     kept = json.loads((batch / "results" / "fruits" / "N01" / "mismatch.json").read_text())
     assert (kept["verdict"], len(kept["key"])) == ("sensor_gain", 64)
     again = drupe("explain", batch, "--fruit", "N01", "--apply")
-    assert "already hold effects (sensor_gain)" in again.out
+    assert "already contain effects (sensor_gain)" in again.out
     assert (batch / "batch.toml").read_text() == text
 
 
@@ -40,7 +40,7 @@ def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, 
     before = (batch / "batch.toml").read_text()
     ran = drupe("explain", batch, "--fruit", "N01", "--apply")
     assert ran.status == 0
-    assert "Not applied: what is missing is not known" in ran.out
+    assert "Not applied: the cause is unknown" in ran.out
     assert (batch / "batch.toml").read_text() == before
 
 
@@ -53,7 +53,7 @@ def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
     with (batch / "batch.toml").open("a") as file:
         file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
     line = drupe("grade", batch).one_line()
-    assert 'pit_size is of fruit "N1", not in fruits.csv; did you mean "N01"?' in line
+    assert 'pit_size names fruit "N1", which is not in fruits.csv; did you mean "N01"?' in line
 
 
 def ball(path, travel, **attributes):
@@ -109,7 +109,9 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
     assert handed["trace"].parts[1].travel_mm[-1] == 3.0
     ball(folder / "second.h5", TRAVEL, indenter="flat")
     said = drupe("explain", folder).one_line()
-    assert "second.h5: is of flat punch of radius 5 mm, but press.h5 of ball of radius 5 mm" in said
+    assert (
+        "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
+    )
 
 
 def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(

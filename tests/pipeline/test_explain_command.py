@@ -97,16 +97,16 @@ def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder
     finder["answer"] = fake_explanation(verdict=("clock_lag", "viscoelastic"), heldout=None)
     ran = drupe("explain", case)
     assert ran.status == 0
-    assert "cannot tell apart: viscoelastic or clock lag" in ran.out.splitlines()[0]
+    assert "cannot distinguish viscoelastic or clock lag" in ran.out.splitlines()[0]
     assert "nothing confirms the answer" in ran.out
-    assert "note: There is one recording only" in ran.out
+    assert "note: There is only one recording" in ran.out
 
 
 def test_without_a_pit_the_categorys_is_used_and_it_is_said(drupe, finder, case):
     (case / "pit.ply").unlink()
     said = drupe("explain", case).out
-    assert "note: There is no pit.ply: the category's pit is used" in said
-    assert "note: There are 2 recordings: weak effects may stay unseen" in said
+    assert "note: There is no pit.ply, so drupe uses the category's pit" in said
+    assert "note: There are 2 recordings: weak effects may stay hidden" in said
     assert len(finder["case"].grasps) == 2
 
 
@@ -127,7 +127,7 @@ def test_no_frames_in_the_air_is_noted(drupe, finder, case):
     change(case / "grasp-2.h5", cut)
     ran = drupe("explain", case)
     assert ran.status == 0, ran.err
-    assert "note: grasp-2: no frame before the first touch" in ran.out
+    assert "note: grasp-2: no frame before first contact" in ran.out
 
 
 def test_pads_whose_names_were_swapped_are_noted(drupe, finder, case):
@@ -185,7 +185,11 @@ def no_ply(case):
 BAD = {
     "of different fruit": (of_another_fruit, 2, ['"N77"', '"nectarine"', "grasp-1.h5", "grasp-2.h5"]),
     "forces all zero": (all_silent, 3, ["grasp-1.h5", "force is dead"]),
-    "no case.toml": (without("case.toml"), 2, ["no case.toml", 'category = "nectarine"']),
+    "no case.toml": (
+        without("case.toml"),
+        2,
+        ["has neither case.toml nor batch.toml; a case holds", 'category = "nectarine"'],
+    ),
     "no category": (settings("size_sd = 0.1\n"), 2, ["case.toml", '"category" is missing']),
     "no TOML": (settings("category = nectarine"), 2, ["case.toml", "not valid TOML"]),
     "a slip": (settings(SETTINGS + "ofset_sd_mm = 1\n"), 2, ['did you mean "offset_sd_mm"?']),
@@ -218,11 +222,11 @@ def test_a_bad_case_is_refused_in_one_line(drupe, finder, case, tmp_path, name):
 
 def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, tmp_path):
     for arguments, words in (
-        ((tmp_path / "nowhere",), "there is no such folder"),
+        ((tmp_path / "nowhere",), "does not exist"),
         ((case / "fruit.ply",), "is a file; give the folder of a case: recordings (*.h5), a case.toml with"),
-        ((case, "--json", tmp_path / "no" / "a.json"), "there is no such folder"),
+        ((case, "--json", tmp_path / "no" / "a.json"), "does not exist"),
         ((case, "--html", tmp_path), "is a folder"),
-        ((case, "--fruit", "N1"), "--fruit is for batches"),
+        ((case, "--fruit", "N1"), "but --fruit applies to batches"),
         ((case, "--apply"), "--apply writes into a batch's settings"),
     ):
         ran = drupe("explain", *arguments)
@@ -241,7 +245,7 @@ def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
     (case / "case.toml").write_text(SETTINGS + 'recorded_by = "MK"\n')
     ran = drupe("explain", case)
     assert ran.status == 0
-    assert 'the key "recorded_by" is not known and was left aside' in ran.out
+    assert 'drupe does not know the key "recorded_by" and ignored it' in ran.out
 
 
 @pytest.mark.parametrize(
@@ -252,8 +256,8 @@ def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):
             0.0006,
             "Found E without an effect 0.0005 MPa and E with it 0.0006 MPa, expected 0.005 to 12 MPa",
         ),
-        (300.0, 0.3, "Found E without an effect 300 MPa, expected 0.005 to 12 MPa of nectarine"),
-        (0.3, 40.0, "Found E with it 40 MPa, expected 0.005 to 12 MPa of nectarine"),
+        (300.0, 0.3, "Found E without an effect 300 MPa, expected 0.005 to 12 MPa for nectarine"),
+        (0.3, 40.0, "Found E with it 40 MPa, expected 0.005 to 12 MPa for nectarine"),
         (0.3, 0.4, None),
     ],
 )

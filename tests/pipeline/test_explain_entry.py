@@ -195,7 +195,7 @@ def test_an_E_that_is_withheld_is_null_and_said_in_words_on_the_page_and_in_the_
     written = entry.as_json()
     assert written["E_withheld"] == "no law holds"
     assert written["E_MPa"]["after"] == {"value": None, "sd": None}
-    assert "E is withheld: no law holds" in explain_verdict(entry)
+    assert "drupe gives no E: no law holds" in explain_verdict(entry)
     page = explain_html(entry)
     assert "withheld<small>No law holds" in page
     assert not re.search(r"\bnan\b", page.lower())

@@ -44,7 +44,7 @@ def test_the_fruit_of_a_table_with_faults_are_known_each_once(tmp_path):
 
 
 def test_duplicate_ids_are_refused_with_their_lines(tmp_path):
-    assert 'fruit_id "A" stands on lines 2, 4' in refusal(tmp_path, "fruit_id\nA\nB\nA\n")
+    assert 'fruit_id "A" appears on lines 2, 4' in refusal(tmp_path, "fruit_id\nA\nB\nA\n")
 
 
 def test_lines_are_those_of_the_file_whatever_is_blank_or_broken_before_them(tmp_path):
@@ -54,7 +54,7 @@ def test_lines_are_those_of_the_file_whatever_is_blank_or_broken_before_them(tmp
     assert (lines[5], lines[7], lines[11]) == ("B,tall,x", "A,56,", "../x,5,")
     said = refusal(tmp_path, text)
     assert 'line 6 (B): height_mm is "tall"' in said
-    assert 'fruit_id "A" stands on lines 3, 8;' in said
+    assert 'fruit_id "A" appears on lines 3, 8;' in said
     assert 'line 12: fruit_id "../x"' in said
     assert "line 6 has more cells" in refusal(tmp_path, text.replace("tall,x", "5,7,x"))
     semicolons = text.replace(",", ";").replace("tall", "high")
@@ -77,12 +77,15 @@ def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
 @pytest.mark.parametrize(
     ("cell", "said"),
     [
-        ('"60,5"', '"60,5"; expected a number above zero, or nothing; it has a decimal comma; write 60.5.'),
-        ("6_0", '"6_0"; expected a number above zero, or nothing; write 60.'),
-        ("\u0666\u0660", "nothing; write 60."),  # Arabic digits
-        ("\uff16\uff10.\uff15", "nothing; write 60.5."),  # full-width digits
-        ("6\u00a00", "nothing; write 60."),
-        ("0x3c", "or nothing."),
+        (
+            '"60,5"',
+            '"60,5"; expected a number above zero, or an empty cell; it has a decimal comma; write 60.5.',
+        ),
+        ("6_0", '"6_0"; expected a number above zero, or an empty cell; write 60.'),
+        ("\u0666\u0660", "cell; write 60."),  # Arabic digits
+        ("\uff16\uff10.\uff15", "cell; write 60.5."),  # full-width digits
+        ("6\u00a00", "cell; write 60."),
+        ("0x3c", "or an empty cell."),
     ],
 )
 def test_numbers_are_plain_and_others_are_told_how_to_be_written(tmp_path, cell, said):
@@ -103,26 +106,26 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
         (
             "fruit_id,hight_mm\nA,60\n",
-            'unknown column "hight_mm"; write height_mm, if that is meant, with its values in mm.',
+            'unknown column "hight_mm"; if you mean it, write height_mm, with its values in mm.',
         ),
-        ("fruit_id,height (cm)\nA,6\n", "write height_mm, if that is meant, with its values in mm."),
-        ("fruit_id,penetrometer_lbf\nA,6\n", "write penetrometer_N, if that is meant, with its values in N."),
-        ("fruit_id,mass_kg\nA,0.1\n", "write mass_g, if that is meant, with its values in g."),
+        ("fruit_id,height (cm)\nA,6\n", "if you mean it, write height_mm, with its values in mm."),
+        ("fruit_id,penetrometer_lbf\nA,6\n", "if you mean it, write penetrometer_N, with its values in N."),
+        ("fruit_id,mass_kg\nA,0.1\n", "if you mean it, write mass_g, with its values in g."),
         ("Fruit_ID,height_mm\nA,60\n", 'unknown column "Fruit_ID"; write fruit_id.'),
         ("fruit id,height_mm\nA,60\n", 'unknown column "fruit id"; write fruit_id.'),
         ("fruit_id,Reference_e_MPa\nA,60\n", 'unknown column "Reference_e_MPa"; write reference_E_MPa.'),
-        ("fruit_id,height_mm,height_mm\nA,60,61\n", 'has the column "height_mm" twice; take one of the two'),
-        ('fruit_id,notes\nA,x\nB,"y\nC,z\n', "line 3 has a quotation mark that is not closed"),
+        ("fruit_id,height_mm,height_mm\nA,60,61\n", 'has the column "height_mm" twice; remove one of them'),
+        ('fruit_id,notes\nA,x\nB,"y\nC,z\n', "line 3 has an open quotation mark"),
         ("fruit_id,notes\nA,x\nB," + "y" * 11_000 + "\n", "line 3 has a cell of more than 10000 characters"),
         ("fruit_id,notes\nB," + "y" * 140_000 + "\n", "line 2 has a cell of more than 10000 characters"),
-        ("fruit_id\n", "holds no fruit"),
+        ("fruit_id\n", "lists no fruit"),
         (
             "fruit_id,height_mm,mass_g\nA,57,8,120\n",
             "line 2 has more cells than the header; if a number has a decimal comma, write 57.8 for 57,8 or "
             "8.120 for 8,120.",
         ),
         ("fruit_id,height_mm,mass_g\nA,,120,5\n", "if a number has a decimal comma, write 120.5 for 120,5."),
-        ("fruit_id,notes\nA,late,hard\n", "put a text that holds commas in quotation marks."),
+        ("fruit_id,notes\nA,late,hard\n", "put texts that contain commas in quotation marks."),
     ],
 )
 def test_a_broken_table_is_said(tmp_path, text, says):

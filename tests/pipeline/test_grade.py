@@ -10,18 +10,11 @@ from datetime import UTC, datetime
 import pytest
 from rich.console import Console
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import (
-    FruitRecord,
-    Given,
-    GraspRecord,
-    ModulusRecord,
-    ScreenRecord,
-    read_record,
-    write_record,
-)
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, read_record, write_record
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
@@ -30,6 +23,7 @@ from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import ReportSoFar
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 
 
 def record(outcome, reason=""):
@@ -46,7 +40,7 @@ def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
 def test_the_progress_line_of_a_fruit_in_doubt_names_the_cause():
     doubted = record("graded").model_copy(update={"doubts": ("g: one marker in ten is dead.", "a pit")})
     said = grading._in_a_line(doubted)
-    assert said == "E = 900.000 ± 30.000 MPa, in doubt (the causes stand below)"
+    assert said == "E = 900.000 ± 30.000 MPa, in doubt (see the causes below)"
 
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
@@ -118,11 +112,11 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
         assert held(batch, name)[1].warnings[: len(doubts)] == doubts
         for said in ("mass_g of all 2 fruit is 0.09", 'E_max_MPa of "soft" is 300'):
             (one,) = [doubt for doubt in doubts if said in doubt]
-            assert one.endswith("Graded all the same (--force).")
+            assert one.endswith("drupe grades the fruit anyway (--force).")
             assert said in rows[name]["doubts"]
     assert "mass_g of all 2 fruit is 0.09" in page
-    assert "(--force). Its error bar is wider" not in page
-    assert page.count("a pit Its error bar is wider") == 1
+    assert "(--force). This widens its error bar" not in page
+    assert page.count("a pit This widens its error bar") == 1
     provenance = batch / "results" / "batch.json"
     assert json.loads(provenance.read_text())["force"] is True
     assert run(ALL_IN_KG, IN_KPA, force=True)[2] == rows  # said once, however often it is run
@@ -147,7 +141,7 @@ def test_a_recording_of_two_fruit_is_doubted_in_table_page_and_record_while_both
     recorded(A="same", B="same")
     status, worked, rows = run()
     assert (status, worked) == (4, "")
-    said = "grasp-1: holds the same displacements and forces as fruits/{}/grasps/grasp-1: at least one"
+    said = "grasp-1: contains the same displacements and forces as fruits/{}/grasps/grasp-1. At least one"
     page = html.unescape((batch / "results" / "report.html").read_text())
     for name, other in ("AB", "BA"):
         kept = held(batch, name)[1]
@@ -297,7 +291,7 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     clock.now, clock.step = 200.0, 0.05  # so long does a report take
     so_far.write_when_due()
     page = results.report.read_text()
-    assert "Still running:</b> 1 of 3 fruit are done" in page
+    assert "Still running:</b> 1 of 3 fruit are finished" in page
     assert [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())] == ["B"]
     graded("A", 0.2)
     clock.step = 0.0

@@ -57,7 +57,7 @@ def test_a_bent_force_reading_is_refused_by_grading_and_taken_to_be_explained(tm
         pads.append(replace(pad, force_N=pad.force_N * (1 - 0.45 * size / size.max())))
     write_recording(tmp_path / "grasp.h5", replace(recording, pads=tuple(pads)))
     outer = read_mesh(DATA / "fruit.ply")
-    with pytest.raises(TactileFailure, match=r"reading is not linear \(drupe explain"):
+    with pytest.raises(TactileFailure, match=r"is nonlinear \(run drupe explain"):
         place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked())
     placed = place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked(explains=True))
     assert [one.kind for one in placed.findings if "clipped" in one.sentence] == [FindingKind.SATURATION]

@@ -17,7 +17,8 @@ from campaign_history import LOTS, REVISIONS, counted_after, lot_cell
 from graded_results import graded, results_of
 from scipy.stats import linregress
 
-from pipeline.batch.records import FruitRecord, Given
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord
 from pipeline.history.history_store import history_store
 from pipeline.history.lot_history import history_entry
 from pipeline.history.scale_conversion import NotFitted, fitted_conversion
@@ -129,7 +130,9 @@ def test_nothing_is_predicted_beyond_the_fruit_fitted_nor_fitted_to_few_or_equal
     found = conversion(E, 60 + 12 * np.log(E))
     assert found.predicted(1.5) is None
     assert found.predicted(0.5)[0] == pytest.approx(60 + 12 * math.log(0.5))
-    with pytest.raises(NotFitted, match="5 fruit of nectarine A have both E and shore_oo; at least 8"):
+    with pytest.raises(
+        NotFitted, match="5 fruit of nectarine A have both E and shore_oo; the fit needs at least 8"
+    ):
         conversion(E[:5], E[:5])
     with pytest.raises(NotFitted, match=r"spans a factor of 1\.01"):
         conversion(np.linspace(1, 1.01, 10), E)
@@ -173,7 +176,7 @@ def test_results_become_days_of_a_lot(three_days):
     (ready,) = series.limits
     assert "2026-08-" in ready.words
     assert len(entry.alarms) == 1
-    assert "ball: the last batch is beyond 3" in entry.alarms[0]
+    assert "ball: the last batch deviates by more than 3" in entry.alarms[0]
 
 
 def test_measured_on_takes_the_place_of_the_day_of_grading(tmp_path):
@@ -204,11 +207,11 @@ def test_a_conversion_is_kept_by_version_and_applied_only_when_asked_for(drupe, 
     store, table = tmp_path / "lots.sqlite", tmp_path / "h.csv"
     drupe("history", *three_days, "--store", store, "--fit", "shore_oo")
     fitted = drupe("history", "--store", store, "--fit", "shore_oo")
-    assert "shore_oo, nectarine Big Top: version 2 fitted to 18 fruit and kept." in fitted.out
+    assert "shore_oo, nectarine Big Top: drupe fitted version 2 to 18 fruit and stored it." in fitted.out
     drupe("history", "--store", store, "--csv", table)
     assert "shore_oo_predicted" not in table.read_text()
     asked = drupe("history", "--store", store, "--csv", table, "--convert", "shore_oo@1")
-    assert "predicted by version 1" in asked.out
+    assert "version 1 predicts shore_oo" in asked.out
     rows = [row for row in csv.DictReader(table.read_text().splitlines()) if row["shore_oo"]]
     inside = [
         float(row["shore_oo_low"]) <= float(row["shore_oo"]) <= float(row["shore_oo_high"]) for row in rows
@@ -222,18 +225,21 @@ def test_a_conversion_is_kept_by_version_and_applied_only_when_asked_for(drupe, 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "needs folders of results, or a store with --store"),
-        (("nowhere",), "holds no results of drupe grade (batch.json); give the folder that --out named"),
-        (("OUT", "--fit", "shore_oo"), "--fit keeps what it fits: name a store"),
-        (("OUT", "--store", "S", "--fit", "brix"), 'knows no scale "brix"; known: shore_oo, penetrometer_N'),
-        (("OUT", "--store", "S", "--convert", "shore_oo"), 'knows no conversion "shore_oo" (it has none)'),
-        (("OUT", "--store", "notes.txt"), "is no store of drupe history, and is not overwritten"),
-        (("OUT", "--store", "other.sqlite"), "is another program's database, and is not written to"),
-        (("OUT", "--store", "link"), "is a link, and is not written through"),
+        ((), "needs results folders, or a store with --store"),
+        (("nowhere",), "contains no results of drupe grade (batch.json); give the folder that --out named"),
+        (("OUT", "--fit", "shore_oo"), "--fit stores its result; name a store"),
+        (
+            ("OUT", "--store", "S", "--fit", "brix"),
+            'drupe knows no scale "brix"; known: shore_oo, penetrometer_N',
+        ),
+        (("OUT", "--store", "S", "--convert", "shore_oo"), 'contains no conversion "shore_oo" (it has none)'),
+        (("OUT", "--store", "notes.txt"), "is not a store of drupe history; drupe does not overwrite it"),
+        (("OUT", "--store", "other.sqlite"), "belongs to another program; drupe does not write to it"),
+        (("OUT", "--store", "link"), "is a link, and drupe does not write through links"),
         (("OUT", "--html", "notes.txt"), "exists and is not a page of drupe history"),
         (("OUT", "--store", "OUT/lots.sqlite"), "lies in"),
-        (("OUT", "--csv", "none/h.csv"), "there is no such folder; make it first"),
-        (("running",), "is of a run that has not ended"),
+        (("OUT", "--csv", "none/h.csv"), "does not exist; create the folder first"),
+        (("running",), "belongs to an unfinished run"),
     ],
 )
 def test_what_cannot_be_done_is_said_and_nothing_is_touched(drupe, tmp_path, monkeypatch, arguments, said):
@@ -391,7 +397,7 @@ def test_the_latest_graded_counts_whichever_is_read_last_and_the_page_says_how_m
         (batch,) = one.batches()
     assert {f.fruit_id: f.E_MPa for f in batch.fruit} == {n: 2 * E for n, E in DAY.items()}
     said = (
-        "1 of its batches was graded again: the latest results count, and the store keeps 1 earlier revision"
+        "1 of its batches was graded again: the newest results count, and the store keeps 1 earlier revision"
     )
     assert said in done.out
     assert said in page.read_text()
@@ -472,7 +478,7 @@ def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_fo
     with history_store(store) as one:
         (batch,) = one.batches()
     said = (
-        "lack C, D, which earlier results have: they still count; to take one out of a store: "
+        "lack C, D, which earlier results contain; they still count. To remove one from a store: "
         f"--forget {batch.key}/C"
     )
     assert said in done.out
@@ -480,7 +486,7 @@ def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_fo
     drupe("history", "--store", store, "--forget", f"{batch.key}/C")
     done = drupe("history", "--store", store)
     assert "3 fruit on 2026-08-10" in done.out
-    assert "lack D, which earlier results have: it still counts" in done.out
+    assert "lack D, which earlier results contain; it still counts" in done.out
 
 
 @pytest.mark.parametrize(
@@ -511,12 +517,12 @@ def test_what_is_named_is_forgotten_and_nothing_else(drupe, tmp_path, named, lef
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--store", "s", "--forget", "9"), 'knows no batch, lot or fruit "9"'),
-        (("--store", "s", "--forget", "7/Z"), 'knows no batch, lot or fruit "7/Z"'),
-        (("--forget", "7"), "--forget needs the store"),
-        (("--store", "none", "--forget", "7"), "--forget needs the store"),
-        (("b/results", "--store", "s", "--forget", "7"), "--forget goes with --store and --dry-run alone"),
-        (("--store", "s", "--dry-run"), "--dry-run lists what --forget would remove"),
+        (("--store", "s", "--forget", "9"), 'contains no batch, lot or fruit "9"'),
+        (("--store", "s", "--forget", "7/Z"), 'contains no batch, lot or fruit "7/Z"'),
+        (("--forget", "7"), "--forget needs a store"),
+        (("--store", "none", "--forget", "7"), "--forget needs a store"),
+        (("b/results", "--store", "s", "--forget", "7"), "--forget allows only --store and --dry-run"),
+        (("--store", "s", "--dry-run"), "--dry-run shows the effect of --forget"),
     ],
 )
 def test_what_cannot_be_forgotten_is_said(drupe, tmp_path, monkeypatch, arguments, said):

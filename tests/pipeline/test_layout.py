@@ -57,13 +57,13 @@ def test_forgetting_keeps_what_the_stages_made(tmp_path):
 
 def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
     folder = FruitFolder(tmp_path)
-    assert "there is no such folder" in folder.photos_elsewhere()
+    assert "does not exist" in folder.photos_elsewhere()
     (tmp_path / "photos").mkdir()
     assert folder.photos_elsewhere() == ""
     (tmp_path / "photos" / "1.webp").touch()
     assert "1 files (.webp)" in folder.photos_elsewhere()
     (tmp_path / "2.jpg").touch()
-    assert "1 lie beside it" in folder.photos_elsewhere()
+    assert "drupe found 1 beside it" in folder.photos_elsewhere()
     (tmp_path / "photos" / "3.jpg").touch()
     assert folder.photos_elsewhere() == ""
 
@@ -91,7 +91,7 @@ def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
     files = [p.relative_to(fruit).as_posix() for p in FruitFolder(fruit).input_files()]
     assert files[-2:] == ["photos-flipped/1.jpg", "photos-flipped/2.jpg"]
     said = [p.sentence for p in check(batch) if "flipped" in p.file]
-    assert any("upside down holds 2 photos" in sentence for sentence in said)
+    assert any("upside-down fruit holds 2 photos" in sentence for sentence in said)
     assert any("2.jpg in" in sentence and "is empty" in sentence for sentence in said)
 
 

@@ -16,8 +16,8 @@ import pytest
 from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.files.results_lock import is_held, results_lock
-from pipeline.files.scratch import PREFIX, scratch
+from pipeline.batch.results_lock import is_held, results_lock
+from pipeline.batch.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
@@ -88,7 +88,7 @@ def test_a_full_disk_is_the_machines_whichever_library_meets_it():
         (
             ImportError("libopenblas.so: failed to map segment from shared object"),
             2,
-            "MiB of address space, and a fruit up to 1500 MiB of memory; close other programs, or raise",
+            "MiB of address space, and up to 1500 MiB per fruit; close other programs, or raise",
         ),
         (RuntimeError("std::bad_alloc"), 2, "this machine: not enough memory: "),
         (ImportError("No module named 'x'"), 1, "internal error: ImportError"),
@@ -170,7 +170,7 @@ def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
 def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     killed = (
-        "from pipeline.files.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
+        "from pipeline.batch.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", killed], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False
@@ -206,7 +206,7 @@ def test_a_run_killed_while_it_removes_its_scratch_folder_leaves_one_that_is_swe
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     killed = """if 1:
         import os, sys
-        from pipeline.files.scratch import scratch
+        from pipeline.batch.scratch import scratch
         calls = 0
         def audit(event, _):
             global calls
@@ -264,9 +264,9 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     console = SimpleNamespace(print=lambda text, **_: said.append(text))
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 3200.0)
     assert grading._jobs([photos] * 4, 4, console) == 2
-    assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are left")
+    assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are free")
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
-    with pytest.raises(BatchRefused, match=r"has 200 MiB of memory left, and one fruit needs about 1500 MiB"):
+    with pytest.raises(BatchRefused, match=r"has 200 MiB of free memory, but one fruit needs about 1500 MiB"):
         grading._jobs([photos], 1, console)
 
 
@@ -341,7 +341,7 @@ def test_a_limit_of_address_space_is_told_with_what_is_there_and_needed(
     assert done.returncode == 2
     assert done.stderr == (
         "drupe: this machine: not enough memory: the limit of address space (ulimit -v) is "
-        f"{limit_MiB} MiB, and about {need_MiB} MiB are needed; raise the limit.\n"
+        f"{limit_MiB} MiB, but drupe needs about {need_MiB} MiB; raise the limit.\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""The limit on a process's memory: blocks in several threads, in both rooms, and after a fork."""
+"""The limit on a process's memory: blocks in several threads, and after a fork."""
 
 import resource
 import sys
@@ -6,11 +6,10 @@ import threading
 
 import pytest
 
-import recon.limited_memory
-import tactile.io.limited_process
+from pipeline.files.limited_memory import limited_memory
+from tactile.io.limited_process import TrialEnding, tried
 
 MIB, GIB = 2**20, 2**30
-LIMITS = [recon.limited_memory.limited_memory, tactile.io.limited_process.limited_memory]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no limit")
 
 
@@ -29,9 +28,9 @@ def as_before():
 class Block(threading.Thread):
     """A block in a thread of its own, which ends when it is told to."""
 
-    def __init__(self, limited, most):
+    def __init__(self, most):
         super().__init__()
-        self._limited, self._most = limited, most
+        self._most = most
         self._open, self._may_end = threading.Event(), threading.Event()
 
     def begun(self):
@@ -40,7 +39,7 @@ class Block(threading.Thread):
         return self
 
     def run(self):
-        with self._limited(self._most):
+        with limited_memory(self._most):
             self._open.set()
             self._may_end.wait(10)
 
@@ -49,23 +48,20 @@ class Block(threading.Thread):
         self.join(10)
 
 
-@pytest.mark.parametrize("second", LIMITS)
-@pytest.mark.parametrize("first", LIMITS)
 @pytest.mark.parametrize("sizes", [(GIB, 2 * GIB), (2 * GIB, GIB)])
-def test_blocks_that_overlap_leave_no_limit(first, second, sizes):
+def test_blocks_that_overlap_leave_no_limit(sizes):
     before = limit()
-    one, other = Block(first, sizes[0]).begun(), Block(second, sizes[1]).begun()
+    one, other = Block(sizes[0]).begun(), Block(sizes[1]).begun()
     assert limit() != before
     one.end()
     other.end()
     assert limit() == before
 
 
-@pytest.mark.parametrize("limited", LIMITS)
-def test_the_widest_open_block_counts_until_the_last_one_ends(limited):
-    one = Block(limited, GIB).begun()
+def test_the_widest_open_block_counts_until_the_last_one_ends():
+    one = Block(GIB).begun()
     narrow = limit()
-    other = Block(limited, 2 * GIB).begun()
+    other = Block(2 * GIB).begun()
     wide = limit()
     assert wide > narrow + 900 * MIB
     other.end()
@@ -73,11 +69,10 @@ def test_the_widest_open_block_counts_until_the_last_one_ends(limited):
     one.end()
 
 
-@pytest.mark.parametrize("limited", LIMITS)
-def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own(limited):
+def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
     before = limit()
     for _ in range(2):
-        with pytest.raises(MemoryError), limited(100 * MIB):
+        with pytest.raises(MemoryError), limited_memory(100 * MIB):
             bytearray(GIB)
         assert limit() == before
 
@@ -85,18 +80,16 @@ def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own(limited):
 def test_a_limit_of_the_user_is_not_widened():
     own = 20 * GIB
     resource.setrlimit(resource.RLIMIT_AS, (own, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    with LIMITS[1](40 * GIB):
+    with limited_memory(40 * GIB):
         assert limit() == own
-    with LIMITS[1](GIB), LIMITS[1](40 * GIB):
+    with limited_memory(GIB), limited_memory(40 * GIB):
         assert limit() == own
     assert limit() == own
 
 
 def test_a_trial_has_its_own_limit_beside_a_wider_block():
     """The block's thread is not in the process of the trial."""
-    block = Block(LIMITS[1], 4 * GIB).begun()
-    trial = tactile.io.limited_process.tried(
-        lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB
-    )
+    block = Block(4 * GIB).begun()
+    trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB)
     block.end()
-    assert trial.ending is tactile.io.limited_process.TrialEnding.TOO_LARGE
+    assert trial.ending is TrialEnding.TOO_LARGE

@@ -17,7 +17,8 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.screen import Amount, Screened
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord
 from pipeline.batch.settings import Settings
 from pipeline.ranking.report_entries import _screen
 
@@ -140,7 +141,7 @@ def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place
     found = graded(estimate(), estimate(form="absolute"))
     record = stage.screened_fruit(place.task, place.fruit, found, {})
     assert [grasp.name for grasp in place.asked[0][0].grasps] == ["grasp-1"]
-    assert record.note == "without grasp-2, of which E could not be had from first touch"
+    assert record.note == "without grasp-2, which give no E from first contact"
 
 
 def graded_record(**screen):

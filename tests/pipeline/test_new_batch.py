@@ -98,7 +98,9 @@ def test_pictures_that_are_not_copied_are_named(drupe, photos, tmp_path):
     (photos / "N2" / "more.webp").write_bytes(b"RIFF1234WEBP" + bytes(50))
     (photos / "N2" / "notes.txt").write_text("x")
     made = drupe("new", tmp_path / "batch", "--photos", photos)
-    assert "missing: photos of N2: more.webp is not used: WebP pictures are not read; convert" in made.out
+    assert (
+        "missing: photos of N2: more.webp is not used: drupe does not read WebP pictures; convert" in made.out
+    )
     assert "notes.txt" not in made.out
 
 
@@ -107,19 +109,22 @@ def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
     fruits = tmp_path / "batch" / "fruits"
     (fruits / "Mühle 1").rename(fruits / "Mu\u0308hle 1")
     checked = drupe("check", tmp_path / "batch")
-    assert "is not listed" not in checked.out
-    assert "there is no such folder" not in checked.out
+    assert "is not in fruits.csv" not in checked.out
+    assert "does not exist" not in checked.out
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("full", "--photos", "taken"), "is there already and not empty; name a new folder"),
-        (("new", "--photos", "nothing"), "is no folder; name a folder of photos"),
+        (("full", "--photos", "taken"), "exists already and is not empty; name a new folder"),
+        (("new", "--photos", "nothing"), "is not a folder; name a folder of photos"),
         (("new", "--photos", "empty"), "holds no photos (JPEG, PNG, HEIC), meshes or recordings"),
-        (("new", "--photos", "taken", "--photos", "taken"), 'two folders are named "N2"'),
-        (("new", "--photos", "taken", "--category", "pear"), 'knows no category "pear"; known: apricot'),
-        (("new", "--photos", "odd"), '"-x" is no fruit_id'),
+        (("new", "--photos", "taken", "--photos", "taken"), 'two folders have the name "N2"'),
+        (
+            ("new", "--photos", "taken", "--category", "pear"),
+            'drupe knows no category "pear"; known: apricot',
+        ),
+        (("new", "--photos", "odd"), '"-x" is not a valid fruit_id'),
     ],
 )
 def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypatch, arguments, said):
@@ -139,7 +144,10 @@ def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
     for folder in (photos, photos / "N2"):
         ran = drupe("grade", folder)
         assert ran.status == 2
-        assert f"only photos; make a batch of them with `drupe new BATCH --photos {folder}`" in ran.err
+        assert (
+            f"does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos {folder}`"
+            in ran.err
+        )
 
 
 def test_a_known_answer_comes_out():
@@ -149,7 +157,7 @@ def test_a_known_answer_comes_out():
 def test_doctor_says_it_is_well(drupe, tmp_path):
     ran = drupe("doctor", tmp_path)
     assert ran.status == 0
-    assert "off the closed form" in ran.out
+    assert "from the closed form" in ran.out
     assert ran.out.endswith("all well\n")
 
 
@@ -157,11 +165,11 @@ def test_doctor_says_what_is_wrong(drupe, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.run.machine_check.known_answer_error", lambda: 0.2)
     ran = drupe("doctor", tmp_path)
     assert ran.status == 1
-    assert "wrong: finite elements are +20.0 % off a closed form" in ran.out
+    assert "wrong: finite elements deviate by +20.0 % from a closed form" in ran.out
     monkeypatch.setattr("pipeline.run.machine_check.free_memory_MiB", lambda: 100.0)
     ran = drupe("doctor", tmp_path)
     assert ran.status == 2
-    assert "missing: memory: 100 MiB are free" in ran.out
+    assert "missing: memory: 100 MiB free" in ran.out
 
 
 def test_schema_is_printed_as_json(drupe):

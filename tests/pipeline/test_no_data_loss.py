@@ -348,7 +348,7 @@ def test_two_answers_never_share_a_file_nor_take_a_name_of_the_results(drupe, ba
     fruit.mkdir(parents=True)
     for path in (fruit / "mismatch.json", fruit / ".written.json", batch / "results" / "ranking.csv"):
         said = refused_untouched(drupe, tmp_path, "explain", batch, "--fruit", "N01", "--json", path)
-        assert "the results have themselves" in said
+        assert "is a file of the results" in said
 
 
 @pytest.mark.parametrize("work", ["case", "case/work", ".", "full"])

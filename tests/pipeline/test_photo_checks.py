@@ -16,13 +16,11 @@ import heic_files
 import pipeline.fruit.fruit_shape
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import QualityRecord
 from pipeline.batch.task import fruit_task
 from pipeline.fruit.fruit_shape import fruit_shape
 from pipeline.fruit.photographed import KeptMesh
 from pipeline.run.checking import check
 from pipeline.run.photo_checks import views_unknown
-from recon.checks.quality import NOTHING_KNOWN
 from recon.silhouettes.hull import ball
 
 SAMPLE = Path(__file__).resolve().parents[2] / "samples" / "data" / "nectarines"
@@ -70,10 +68,10 @@ def bare(image):
 
 SPOILT = {
     "002.jpg": (lambda image: cv2.GaussianBlur(image, (0, 0), 2.0), r"002\.jpg: blurred .* retake it"),
-    "006.jpg": (lambda image: image // 4, r"006\.jpg: too dark .* retake it, exposed more"),
+    "006.jpg": (lambda image: image // 4, r"006\.jpg: too dark .* retake it with more exposure"),
     "010.jpg": (
         lambda image: cv2.convertScaleAbs(image, alpha=2.5),
-        r"010\.jpg: overexposed .* retake it, exposed less",
+        r"010\.jpg: overexposed .* retake it with less exposure",
     ),
     "014.jpg": (bare, r"Left out: 014\.jpg: shows .* tags of the mat.* retake it"),
     "018.jpg": (lambda image: np.ascontiguousarray(image[:, ::-1]), r"Left out: 018\.jpg: mirrored"),
@@ -144,10 +142,10 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
     mesh = KeptMesh(
         vertices=28.0 * directions, faces=faces, mesh_from_fruit=np.eye(4), views=None, sd_mm=None,
         photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), scale_sd=0.001, surface_sd_mm=0.1,
-        quality=QualityRecord.of(NOTHING_KNOWN), warnings=("as before.",),
+        quality={"views_used": 0}, warnings=("as before.",),
     )  # fmt: skip
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
         webp, link, *rest = fruit_shape(task).warnings
-    assert webp.startswith("photos/: 100.webp is not used: WebP pictures are not read")
+    assert webp.startswith("photos/: 100.webp is not used: drupe does not read WebP pictures")
     assert link.startswith("photos/: 101.jpg is not used: it is a link to nothing")
     assert "as before." in rest

@@ -43,19 +43,19 @@ def made():
 
 def test_only_a_photo_that_could_not_be_joined_shares_too_little(made):
     said = plan_words(_plan(made, NAMES))
-    assert "4.jpg shares too little" in said
+    assert "4.jpg overlaps too little" in said
     assert "5.jpg shares" not in said
 
 
 def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
-    assert "shares too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
+    assert "overlaps too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
 
 
 @pytest.mark.parametrize(("frame", "asked"), [("mat", "the mat in view"), ("shape", "the ground around it")])
 def test_a_photo_left_out_is_asked_for_again_with_what_there_is(made, frame, asked):
     photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:5]]
     said = _photo_doubts(photos, [photo.image for photo in photos[:4]], replace(made, frame=frame))[0]
-    assert said.startswith("Left out: 4.jpg:")
+    assert said.startswith("drupe left out 4.jpg:")
     assert asked in said
     assert ("mat" in said) == (frame == "mat")
 

@@ -64,5 +64,5 @@ def test_what_grading_warns_of_and_leaves_out_is_handed_on(monkeypatch):
     found = inference(grasps=(lost,), warnings=("the pads contradict each other",))
     monkeypatch.setattr(diagnosis, "fruit_modulus", lambda *_, **__: found)
     _, notes = graded_case(case_with(None), fruit)
-    assert "without grasp-1: found 4 markers under load." in notes[0]
+    assert "ignore grasp-1: found 4 markers under load." in notes[0]
     assert "the pads contradict each other" in notes[1]

@@ -53,8 +53,11 @@ def test_a_reference_is_read_and_a_fruit_is_none(tmp_path, yes):
 @pytest.mark.parametrize(
     ("row", "sentence"),
     [
-        ("ball,,maybe,0.5,0.01,0.48", 'reference is "maybe"; expected true for a body of known modulus'),
-        ("ball,,,0.5,,", 'reference_E_MPa is "0.5", and reference is not true; write true'),
+        (
+            "ball,,maybe,0.5,0.01,0.48",
+            'reference is "maybe"; expected true for a reference body of known modulus',
+        ),
+        ("ball,,,0.5,,", 'reference_E_MPa is "0.5", but reference is not true; write true'),
         ("ball,,true,,0.01,0.48", "reference_E_MPa is empty; expected the reference body's Young's modulus"),
         ("ball,,true,500,10,0.48", "0.0005 to 60 MPa; is it in kPa (0.5 MPa)?"),
         ("ball,,true,nan,0.01,0.48", 'reference_E_MPa is "nan"; expected'),
@@ -124,7 +127,9 @@ def test_a_reference_without_a_ratio_or_with_a_pit_is_refused(made):
                            '[pit]\nprior = "none"\n')).rows[-1].reference  # fmt: skip
     root = made()
     write_mesh(root / "fruits" / "ball" / "pit.ply", 3 * DIRECTIONS, FACES)
-    with pytest.raises(BatchRefused, match=r"pit\.ply: is the pit of a reference body, which must be solid"):
+    with pytest.raises(
+        BatchRefused, match=r"pit\.ply: gives a pit for a reference body, which must be solid"
+    ):
         open_batch(root)
 
 

@@ -1,4 +1,4 @@
-"""`drupe check`, `drupe convert` and `drupe grade` say that a reference bears a print, and what to do."""
+"""`drupe check`, `convert` and `grade` say that a reference shows a contact imprint, and what to do."""
 
 import shutil
 import sys
@@ -64,7 +64,7 @@ def test_check_is_silent_on_empty_references(batch: Path) -> None:
 def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_mends_it(batch: Path) -> None:
     print_on_the_reference(batch)
     (said,) = about_references(batch)
-    assert "grasp-1/left: the reference bears a print: its markers bulge" in said
+    assert "grasp-1/left: the reference shows a contact imprint: its markers bulge" in said
     assert ADVICE in said
     new = 'sensor = "left.toml"\nreference = "../../../../empty"'
     replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
@@ -87,17 +87,19 @@ def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further
         write_picture(raw_of(batch) / "left" / f"frame_{t:06d}.png", drawn(grid(), noise=1.0, seed=t))
     lines: list[str] = []
     notes = convert(raw_of(batch), tmp_path / "out.h5", ConvertRequest(), report=lines.append).notes
-    assert any("the reference bears a print" in note and ADVICE in note for note in notes)
+    assert any("the reference shows a contact imprint" in note and ADVICE in note for note in notes)
     assert not any("close the jaws" in line for line in lines)
-    assert any("the left pad's" in line and "the reference bears a print itself" in line for line in lines)
+    assert any(
+        "the left pad's" in line and "the reference shows a contact imprint itself" in line for line in lines
+    )
 
 
 def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Path) -> None:
     print_on_the_reference(batch)
     kept = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
-    assert any("the reference bears a print" in note for note in kept.notes)
+    assert any("the reference shows a contact imprint" in note for note in kept.notes)
     mesh = read_mesh(DATA / "fruit.ply")
-    with pytest.raises(TactileFailure, match="reference bears a print") as caught:
+    with pytest.raises(TactileFailure, match="reference shows a contact imprint") as caught:
         place_grasp(kept.path, *mesh, name="grasp-1", checked=Checked())
     assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
 
@@ -129,6 +131,9 @@ def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(t
     (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
     (tmp_path / "fruits.csv").write_text("fruit_id\nA\n")
     (said,) = [str(one) for one in check(tmp_path)]
-    assert "the left pad's pictures show a print (3.0 times what an empty gel shows), yet its force" in said
-    assert "the gel is loaded from frame 0 on" in said
+    assert (
+        "the left pad's pictures show a contact imprint (3.0 times the limit for an empty gel), yet its force"
+        in said
+    )
+    assert "the gel is under load from frame 0 on" in said
     assert "never touches" not in said

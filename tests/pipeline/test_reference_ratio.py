@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord
+from pipeline.batch.records import FruitRecord, ModulusRecord
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,
@@ -26,6 +27,7 @@ from pipeline.ranking.run_summary import print_summary
 from pipeline.run.reporting import _status
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 from reports.page import report_html
 from reports.tables import ranking_csv
 
@@ -167,14 +169,14 @@ def test_a_ratio_that_no_gripper_has_corrects_nothing_and_names_the_number_that_
     assert finding is not None
     assert finding.alarm
     assert not finding.corrected
-    assert "check that reference_E_MPa = 0.5 MPa of ball is not mistyped" in finding.sentences[0]
-    assert "none is corrected" in finding.sentences[0]
+    assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in finding.sentences[0]
+    assert "drupe corrects none" in finding.sentences[0]
     for before, after in zip(records[:2], found[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
         assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
         (doubt,) = after.doubts
-        assert "reference_E_MPa = 0.5 MPa of ball is not mistyped" in doubt
+        assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in doubt
         assert after.grasps == before.grasps
     assert _status(found, finding) == 4
 
@@ -219,8 +221,11 @@ def test_bodies_that_contradict_each_other_judge_nothing_and_doubt_every_fruit(c
     assert finding is not None
     assert finding.alarm
     assert not finding.corrected
-    assert "cannot be judged, since the reference bodies contradict each other" in finding.sentences[0]
-    assert "as it should" not in " ".join(finding.sentences)
+    assert (
+        "drupe cannot judge the gripper, because the reference bodies contradict each other"
+        in finding.sentences[0]
+    )
+    assert "as expected" not in " ".join(finding.sentences)
     for before, after in zip(records[:2], found[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
@@ -246,7 +251,7 @@ def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():
     found, finding = against_references(records, correct=True)
     assert finding is not None
     assert finding.alarm
-    assert "No reference body was graded (ball: never-touches)" in finding.sentences[0]
+    assert "No reference body is graded (ball: never-touches)" in finding.sentences[0]
     assert [one.modulus for one in found[:2]] == [one.modulus for one in records[:2]]
 
 
@@ -299,5 +304,7 @@ def test_ranking_page_and_terminal_say_it(root, correct):
 
 def test_to_correct_there_must_be_a_reference(root):
     (root / "fruits.csv").write_text("fruit_id\nsoft\nfirm\nball\n")
-    with pytest.raises(BatchRefused, match=r'"reference\.correct" is true, and no row'):
+    with pytest.raises(
+        BatchRefused, match=r'"reference\.correct" is true, but fruits\.csv lists no reference body'
+    ):
         open_batch(root)

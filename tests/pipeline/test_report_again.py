@@ -96,7 +96,7 @@ def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, batch, results):
         'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\nship = false\n'
         '[[grading.classes]]\nname = "firm"\n'
     )
-    assert "no class is shipped: all fruit are held" in drupe("report", results).out
+    assert "no class is shipped, so all fruit are held" in drupe("report", results).out
     assert {row["decision"] for row in rows(results).values()} == {"hold"}
     assert "No class is shipped" in (results / "report.html").read_text()
 
@@ -181,7 +181,7 @@ def test_of_an_interrupted_run_the_page_says_so(drupe, batch):
     results = results_of(batch / "results", [graded("A", 0.3)], status=130)
     ran = drupe("report", results)
     assert ran.status == 3
-    assert "not all fruit are done" in ran.out
+    assert "some fruit are not graded yet" in ran.out
     assert "Interrupted:</b> 1 of 2 fruit" in (results / "report.html").read_text()
 
 
@@ -192,17 +192,17 @@ def test_a_batch_that_moved_is_named(drupe, batch, results, tmp_path):
     batch.rename(moved)
     ran = drupe("report", kept)
     assert ran.status == 2
-    assert "which is not there; name it with --batch" in ran.err
+    assert "which does not exist; give the batch with --batch" in ran.err
     assert drupe("report", kept, "--batch", moved).status == 0
 
 
 def test_what_is_no_result_is_refused(drupe, batch, results):
     ran = drupe("report", batch)
     assert ran.status == 2
-    assert "holds no results of drupe grade (batch.json); did you mean" in ran.err
+    assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
     ran = drupe("clean", batch)
     assert ran.status == 2
-    assert "is no folder of results" in ran.err
+    assert "is not a results folder of drupe grade" in ran.err
 
 
 def fill(results):
@@ -237,7 +237,7 @@ def test_with_all_only_what_drupe_wrote_goes(drupe, results):
     assert "fruits/A/mine.txt" in left
     assert "fruits/B/mesh.png" in left
     assert not any(name.endswith(("record.json", "report.html", "ranking.csv", ".npz")) for name in left)
-    assert "mesh.png: not written by drupe, or changed since" in ran.out
+    assert "mesh.png: drupe did not write this file, or somebody changed it" in ran.out
     assert (results / "fruits" / "linked").is_symlink()
     assert (results.parent / "batch.toml").is_file()
 

@@ -256,7 +256,7 @@ def test_a_lack_of_memory_ends_the_fruit_as_that_in_whatever_way_it_shows():
     assert {how: ending_of(error)[0] for how, error in ended.items()} == dict.fromkeys(
         ("too much", "C++", "OpenBLAS", "loader"), Outcome.OUT_OF_MEMORY
     )
-    assert "more than the 300 MiB that a fruit may have here" in ending_of(ended["too much"])[1]
+    assert "more than the 300 MiB limit per fruit" in ending_of(ended["too much"])[1]
     assert "Memory allocation still failed" in ending_of(ended["OpenBLAS"])[1]
 
 
@@ -288,7 +288,7 @@ def test_what_libraries_write_without_end_is_cut(tmp_path):
             )
     lines = [event.line for event in events if isinstance(event, Noted)]
     assert sum(map(len, lines)) < 2**20 + 100
-    assert lines[-1] == "libraries wrote more than 1 MiB; the rest is left out"
+    assert lines[-1] == "libraries wrote more than 1 MiB; drupe left out the rest"
     assert held < 32 * 2**20
 
 

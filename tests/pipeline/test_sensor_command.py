@@ -82,7 +82,7 @@ def test_a_gel_of_ones_own_needs_its_numbers(tmp_path: Path, empty: Path) -> Non
     out = tmp_path / "own.toml"
     code, said = run("sensor", "mono-gel", out, "--picture", empty)
     assert code == 3
-    assert "nobody publishes what --thickness-mm, --E-MPa, --pitch-mm would say" in " ".join(said.split())
+    assert "no published values exist for --thickness-mm, --E-MPa, --pitch-mm" in " ".join(said.split())
     numbers = ("--thickness-mm", "4", "--E-MPa", "0.2", "--pitch-mm", "2.4", "2.36")
     assert run("sensor", "mono-gel", out, "--picture", empty, *numbers)[0] == 0
     assert read_sensor(out).outline is None
@@ -90,7 +90,7 @@ def test_a_gel_of_ones_own_needs_its_numbers(tmp_path: Path, empty: Path) -> Non
 
 def test_the_list_says_once_what_each_sensor_is_and_needs() -> None:
     said = run("sensor")[1]
-    assert "digit: DIGIT, with printed dots. Nobody publishes what --pitch-mm would say; measure it" in said
+    assert "digit: DIGIT, with printed dots. No published values exist for --pitch-mm; measure them" in said
     assert said.count("DIGIT") == 1
 
 
@@ -104,9 +104,9 @@ def test_a_refused_picture_is_named_once(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_said(tmp_path: Path, empty: Path) -> None:
     out = tmp_path / "mini.toml"
-    assert "is no sensor that drupe knows by name; known are digit," in run("sensor", "gelsight", out)[1]
+    assert "is not a sensor that drupe knows; known: digit," in run("sensor", "gelsight", out)[1]
     assert "found no picture of the untouched gel" in run("sensor", "gelsight-mini", out)[1]
-    assert "give the description to write" in run("sensor", "gelsight-mini")[1]
+    assert "Name the description file to write" in run("sensor", "gelsight-mini")[1]
     out.write_text('kind = "fields"\n')
     said = run("sensor", "gelsight-mini", out, "--picture", empty)[1]
     assert "a description that drupe sensor wrote" in said

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pipeline.batch.records import Given, MeshRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import MeshRecord
 from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.priors import load_prior
 
@@ -29,7 +30,7 @@ def test_numbers_that_fit_raise_no_doubt():
         ({"height_mm": 56.0 * 0.97}, "says height_mm 54.32"),
         ({"height_mm": 5.6}, "check the units"),
         ({"diameter_mm": 61.0 * 1.04}, "59.5 to 61.0 mm wide"),
-        ({"mass_g": 60}, "would weigh 0.56 g/cm³"),
+        ({"mass_g": 60}, "the density would be 0.56 g/cm³"),
     ],
 )
 def test_numbers_that_do_not_fit_name_field_value_and_what_to_check(given, words):
@@ -41,18 +42,18 @@ def test_numbers_that_do_not_fit_name_field_value_and_what_to_check(given, words
 def test_a_mat_of_half_the_size_shows_by_the_kind_of_fruit():
     half = MESH.model_copy(update={"box_mm": (30.5, 29.8, 28.0), "height_mm": 28.0, "volume_mm3": 13_400.0})
     (doubt,) = doubts(mesh=half)
-    assert "a nectarine is taken to be 40 to 95 mm" in doubt
+    assert "a nectarine has 40 to 95 mm" in doubt
 
 
 def test_size_from_height_alone_is_said_and_a_second_number_settles_it():
     (doubt,) = doubts(on_mat=False, height_mm=56.0)
-    assert "rests on height_mm (56) alone" in doubt
+    assert "depends on height_mm (56) alone" in doubt
     assert "[photos] coin" in doubt
     assert doubts(on_mat=False, height_mm=56.0, diameter_mm=60.0) == []
     assert size_doubts(Given(height_mm=56.0), MESH, PRIOR, on_mat=False, by_coin=True) == []
     (doubt,) = doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)
     assert "mm wide" in doubt
-    assert "check the units (mm, g), that the photos show this fruit, and height_mm (56)" in doubt
+    assert "check the units (mm, g), the photos of this fruit, and height_mm (56)" in doubt
     assert "mat.json" not in doubt
 
 

@@ -87,7 +87,7 @@ def test_so_many_warnings_are_counted_and_one_not_graded_has_its_reason_alone(li
     many = replace(fruit("A"), warnings=tuple(f"{k}." for k in range(MOST_LINES + 3)))
     said = lines(many, fruit("B", "a doubt", ok=False))
     assert len([one for one in said if one.startswith("warning")]) == MOST_LINES + 1
-    assert "warning: 3 more in report.html" in said
+    assert "warning: see report.html for 3 more" in said
     assert "not graded: B: no-grasp: no grasp" in said
 
 
@@ -103,9 +103,9 @@ def test_what_the_screen_suspects_is_one_line_for_all_fruit_that_share_it(lines)
         replace(fruit("N04"), screen=ScreenEntry(why_not="one recording alone tells too little")),
     )
     (line,) = [one for one in said if "suspected" in one]
-    assert line.endswith("a stiff skin carries part of the load (drupe explain says more): N01, N02")
-    (why,) = [one for one in said if "not screened" in one]
-    assert why == "not screened for missing physics, one recording alone tells too little: N04"
+    assert line.endswith("a stiff skin carries part of the load (run drupe explain for details): N01, N02")
+    (why,) = [one for one in said if "not tested" in one]
+    assert why == "not tested for missing physics: one recording alone tells too little: N04"
     assert not any("N03:" in one for one in said)
 
 

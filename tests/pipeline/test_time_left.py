@@ -175,7 +175,7 @@ def test_the_terminal_shows_stages_and_the_time_left_as_the_log_does(width):
         first = drawn()
         assert "N01: photos" in first
         assert "N02: contact: grasp-1, frame 20 of 80" in first
-        assert "0/4 00:00, time left not known yet" in first
+        assert "0/4 00:00, time remaining unknown" in first
         now_s = 60.0
         progress.stage("N01", "modulus")
         now_s = 70.0

@@ -46,7 +46,7 @@ def test_forces_a_thousand_times_too_small_are_doubted_where_the_category_is_kno
     code, said = converted(tmp_path, force_N / 1e3, tool, "--category", "peach")
     assert code == 4
     assert "E will be in doubt: press.csv: Found E 0.00" in said
-    assert "expected 0.005 to 12 MPa of peach: look for a wrong unit or factor in forces" in said
+    assert "expected 0.005 to 12 MPa for peach; check units and factors of forces" in said
 
 
 def test_without_a_category_nothing_is_said_of_e_but_a_force_of_noise_is_doubted(tmp_path) -> None:
@@ -59,7 +59,7 @@ def test_without_a_category_nothing_is_said_of_e_but_a_force_of_noise_is_doubted
 def test_inverted_forces_are_turned_with_a_note(tmp_path) -> None:
     code, said = converted(tmp_path, -LAWS["ball"][0] - 0.002 * NOISE, "ball", "--category", "peach")
     assert code == 0
-    assert "note: press.csv: the force is negative when pressed; its sign is turned." in said
+    assert "note: press.csv: the force is negative under load; drupe reversed its sign." in said
 
 
 def test_a_strangers_file_at_the_second_output_stops_before_the_first_is_written(tmp_path) -> None:

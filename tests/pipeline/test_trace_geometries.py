@@ -106,13 +106,13 @@ def test_the_specimen_is_kept_in_the_recording(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--indenter", "flat"), "flat and --radius-mm"),
-        (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is a ball's or a punch's"),
+        (("--indenter", "flat"), "ball or flat with --radius-mm"),
+        (("--indenter", "plates", "--radius-mm", "3"), "--radius-mm is the radius of a ball or punch"),
         (("--indenter", "plates"), "give --specimen cylinder with --height-mm 12"),
-        (CYLINDER, "not enough of the cylinder between the plates; give --ends bonded|lubricated"),
+        (CYLINDER, "does not fully describe the cylinder between the plates; give --ends bonded|lubricated"),
         (("--indenter", "plate", "--specimen", "fruit", "--axis", "a"), "give --diameters-mm 61 60 58"),
-        ((*FRUIT, "--ends", "bonded"), "--ends given of a fruit, which has --specimen, --diameters-mm"),
-        (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "--height-mm given of a ball on"),
+        ((*FRUIT, "--ends", "bonded"), "gives --ends for a fruit, which has only --specimen, --diameters-mm"),
+        (("--indenter", "ball", "--radius-mm", "3", "--height-mm", "4"), "gives --height-mm for a ball on"),
         (("--indenter", "flat", "--radius-mm", "9", "--thickness-mm", "2"), "radius 9 mm on 2 mm of flesh"),
         (("--indenter", "plates", "--diameters-mm", "90", "60", "40", "--axis", "c"), "more than 1.6 times"),
     ],
@@ -140,7 +140,10 @@ def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(t
     (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\n')
     code, said = run("explain", case)
     assert code == 1
-    assert "old.h5: says not what is between the plates; give specimen cylinder with height_mm 12" in said
+    assert (
+        "old.h5: does not name the specimen between the plates; give specimen cylinder with height_mm 12"
+        in said
+    )
     (case / "case.toml").write_text(
         'category = "rubber"\npoisson_ratio = 0.45\nspecimen = "cylinder"\nheight_mm = 12\n'
         'diameter_mm = 15\nends = "lubricated"\n'
@@ -154,8 +157,8 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
         tmp_path, 'category = "nectarine"\naxis = "b"\n', source, options=(*FRUIT, "--category", "nectarine")
     )
     notes = " ".join(found["notes"])
-    assert "the category's pit is taken, 0.44 of the fruit's diameter" in notes
-    assert "axis is c in the recording and b in case.toml, which is taken" in notes
+    assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
+    assert "axis is c in the recording but b in case.toml; drupe uses the latter" in notes
     assert "The fruit's shape" in notes
     assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()
 

@@ -10,8 +10,8 @@ import time
 import pytest
 
 from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.results_lock import LOCK, is_held, results_lock
 from pipeline.files.manifest import LIST_LOCK, writing_alone
-from pipeline.files.results_lock import LOCK, is_held, results_lock
 from pipeline.run.cleaning import clean
 
 SPAWN = multiprocessing.get_context("spawn")

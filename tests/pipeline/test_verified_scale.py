@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import FruitRecord, ModulusRecord
 from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from pipeline.fruit.sensor_scale import E_PER_GAIN
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
@@ -182,8 +183,8 @@ def test_report_and_ranking_show_the_common_scale_beside_the_error_bar() -> None
     assert one.modulus is not None
     said = about_error(one.modulus)
     assert f"A {COMMON_SCALE} adds ± 3 % of E" in said
-    assert "A body of known modulus in fruits.csv (reference = true) removes it." in said
-    assert (f"Beside the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
+    assert "To remove it, add a body of known modulus to fruits.csv (reference = true)." in said
+    assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
     entry = FruitEntry(fruit_id="soft", ok=True, outcome="graded", E_MPa=0.4, E_scale_sd_MPa=0.012)
     assert RANKING_COLUMNS[-1] == "E_scale_sd_MPa"
     assert _row(entry)["E_scale_sd_MPa"] == 0.012

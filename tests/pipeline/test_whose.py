@@ -16,9 +16,10 @@ from explain_runs import NO_MESH
 from raw_folder import write_raw
 
 import pipeline.fruit.grasped
+from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, ScreenRecord, write_record
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
@@ -26,6 +27,7 @@ from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
 from pipeline.run.fruit_records import kept_records
+from reports.grasp_record import GraspRecord
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -81,8 +83,8 @@ def prepared(batch, fruit="N02"):
 
 
 REFUSED = (
-    'attribute fruit_id: found "N04", expected "N02": it is the recording of another fruit of this batch. '
-    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if it is of N02."
+    'attribute fruit_id: found "N04", expected "N02": the recording belongs to another fruit of this batch. '
+    "Move the file to fruits/N04/grasps, or correct the attribute fruit_id if the recording is of N02."
 )
 DOUBTED = 'attribute fruit_id: found "N77", expected "N02", and fruits.csv has no "N77"'
 
@@ -227,14 +229,14 @@ def test_a_copy_within_a_fruit_counts_once(batch):
         del file["pads/left/force_N"]
         file["pads/left/force_N"] = force
     assert copy.read_bytes() != recording(batch).read_bytes()
-    said = "grasp-2.h5: holds the same displacements and forces as grasp-1.h5: one grasp, counted once"
+    said = "grasp-2.h5: contains the same displacements and forces as grasp-1.h5, so drupe counts one grasp"
     status, text = checked(batch)
     assert status == 2
     assert f"fruits/N02/grasps/grasp-2.h5: {said}" in text
     fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
     assert any(
-        one.startswith("not used: grasp-2: holds the same displacements and forces as grasp-1")
+        one.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
         for one in log.warnings
     )
 
@@ -245,7 +247,9 @@ def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
     status, text = checked(batch)
     assert status == 4
     first, second, _ = text.splitlines()
-    words = "grasp-1.h5: holds the same displacements and forces as fruits/{}/grasps/grasp-1.h5: at least one"
+    words = (
+        "grasp-1.h5: contains the same displacements and forces as fruits/{}/grasps/grasp-1.h5. At least one"
+    )
     assert first.startswith(f"fruits/N02/grasps/grasp-1.h5: {words.format('N04')}")
     assert second.startswith(f"fruits/N04/grasps/grasp-1.h5: {words.format('N02')}")
 
@@ -273,7 +277,7 @@ def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
     assert rest == [sound, refused]
     for record, there, sd in ((one, "N04", 0.5 * 0.35), (other, "N02", 0.35)):
         (doubt,) = record.doubts
-        expected = f"grasp-1: holds the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
+        expected = f"grasp-1: contains the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
         assert doubt.startswith(expected)
         assert record.warnings == (doubt, "w")
         assert record.modulus.E_MPa == 0.5
@@ -298,7 +302,7 @@ def test_each_cause_is_said_once_however_many_recordings_have_it():
     said = said_once(
         ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
     )
-    assert said == "g1: force is 2.0 N. (The same of g3, g4.) g2: never touches."
+    assert said == "g1: force is 2.0 N. (The same applies to g3, g4.) g2: never touches."
 
 
 def test_recordings_of_different_fruit_have_different_causes():

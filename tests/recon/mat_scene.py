@@ -11,6 +11,10 @@ from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, standard_mat, tag_bits
 
+FAR = (120.0, 115.0, 110.0)
+WOOD = (70.0, 105.0, 140.0)
+"""Colours (blue, green, red) beyond the table and of the table."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Egg:
@@ -82,32 +86,37 @@ def photographed(cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, see
 def point_map(camera: Camera, egg: Egg, rows: int, columns: int) -> np.ndarray:
     """The world point that each cell of a coarse grid sees."""
     v, u = np.mgrid[:rows, :columns]
-    pixels = (
-        np.stack([(u + 0.5) * camera.width_px / columns, (v + 0.5) * camera.height_px / rows], axis=-1) - 0.5
-    )
-    start, rays = _rays(camera, pixels.reshape(-1, 2))
+    pixels = np.stack([(u + 0.5) * camera.width_px / columns, (v + 0.5) * camera.height_px / rows]) - 0.5
+    start, rays = _rays(camera, pixels.reshape(2, -1))
     along = np.minimum(_onto_egg(start, rays, egg), _onto_ground(start, rays))
-    return (start + np.minimum(along, 2000.0)[:, None] * rays).reshape(rows, columns, 3)
+    return (start[:, None] + np.minimum(along, 2000.0) * rays).T.reshape(rows, columns, 3)
 
 
 def _rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    bent = (pixels - camera.middle_px) / camera.focal_px
-    xy = bent.copy()
+    """Where the rays of pixels (2, n) start, and their unit vectors (3, n)."""
+    bent = (pixels - np.asarray(camera.middle_px)[:, None]) / camera.focal_px
+    xy = bent
     for _ in range(5 if camera.k1 else 0):
-        xy = bent / (1 + camera.k1 * np.sum(xy**2, axis=1, keepdims=True))
-    rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.cam_from_world[:3, :3]
-    return camera.place, rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        xy = bent / (1 + camera.k1 * np.einsum("in,in->n", xy, xy))
+    world_from_cam = camera.cam_from_world[:3, :3].T
+    rays = world_from_cam[:, :2] @ xy + world_from_cam[:, 2:]
+    rays /= np.sqrt(np.einsum("in,in->n", rays, rays))
+    return camera.place, rays
 
 
 def _onto_egg(start: np.ndarray, rays: np.ndarray, egg: Egg) -> np.ndarray:
-    o, d = (start - egg.centre) / egg.semi_mm, rays / egg.semi_mm
-    a, b, c = np.sum(d * d, axis=1), d @ o, o @ o - 1
+    semi = np.array(egg.semi_mm)
+    o, d = (start - egg.centre) / semi, rays / semi[:, None]
+    a, b, c = np.einsum("in,in->n", d, d), o @ d, o @ o - 1
     under = b * b - a * c
-    return np.where(under > 0, (-b - np.sqrt(np.maximum(under, 0))) / a, np.inf)
+    hit = under > 0
+    along = np.full(len(under), np.inf)
+    along[hit] = (-b[hit] - np.sqrt(under[hit])) / a[hit]
+    return along
 
 
 def _onto_ground(start: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    return np.where(rays[:, 2] < -1e-6, start[2] / np.maximum(-rays[:, 2], 1e-6), np.inf)
+    return np.where(rays[2] < -1e-6, start[2] / np.maximum(-rays[2], 1e-6), np.inf)
 
 
 def _printed(mat: Mat, px_per_mm: int = 4) -> np.ndarray:
@@ -124,35 +133,39 @@ def _printed(mat: Mat, px_per_mm: int = 4) -> np.ndarray:
 def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:
     rows, columns = camera.height_px * fine, camera.width_px * fine
     v, u = np.mgrid[:rows, :columns]
-    pixels = (np.stack([u, v], axis=-1).reshape(-1, 2) + 0.5) / fine - 0.5
-    start, rays = _rays(camera, pixels)
+    start, rays = _rays(camera, (np.stack([u.ravel(), v.ravel()]) + 0.5) / fine - 0.5)
     ground = _onto_ground(start, rays)
     far = ground > 3000
-    spot = (start + np.where(far, 0.0, ground)[:, None] * rays)[:, :2]
-    grain = _looked_up(wood, spot + 350, (rows, columns), cv2.BORDER_WRAP)
-    colour = np.array([70.0, 105.0, 140.0]) + 14 * grain[:, None]
-    colour[far] = [120.0, 115.0, 110.0]
+    spot = start[:2, None] + np.where(far, 0.0, ground) * rays[:2]
+    grain = 14 * _looked_up(wood, spot + 350, (rows, columns), cv2.BORDER_WRAP)
+    colour = np.stack(
+        [np.where(far, at_far, wooden + grain) for at_far, wooden in zip(FAR, WOOD, strict=True)]
+    )
     if page is not None:
         scale = 4.0
-        at = spot * [scale, -scale] + [page.shape[1] / 2 - 0.5, page.shape[0] / 2 - 0.5]
-        ink = _looked_up(page, at, (rows, columns), cv2.BORDER_CONSTANT)
+        middle = [[page.shape[1] / 2 - 0.5], [page.shape[0] / 2 - 0.5]]
+        ink = _looked_up(page, spot * [[scale], [-scale]] + middle, (rows, columns), cv2.BORDER_CONSTANT)
         on = (ink > 0) & ~far
-        colour[on] = ink[on, None] * np.array([0.95, 0.98, 1.0])
+        for channel, tint in zip(colour, (0.95, 0.98, 1.0), strict=True):
+            np.multiply(ink, tint, out=channel, where=on)
     if egg is not None:
         along = _onto_egg(start, rays, egg)
-        hit = along < np.inf
-        place = start + along[hit, None] * rays[hit]
+        hit = np.flatnonzero(along < np.inf)
+        place = (start[:, None] + along[hit] * rays[:, hit]).T
         normal = (place - egg.centre) / np.array(egg.semi_mm) ** 2
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        pattern = np.sin((place - egg.centre) @ waves.T * 0.5 + phases).sum(axis=1) / 3.5
+        turns = (waves.astype(np.float32) * 0.5) @ (place - egg.centre).T.astype(np.float32)
+        pattern = np.sin(turns + phases.astype(np.float32)[:, None]).sum(axis=0) / 3.5
         light = 0.62 + 0.38 * np.clip(normal @ np.array([0.3, 0.2, 0.93]), 0, 1)
         skin = np.array([45.0, 60.0, 170.0]) + np.array([8.0, 26.0, 20.0]) * pattern[:, None]
-        colour[hit] = skin * light[:, None]
-    linear = cv2.pow((np.clip(colour, 0, 255) / 255).astype(np.float32).reshape(rows, columns, 3), 2.2)
-    mixed = cv2.resize(linear, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+        colour[:, hit] = (skin * light[:, None]).T
+    shares = cv2.merge([(np.clip(c, 0, 255) / 255).astype(np.float32).reshape(rows, columns) for c in colour])
+    mixed = cv2.resize(
+        cv2.pow(shares, 2.2), (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA
+    )
     return 255 * cv2.pow(mixed, 1 / 2.2).astype(float)
 
 
 def _looked_up(picture: np.ndarray, at: np.ndarray, shape: tuple[int, int], border: int) -> np.ndarray:
-    x, y = at.astype(np.float32).T
+    x, y = at.astype(np.float32)
     return cv2.remap(picture, x.reshape(shape), y.reshape(shape), cv2.INTER_LINEAR, borderMode=border).ravel()

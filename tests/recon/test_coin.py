@@ -68,7 +68,7 @@ def test_the_coin_gives_the_scale_whatever_it_was_thought_to_be(off, spread):
 def test_a_table_without_a_coin_is_refused():
     cameras = ring(12, width=960, height=720)
     nothing = _pictures(cameras, centre=(1e4, 1e4))
-    with pytest.raises(ReconFailure, match=r'No coin of 23.25 mm \("1 euro"\)') as caught:
+    with pytest.raises(ReconFailure, match=r'drupe found no coin of 23.25 mm \("1 euro"\)') as caught:
         coin_scale(nothing, cameras, EURO, unit_mm=1.0, spread=0.12)
     assert caught.value.problem is ReconProblem.NO_SCALE
 
@@ -91,7 +91,7 @@ def test_a_height_that_contradicts_the_coin_is_said():
     wrong = scale_without_mat(
         box, pictures, cameras, height_mm=44.0, height_sd_mm=0.2, surface_sd=0.1, coin=EURO
     )
-    assert "more than their errors allow" in wrong.warnings[0]
+    assert "exceeds their errors" in wrong.warnings[0]
     assert wrong.factor == pytest.approx(1.0, rel=0.01)
 
 
@@ -102,11 +102,11 @@ def test_a_top_that_no_photo_shows_from_the_side_is_doubted_by_the_coin():
     found = scale_without_mat(
         box, pictures, steep, height_mm=41.0, height_sd_mm=0.2, surface_sd=0.1, coin=EURO
     )
-    assert "no photo shows the top from the side" in found.warnings[0]
+    assert "No photo shows the top from the side" in found.warnings[0]
     alone = scale_without_mat(
         box, pictures, steep, height_mm=41.0, height_sd_mm=0.2, surface_sd=0.1, coin=None
     )
-    assert "lay a coin" in alone.warnings[0]
+    assert "use a coin" in alone.warnings[0]
     assert alone.sd > 2 * found.sd
 
 

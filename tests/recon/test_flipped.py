@@ -124,7 +124,7 @@ def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_pa
     left = with_underside(upright, lambda: read_photos(folder), never, mat=None)
     assert left.vertices is plum
     assert left.warnings[0] == "a"
-    assert left.warnings[1].startswith("photos-flipped/ was not used: ")
+    assert left.warnings[1].startswith("drupe did not use photos-flipped/: ")
     assert "holds 1 photo" in left.warnings[1]
 
 
@@ -183,4 +183,4 @@ def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(
     found = with_underside(upright, tuple, lambda photos: few, mat=None)
     assert np.array_equal(found.vertices, upright.vertices)
     assert found.warnings[:-1] == upright.warnings
-    assert found.warnings[-1].startswith("photos-flipped/ was not used: Too few views: only 2 of 36")
+    assert found.warnings[-1].startswith("drupe did not use photos-flipped/: Too few views: only 2 of 36")

@@ -122,7 +122,7 @@ def test_height_alone_gives_scale_without_a_mat():
             standard_mat(),
             None,
             ReconProblem.NO_FRUIT,
-            "No fruit found",
+            "drupe found no fruit",
         ),
         (
             lambda: photographed(ring(5), egg=EGG, mat=None),
@@ -143,7 +143,7 @@ def test_photos_that_share_nothing_have_no_overlap():
     rng = np.random.default_rng(3)
 
     noise = [Photo(f"{i}.png", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)) for i in range(4)]
-    with pytest.raises(ReconFailure, match="of 4 photos hang together") as caught:
+    with pytest.raises(ReconFailure, match="of 4 photos share enough features") as caught:
         reconstruct(noise, mat=None, height_mm=50.0, options=QUICK)
     assert caught.value.problem is ReconProblem.NO_OVERLAP
 

@@ -107,7 +107,7 @@ def test_points_on_one_plane_do_not_say_where_the_photo_was_taken(tmp_path):
     path = tmp_path / "flat.onnx"
     flat = np.stack([point_map(c, Egg(semi_mm=(1e-3, 1e-3, 1e-3)), ROWS, COLUMNS) for c in CAMERAS])
     write_constant_model(path, {"world_points": flat[None]}, input_shape=FIXED)
-    with pytest.raises(ReconFailure, match=r'use the mat .* or a model with "pose_enc"') as caught:
+    with pytest.raises(ReconFailure, match=r'Use the mat .* or a model with "pose_enc"') as caught:
         reconstruct_with_model(photos(), path, mat=None, height_mm=48.0)
     assert caught.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
 

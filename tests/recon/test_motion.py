@@ -35,7 +35,7 @@ def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
 
 def test_a_first_photo_from_straight_above_is_refused():
     up, foot = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    with pytest.raises(ReconFailure, match="straight above") as caught:
+    with pytest.raises(ReconFailure, match="looks straight down on the fruit") as caught:
         upright(up, foot, np.array([10.0, 0.0, 200.0]))
     assert caught.value.problem is ReconProblem.NO_OVERLAP
     assert np.allclose(upright(up, foot, np.array([0.0, 50.0, 50.0]))[0, :3], [0, 1, 0])

@@ -48,7 +48,11 @@ def test_good_photos_pass_unchanged_without_a_word():
     ("change", "words"),
     [
         (mirrored, r"Left out: 004\.png: mirrored"),
-        (blurred(8), r"Left out: 004\.png: (too blurred for its tags|shows no tags of the mat .too blurred)"),
+        (
+            blurred(8),
+            r"Left out: 004\.png: (too blurred for drupe to read its tags|"
+            r"shows no tags of the mat .too blurred)",
+        ),
         (lambda image: np.full_like(image, 120), r"Left out: 004\.png: .*; retake it"),
         (brighter(0.3), r"004\.png: too dark .*; left out"),
         (brighter(3.0), r"004\.png: overexposed .*; left out"),
@@ -65,7 +69,7 @@ def test_a_useless_photo_is_left_out_by_name_and_reason(change, words):
 def test_poor_photos_are_kept_with_a_warning_where_too_few_good_ones_stay():
     checked = checked_photos(spoilt({1, 4, 7}, brighter(0.4)), MAT)
     assert len(checked.photos) == len(photos())
-    assert "used all the same" in checked.warnings[0]
+    assert "used anyway" in checked.warnings[0]
 
 
 def test_photos_of_unequal_brightness_are_brought_to_one():
@@ -144,6 +148,6 @@ def test_without_a_mat_the_first_photo_stays_or_the_set_is_refused():
     dim = checked_photos(spoilt({0}, brighter(0.15)), None)
     assert dim.photos[0].name == "000.png"
     assert "000.png: too dark" in dim.warnings[0]
-    assert "used all the same" in dim.warnings[0]
-    with pytest.raises(ReconFailure, match=r"The first photo, 000\.png, is of no use \(mirrored"):
+    assert "used anyway" in dim.warnings[0]
+    with pytest.raises(ReconFailure, match=r"The first photo, 000\.png, is unusable \(mirrored"):
         checked_photos(spoilt({0}, mirrored), None)

@@ -109,7 +109,7 @@ def test_every_shipped_prior_loads_with_sources_and_fits_a_fruit(fruit):
 
 
 def test_a_category_without_prior_is_named():
-    with pytest.raises(ReconFailure, match="no pit prior for 'mango'; known are apricot, cherry") as caught:
+    with pytest.raises(ReconFailure, match="no pit prior for 'mango'; known: apricot, cherry") as caught:
         load_prior("mango")
     assert caught.value.problem is ReconProblem.NO_PRIOR
 
@@ -172,7 +172,7 @@ def test_a_measured_pit_takes_the_superellipsoids_place_in_its_own_size(fruit, t
 @pytest.mark.parametrize(
     ("scale", "keep", "words"),
     [
-        (1e-3, None, "0.032 long; expected 4 to 60 mm"),
+        (1e-3, None, "0.032 long, expected 4 to 60 mm"),
         (1.0, -1, r"pit\.ply's mesh is not watertight: 3 edges"),
     ],
 )
@@ -182,7 +182,7 @@ def test_a_measured_pit_of_no_use_says_what_is_wrong(tmp_path, scale, keep, word
     write_mesh(path, scale * 16 * directions, faces[:keep])
     with pytest.raises(ReconFailure, match=words):
         load_pit(path, category="nectarine")
-    with pytest.raises(ReconFailure, match=r"none\.stl is no file"):
+    with pytest.raises(ReconFailure, match=r"none\.stl is not a file"):
         load_pit(tmp_path / "none.stl", category="nectarine")
 
 
@@ -205,6 +205,6 @@ def test_every_number_of_a_shipped_prior_has_its_source():
 def test_a_phantom_says_nothing_of_pit_and_flesh(fruit):
     phantom = load_prior("phantom")
     assert (phantom.has_pit, phantom.poisson_ratio) == (False, None)
-    with pytest.raises(ReconFailure, match=r'"phantom" has no pit of its own; add pit\.ply') as caught:
+    with pytest.raises(ReconFailure, match=r'"phantom" has no default pit; add pit\.ply') as caught:
         place_pit(*fruit, phantom)
     assert caught.value.problem is ReconProblem.NO_PRIOR

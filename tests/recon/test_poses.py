@@ -70,7 +70,9 @@ def test_photos_of_another_size_are_left_out_with_a_warning(bent):
     first_cut = Photo(photos[0].name, np.ascontiguousarray(photos[0].image[8:-8]))
     poses = cameras_from_mat([first_cut, *photos[1:5]], standard_mat())
     assert poses.used.tolist() == [1, 2, 3, 4]
-    assert poses.warnings[0].startswith("1 of 5 photos that show the mat are not 640 x 480 pixels upright")
+    assert poses.warnings[0].startswith(
+        "1 of 5 photos of the mat do not have the usual size of 640 x 480 pixels"
+    )
 
 
 def test_too_few_photos_of_one_size_are_refused(bent):
@@ -78,7 +80,7 @@ def test_too_few_photos_of_one_size_are_refused(bent):
     cut = [
         Photo(p.name, np.ascontiguousarray(p.image[4 * i : 480 - 4 * i])) for i, p in enumerate(photos[:4])
     ]
-    with pytest.raises(ReconFailure, match=r"3 of 4 photos .* and 1 of one size are left") as caught:
+    with pytest.raises(ReconFailure, match=r"3 of 4 photos .* and only 1 of one size remain") as caught:
         cameras_from_mat(cut, standard_mat())
     assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
 

@@ -103,7 +103,7 @@ def test_what_stays_open_is_refused():
     vertices = np.concatenate([rim, [[0.0, 0.0, RADIUS_MM]]])
     k = np.arange(500)
     faces = np.column_stack([k, (k + 1) % 500, np.full(500, 500)])
-    with pytest.raises(ReconFailure, match="stays open at 500 edges") as refused:
+    with pytest.raises(ReconFailure, match="still has 500 open edges") as refused:
         repaired(vertices, faces, max_faces=10_000)
     assert refused.value.problem is ReconProblem.NOT_WATERTIGHT
 

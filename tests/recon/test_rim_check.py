@@ -51,7 +51,7 @@ def test_the_one_photo_with_a_moved_fruit_is_named_with_its_millimetres():
     mixed = list(images())
     mixed[3] = images(4.0)[3]
     (outlier_share,) = rim_doubts(mixed, CAMERAS, skin())
-    assert "In 1 photo the fruit lies elsewhere" in outlier_share
+    assert "In 1 photo the fruit has another position or size" in outlier_share
     assert f"({CAMERAS[3].name} by " in outlier_share
 
 

@@ -175,6 +175,6 @@ def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():
 
 def test_a_fruit_cut_off_in_all_photos_but_two_is_refused():
     few = SegmentationScene(scene().images[:2], scene().cameras[:2], LOW, HIGH)
-    with pytest.raises(ReconFailure, match="2 of 2 photos hold the whole fruit") as refused:
+    with pytest.raises(ReconFailure, match="2 of 2 photos show the whole fruit") as refused:
         whole_views(few, ball_block(9))
     assert refused.value.problem is ReconProblem.FRUIT_CUT_OFF

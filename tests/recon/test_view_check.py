@@ -47,13 +47,13 @@ def test_photos_all_around_at_two_heights_leave_nothing_to_say(count):
 def test_a_side_without_a_photo_is_named_with_where_to_stand(start, end, stand):
     azimuth = np.linspace(end, 360 + start, 20)
     (sentence,) = said(photos(azimuth[::-1], np.tile([25.0, 50.0], 10)))
-    assert f"No photo was taken over {end - start} degrees around the fruit" in sentence
+    assert f"There is a gap of {end - start} degrees without photos around the fruit" in sentence
     assert re.search(rf"between 0 and {end} degrees, counted from 000\.jpg", sentence)
     assert f"take photos at {stand} degrees" in sentence
 
 
 def test_photos_of_one_half_are_refused_as_grading_refuses_them():
-    with pytest.raises(ReconFailure, match=r"no photo .* over 180 degrees") as caught:
+    with pytest.raises(ReconFailure, match=r"leave a gap of 180 degrees") as caught:
         said(photos(np.linspace(0, 180, 16), np.tile([25.0, 50.0], 8)))
     assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
 

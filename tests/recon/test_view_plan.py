@@ -27,7 +27,7 @@ def test_a_side_without_photos_and_a_photo_that_joins_none_are_named():
     assert [round(s) for s in plan.stand_deg] == [200, 240, 280]
     said = plan_words(plan)
     assert "between 160 and 320 degrees" in said
-    assert "IMG_6.jpg shares too little" in said
+    assert "IMG_6.jpg overlaps too little" in said
     assert "between IMG_5.jpg and IMG_7.jpg" in said
 
 

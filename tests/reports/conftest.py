@@ -8,15 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.entries import (
-    BatchEntry,
-    ForceCurve,
-    FruitEntry,
-    GraspEstimate,
-    ModelLine,
-    Picture,
-    ShoreCorrelation,
-)
+from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ShoreCorrelation
+from reports.grasp_record import CurveRecord, GraspRecord, ModelCurveRecord
 
 HOSTILE = "<script>alert('x')</script>&\"q\" {{ 7*7 }}"
 TINY_WEBP = cv2.imencode(".webp", np.full((8, 8, 3), 90, np.uint8))[1].tobytes()
@@ -39,14 +32,16 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         volume_mm3=104123.5,
         grasps=1,
         shore_oo=30.0 + 20.0 * E_MPa,
-        photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
-        mesh_picture=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
-        coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
-        surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
-        residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
-        outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
-        estimates=(
-            GraspEstimate(
+        pictures=FruitPictures(
+            photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
+            mesh=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
+            coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
+            surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
+            residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
+            outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
+        ),
+        recordings=(
+            GraspRecord(
                 grasp="grasp-1",
                 E_energy_MPa=1.01 * E_MPa,
                 E_energy_sd_MPa=0.03 * E_MPa,
@@ -56,17 +51,18 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
                 peak_force_N=float(force[-1]),
                 travel_mm=1.5,
                 frames_used=30,
+                curves=[
+                    CurveRecord(
+                        pad=pad,
+                        travel_mm=list(travel),
+                        force_N=list(force + 0.01),
+                        model=ModelCurveRecord(
+                            travel_mm=list(travel), force_N=list(force), sd_mm=list(0.02 * travel)
+                        ),
+                    )
+                    for pad in ("left", "right")
+                ],
             ),
-        ),
-        curves=tuple(
-            ForceCurve(
-                grasp="grasp-1",
-                pad=pad,
-                travel_mm=travel,
-                force_N=force + 0.01,
-                model=ModelLine(travel_mm=travel, force_N=force, sd_mm=0.02 * travel),
-            )
-            for pad in ("left", "right")
         ),
         facts=(("Views used", "38 of 40"),),
         seconds={"mesh": 42.0},

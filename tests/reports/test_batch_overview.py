@@ -43,7 +43,7 @@ def test_lists_name_their_fruit_and_why(empty_batch: BatchEntry, graded) -> None
         replace(
             graded("B", rank=2, E_MPa=0.34),
             decision="inspect",
-            decision_reason="borderline: to be shipped with 63 %",
+            decision_reason="borderline: ship with probability 63 %",
             other_class="unripe",
             other_class_probability=0.37,
         ),
@@ -78,4 +78,4 @@ def test_of_many_fruit_the_distribution_is_drawn_and_long_lists_are_folded(
     assert "Distribution of moduli" in page
     assert "Ranking, softest first</title>" not in page
     assert f"<summary>{count} fruit</summary>" in page
-    assert "Named in the table of all fruits." in page
+    assert "See the table of all fruits." in page

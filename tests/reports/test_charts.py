@@ -11,7 +11,8 @@ from markupsafe import Markup
 
 from reports.charts_batch import ranking_chart, shore_chart, shortened
 from reports.charts_fruit import force_chart, frames_chart, grasps_chart
-from reports.entries import BatchEntry, ForceCurve, FruitEntry, ModelLine, ModulusByFrame
+from reports.entries import BatchEntry, FruitEntry
+from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord, ModelCurveRecord
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import AxisScale, padded, ticks
 
@@ -66,7 +67,7 @@ def test_all_drawing_stays_inside_the_picture(awkward_batch: BatchEntry, large_b
         ranking_chart(batch, width_px=px) for batch in (awkward_batch, large_batch) for px in (360, 900)
     ]
     charts += [shore_chart(large_batch), grasps_chart(large_batch.fruits[0])]
-    charts += [force_chart(large_batch.fruits[0].curves)]
+    charts += [force_chart(large_batch.fruits[0].recordings[0])]
     for chart in charts:
         width, height = (float(value) for value in parsed(chart).get("viewBox", "").split()[2:])
         places = np.array(middles(chart))
@@ -86,29 +87,32 @@ def test_ranking_without_a_modulus_or_without_deviations_is_still_a_chart(empty_
     assert len(middles(ranking_chart(replace(empty_batch, fruits=(bare,)), width_px=360))) == 1
 
 
+def recorded(travel: np.ndarray, force: np.ndarray, model: ModelCurveRecord | None = None) -> GraspRecord:
+    curve = CurveRecord(pad="tip", travel_mm=list(travel), force_N=list(force), model=model)
+    return GraspRecord(grasp="g", curves=[curve])
+
+
 def test_force_curve_leaves_out_what_is_not_a_number() -> None:
     travel, force = np.linspace(0, 1, 9), np.linspace(0, 5, 9)
     force[3] = np.nan
-    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=force)
-    chart = force_chart((curve,))
+    chart = force_chart(recorded(travel, force))
     assert len(re.findall(r"M[\d.]+ [\d.]+h0", chart)) == 8
     assert len(list(parsed(chart).iter("polyline"))) == 2
-    nothing = ForceCurve(grasp="g", pad="tip", travel_mm=np.full(3, np.nan), force_N=np.full(3, np.nan))
-    assert middles(force_chart((nothing,))) == []
+    assert middles(force_chart(recorded(np.full(3, np.nan), np.full(3, np.nan)))) == []
 
 
 def test_long_recordings_are_thinned() -> None:
     travel = np.linspace(0, 1, 20_000)
-    line = ModelLine(travel_mm=travel, force_N=travel, sd_mm=0.1 * travel)
-    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=travel, model=line)
-    assert len(force_chart((curve,))) < 40_000
+    line = ModelCurveRecord(travel_mm=list(travel), force_N=list(travel), sd_mm=list(0.1 * travel))
+    assert len(force_chart(recorded(travel, travel, line))) < 40_000
 
 
 def test_the_models_line_lies_in_its_band_and_both_reach_the_last_frame() -> None:
     travel = np.linspace(0, 2, 41)
-    line = ModelLine(travel_mm=travel + 0.1, force_N=travel**1.5, sd_mm=0.05 * travel)
-    curve = ForceCurve(grasp="g", pad="tip", travel_mm=travel, force_N=travel**1.5, model=line)
-    tree = parsed(force_chart((curve,)))
+    line = ModelCurveRecord(
+        travel_mm=list(travel + 0.1), force_N=list(travel**1.5), sd_mm=list(0.05 * travel)
+    )
+    tree = parsed(force_chart(recorded(travel, travel**1.5, line)))
     drawn = [one.get("points") for one in tree.iter("polyline") if "model" in one.get("class", "")]
     (band,) = [one.get("points") for one in tree.iter("polygon") if "spread" in one.get("class", "")]
     (points,) = [np.array([pair.split(",") for pair in text.split()], dtype=float) for text in drawn]
@@ -120,13 +124,11 @@ def test_the_models_line_lies_in_its_band_and_both_reach_the_last_frame() -> Non
 
 
 def test_a_frame_that_knows_nothing_does_not_set_the_scale() -> None:
-    frames = tuple(
-        ModulusByFrame(grasp="g", travel_mm=0.1 * k, E_MPa=0.5, E_sd_MPa=0.01, unloading=k > 9)
-        for k in range(1, 20)
-    )
-    lost = ModulusByFrame(grasp="g", travel_mm=0.01, E_MPa=40.0, E_sd_MPa=39.0)
+    frames = [FrameRecord(travel_mm=0.1 * k, E_MPa=0.5, E_sd_MPa=0.01, unloading=k > 9) for k in range(1, 20)]
+    lost = FrameRecord(travel_mm=0.01, E_MPa=40.0, E_sd_MPa=39.0)
+    recording = GraspRecord(grasp="g", frames=[*frames, lost])
     fruit = FruitEntry(
-        fruit_id="A", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.02, frames=(*frames, lost)
+        fruit_id="A", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.02, recordings=(recording,)
     )
     chart = frames_chart(fruit)
     assert len(re.findall(r"M[\d.]+ [\d.]+h0", chart)) == 19

@@ -195,7 +195,7 @@ def test_the_next_grasp_is_drawn_and_listed_best_first():
     section = page[page.index("What to record next") :]
     assert page.count("data:image/png") == bare.count("data:image/png") + 1
     assert section.index("Grasp across.") < section.index("data:image/png") < section.index("same spots")
-    for words in ("The most telling of 33", "left 90°, right 270°", "× 0.1", "10 s", "14.2", "93"):
+    for words in ("The most informative of 33", "left 90°, right 270°", "× 0.1", "10 s", "14.2", "93"):
         assert words in section
     assert "most telling" not in bare
 

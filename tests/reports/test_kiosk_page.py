@@ -11,7 +11,7 @@ NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
 SLIP = Suspect(name="slip", short="the fruit slips", advice="")
 UNKNOWN = Suspect(name="unknown", short="something that no known effect explains", advice="")
-WITHOUT = "Neither E nor what to do takes that into account."
+WITHOUT = "Neither E nor the advice accounts for it."
 
 
 def page(**how):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import reports
-from reports.entries import BatchEntry, FruitEntry, Picture, ScreenEntry, Suspect
+from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ScreenEntry, Suspect
 from reports.page import report_html
 
 VOID = {"meta", "img", "br", "link", "input"}
@@ -116,7 +116,7 @@ def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch: Batc
 def test_fruits_follow_by_rank_then_failures(awkward_batch: BatchEntry, hostile: str) -> None:
     page = Page(report_html(awkward_batch))
     text = "".join(page.text)
-    parts = text[text.index("Fruit by fruit") : text.index("Where these figures")]
+    parts = text[text.index("Fruit by fruit") : text.index("Sources of these numbers")]
     places = [parts.rindex(words) for words in ("N-04", "N-01", "orchard-7-", hostile, "=1+1", "N-07")]
     assert places == sorted(places)
 
@@ -163,20 +163,20 @@ def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_ba
         for rank, mismatch in enumerate(("unknown", "skin|graded_modulus"), start=1)
     )
     shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits))).text)
-    assert "mismatch: unknown, E is not to be trusted" in shown
-    assert "no known effect explains it. E is not to be trusted." in shown
+    assert "mismatch: unknown, do not trust E" in shown
+    assert "no known effect explains it. Do not trust E." in shown
     assert "mismatch: skin or graded modulus" in shown
-    assert "cannot tell apart: skin or graded modulus. Read E with care." in shown
+    assert "cannot distinguish skin or graded modulus. Use E with caution." in shown
 
 
 def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch: BatchEntry) -> None:
     bare = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3)
     shown = "".join(Page(report_html(replace(empty_batch, fruits=(bare,)))).text)
-    assert "The one fruit is graded: a has E = 0.300" in shown.replace("\u00a0", " ")
+    assert "The only fruit is graded: a has E = 0.300" in shown.replace("\u00a0", " ")
 
 
 @pytest.mark.parametrize(
-    ("count", "words"), [(0, "holds no fruits"), (1, "The one fruit could not"), (2, "None of the 2")]
+    ("count", "words"), [(0, "holds no fruits"), (1, "The only fruit is not"), (2, "None of the 2")]
 )
 def test_verdict_of_a_batch_without_a_graded_fruit(count: int, words: str, empty_batch: BatchEntry) -> None:
     lost = tuple(FruitEntry(fruit_id=str(k), ok=False, outcome="crashed") for k in range(count))
@@ -187,7 +187,7 @@ def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
     awkward_batch: BatchEntry, graded: Make
 ) -> None:
     bare = tuple(
-        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), photo=None, mesh_picture=None) for k in range(60)
+        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), pictures=FruitPictures()) for k in range(60)
     )
     assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000
 
@@ -197,24 +197,24 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
 ) -> None:
     fruit = graded("N-1", rank=1, E_MPa=0.3)
     for words, picture in (
-        ("coloured by how many photos show each part", "coverage"),
+        ("coloured by the number of photos of each part", "coverage"),
         ("coloured by the standard deviation of the surface in mm", "surface_sd"),
-        ("coloured by how far it and the model differ", "residual"),
+        ("coloured by its difference from the model", "residual"),
         ('href="fruits/N%201/outlines.jpg">All photos with their outlines', "outlines"),
-        ("the outline that the shape was made from", "outlines"),
+        ("the outline from which drupe computed the shape", "outlines"),
     ):
         assert words in report_html(replace(empty_batch, fruits=(fruit,)))
-        assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, **{picture: None}),)))
+        without = replace(fruit, pictures=replace(fruit.pictures, **{picture: None}))
+        assert words not in report_html(replace(empty_batch, fruits=(without,)))
 
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> None:
-    fruit = FruitEntry(
-        fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, mesh_picture=Picture(webp=b"webp")
-    )
+    pictures = FruitPictures(mesh=Picture(webp=b"webp"))
+    fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, pictures=pictures)
     for has_pit in (False, True):
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
-        assert ("the pit as it is assumed to lie inside" in page) == has_pit
-        assert ("the pit drawn inside it" in page) == has_pit
+        assert ("the assumed pit inside" in page) == has_pit
+        assert ("with the pit inside" in page) == has_pit
 
 
 UNEXPLAINED = Suspect(name="unknown", short="something else", advice="Look at it.")
@@ -236,9 +236,9 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
     )
     assert "none found (p = 0.40)" in shown
     assert "unknown? (p = 0.012)" in shown
-    assert "Missing physics suspected (p = 0.012): something else. The screen cannot" in shown
-    assert "Look at it. drupe explain --fruit f2 says" in shown
-    assert "the recordings show 0.91 ± 0.10 of what Neo-Hookean flesh does" in shown
+    assert "Missing physics suspected (p = 0.012): something else. The test cannot" in shown
+    assert "Look at it. Run drupe explain --fruit f2 for" in shown
+    assert "the recordings show 0.91 ± 0.10 of the large-deformation effect of Neo-Hookean flesh" in shown
     assert shown.count("Large deformation:") == 1
     assert "Not screened for missing physics: one recording alone tells too little." in shown
     plain = report_html(replace(empty_batch, fruits=fruits[:1]))
@@ -267,5 +267,5 @@ def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch: BatchEn
     for mismatch in (None, "skin"):
         fruit = replace(awkward_batch.fruits[0], mismatch=mismatch, mismatch_taken=False, screen=screen)
         page = report_html(replace(awkward_batch, fruits=(fruit,)))
-        assert page.count("how sure that is and what it does to E") == 1
-        assert page.index("<details", page.index("<article")) < page.index("went on without some of it")
+        assert page.count("for its probability and its influence on E") == 1
+        assert page.index("<details", page.index("<article")) < page.index("ignored some of the data")

@@ -52,6 +52,6 @@ def test_a_doubt_about_E_stands_before_the_warnings():
     )
     assert remarks(doubted) == "E is in doubt, 1 warning"
     assert remarks(replace(doubted, class_withheld=True)) == "E is in doubt, so no class, 1 warning"
-    assert verdict((doubted,)) == "The one fruit is graded: a has E = 0.400 MPa, in doubt.".replace(
+    assert verdict((doubted,)) == "The only fruit is graded: a has E = 0.400 MPa, in doubt.".replace(
         "0.400 MPa", "0.400\u00a0MPa"
     )

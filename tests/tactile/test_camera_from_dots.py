@@ -93,7 +93,7 @@ def test_a_pressed_gel_is_refused() -> None:
     rest = dots()
     push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
     rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
-    with pytest.raises(TactileFailure, match=r"px off a grid of 2\.4 x 2\.36 mm .*is the gel untouched"):
+    with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
         found(picture(eye(), rest))
 
 

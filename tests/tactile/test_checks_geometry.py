@@ -34,7 +34,7 @@ def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit
     found = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
     assert found is not None
     assert found.kind is FindingKind.PADS_EXCHANGED
-    assert "exchanged (left and right)" in found.sentence
+    assert "with the pads exchanged: left and right are swapped" in found.sentence
     turned = better_otherwise(
         off, [(FindingKind.PADS_EXCHANGED, off), (FindingKind.MESH_TURNED, fits)], surface_sd_mm=0.0
     )
@@ -56,7 +56,7 @@ def test_a_mesh_that_lies_on_its_side_is_named(nectarine_grasp, turn):
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     (found,) = findings(recording, (middle + (vertices - middle) @ turn, faces))
     assert found.kind is FindingKind.MESH_TURNED
-    assert "turned by a quarter" in found.sentence
+    assert "rotated by 90 degrees" in found.sentence
 
 
 def test_a_mesh_moved_along_the_pads_is_said(nectarine_grasp):

@@ -157,7 +157,7 @@ def test_one_pad_that_misses_is_named(injected):
 
 def test_forces_signed_as_the_sensor_feels_them_are_told_so(injected):
     pads = tuple(replace(pad, force_N=-pad.force_N) for pad in injected.recording.pads)
-    with pytest.raises(TactileFailure, match="write what the gel puts on the fruit"):
+    with pytest.raises(TactileFailure, match="write the force of the gel on the fruit"):
         find_contact(replace(injected.recording, pads=pads), source="x")
 
 

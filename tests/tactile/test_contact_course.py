@@ -51,6 +51,6 @@ def test_the_line_for_people_names_times_force_patch_and_slip(contact):
     hardest = course.normal_N.argmax()
     ratio[hardest] = 0.62
     line = said(replace(course, stick_ratio=ratio), contact.time_s)
-    assert line.startswith(f"{course.pad}: touches from ")
+    assert line.startswith(f"{course.pad}: contact from ")
     force, patch = course.normal_N.max(), course.patch_mm2[hardest]
-    assert f"up to {force:.2f} N on {patch:.0f} mm², of which 62 % stick then" in line
+    assert f"up to {force:.2f} N on {patch:.0f} mm², where 62 % of the contact sticks" in line

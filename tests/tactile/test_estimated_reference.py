@@ -78,7 +78,7 @@ def test_a_gel_that_is_loaded_nearly_everywhere_is_refused() -> None:
     rng = np.random.default_rng(4)
     waves = 4.0 * np.sin(grid() / 22.0 + rng.uniform(0, 6, size=2))[:, ::-1]
     with pytest.raises(
-        TactileFailure, match=r"found \d+ of \d+ markers outside the print, expected"
+        TactileFailure, match=r"found \d+ of \d+ markers outside the imprint, expected"
     ) as caught:
         estimated(grid() + waves)
     assert caught.value.problem is TactileProblem.NO_MARKERS
@@ -104,7 +104,7 @@ def test_a_grasp_that_is_loaded_throughout_is_converted_with_its_spread(tmp_path
     order = np.asarray(cKDTree((grid() - CENTRE) / 15.0).query(left.rest_mm[:, :2])[1])
     assert np.abs(seen - truth[order] / 15.0).max() < 3.5 * left.reference_sd_mm.max()
     assert np.linalg.norm(seen, axis=1).max() > 0.25
-    assert any("g/left: the untouched gel is estimated from frame " in note for note in made.notes)
+    assert any("g/left: drupe estimated the untouched gel from frame " in note for note in made.notes)
 
 
 def test_the_spread_of_an_estimate_is_in_the_displacements_noise(nectarine_grasp: Any) -> None:

@@ -19,7 +19,7 @@ def test_the_stated_deviation_is_that_of_repeated_presses() -> None:
 
 def test_too_short_a_press_is_refused() -> None:
     with pytest.raises(
-        TactileFailure, match="flat: found 3 frames in which gel and load cell feel the press"
+        TactileFailure, match="flat: found 3 frames in which gel and load cell measure the press"
     ):
         gel_gain(np.array([0, 1.0, 1, 1, 0]), np.array([0, 1.0, 1, 1, 0]), source="flat")
 

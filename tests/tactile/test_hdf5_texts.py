@@ -23,6 +23,11 @@ SHIPPED = (
 )
 
 
+@pytest.fixture(autouse=True)
+def _no_contents_are_known(monkeypatch):
+    monkeypatch.setattr(tactile.io.hdf5_texts, "_read_through", set())
+
+
 def with_a_broken_heap(path):
     """The length of the category, kept before it in the file's heap, made not to lead to the next text."""
     data = bytearray(shutil.copy(SHIPPED, path).read_bytes())
@@ -44,6 +49,28 @@ def test_a_heap_without_an_end_is_refused(tmp_path, monkeypatch):
     with pytest.raises(TactileFailure, match=r"grasp-1\.h5") as refused:
         read_recording(path)
     assert "copy it again" in str(refused.value)
+
+
+def test_contents_that_were_read_through_are_not_tried_again_and_changed_ones_are(tmp_path, monkeypatch):
+    path = tmp_path / "grasp-1.h5"
+    shutil.copy(SHIPPED, path)
+    assert not texts_fault(path)
+    monkeypatch.setattr(tactile.io.hdf5_texts, "tried", None)
+    assert not texts_fault(path)
+    monkeypatch.undo()
+    assert "in 1 s" in texts_fault(with_a_broken_heap(path), patience_s=1.0)
+
+
+def test_contents_whose_reading_failed_are_tried_again(monkeypatch):
+    def failing(path, tell):
+        raise OSError("no file can be opened now")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tactile.io.hdf5_texts, "_read", failing)
+        assert texts_fault(SHIPPED) == ""
+    assert not tactile.io.hdf5_texts._read_through
+    assert texts_fault(SHIPPED) == ""
+    assert tactile.io.hdf5_texts._read_through
 
 
 def test_links_are_not_followed_to_find_out(tmp_path):

@@ -45,7 +45,7 @@ def test_without_a_described_grid_a_marker_lies_where_its_ray_meets_the_face() -
 )
 def test_another_sensors_markers_are_refused(other: np.ndarray) -> None:
     with pytest.raises(
-        TactileFailure, match=r"left: found .* markers where the sensor's description"
+        TactileFailure, match=r"left: found .* markers at their places in the sensor's description"
     ) as caught:
         places_of(CAMERA, project(CAMERA, other), GRID, shape=(240, 320), source="left")
     assert caught.value.problem is TactileProblem.WRONG_SENSOR

@@ -96,7 +96,7 @@ def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
 
 
 def test_a_print_wider_than_the_ball_is_refused() -> None:
-    with pytest.raises(TactileFailure, match=r"b: found a print that reaches .* ball's radius of 1 mm"):
+    with pytest.raises(TactileFailure, match=r"b: found an imprint of .* ball's radius of 1 mm"):
         ball_print(eye(), image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2), radius_mm=1.0, source="b")
 
 
@@ -118,7 +118,7 @@ def pole(at: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", [ridge, bumps, pole])
 def test_what_is_no_ball_is_refused(shape: Field) -> None:
-    with pytest.raises(TactileFailure, match=r"b\.png: (found a print|colours change)"):
+    with pytest.raises(TactileFailure, match=r"b\.png: (found an imprint|colours change)"):
         ball_print(eye(), image(eye(), flat, 0), image(eye(), shape, 2), radius_mm=5.0, source="b.png")
 
 
@@ -127,7 +127,7 @@ def test_a_soft_stain_is_no_ball() -> None:
     stain = cv2.GaussianBlur(rng.normal(size=(360, 480)), (0, 0), rng.uniform(10, 40))
     coloured = 1 + 0.5 * stain[..., None] / stain.max() * rng.uniform(-1, 1, 3)
     press = np.clip(image(eye(), flat, 0) * coloured, 0, 255).astype(np.uint8)
-    with pytest.raises(TactileFailure, match=r"whose colours go with a ball's slopes by 70%"):
+    with pytest.raises(TactileFailure, match=r"whose colours explain only 70% of a ball's slopes"):
         ball_print(eye(), image(eye(), flat, 0), press, radius_mm=5.0, source="b.png")
 
 
@@ -136,7 +136,7 @@ def test_a_picture_of_another_sensor_is_no_ball() -> None:
     turned = tuple(GelLight(direction=light.direction[[1, 0, 2]], colour=light.colour) for light in LIGHTS)
     press = gel_image(eye(), turned, other, flat, np.random.default_rng(2))
     press[:, :160] //= 2
-    with pytest.raises(TactileFailure, match=r"b\.png: found a print"):
+    with pytest.raises(TactileFailure, match=r"b\.png: found an imprint"):
         ball_print(eye(), image(eye(), flat, 0), press, radius_mm=5.0, source="b.png")
 
 

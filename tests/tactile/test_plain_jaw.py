@@ -122,6 +122,6 @@ def test_a_jaw_that_faces_away_is_refused() -> None:
     away[:, :3, 1:3] *= -1
     turned = replace(recording, pads=(recording.pads[0], replace(right, pose=away)))
     with pytest.raises(
-        TactileFailure, match=r"g\.h5: pads/right: found a plain jaw that faces no round skin"
+        TactileFailure, match=r"g\.h5: pads/right: found a plain jaw without round skin in front of it"
     ):
         with_plain_jaw(turned, ball(), source="g.h5")

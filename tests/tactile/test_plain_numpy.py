@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tactile.io.plain_numpy
-from tactile.io.named_file import FileNotReadable
+from pipeline.files.plain_file import NotReadable
 from tactile.io.plain_numpy import load_npy, load_npz
 
 
@@ -21,12 +21,12 @@ def test_arrays_come_back_in_double_precision(tmp_path):
 def test_bytes_that_would_become_too_many_doubles_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(tactile.io.plain_numpy, "MOST_VALUES", 1000)
     np.savez_compressed(tmp_path / "a.npz", one=np.zeros(600, np.uint8), two=np.zeros(600, np.uint8))
-    with pytest.raises(FileNotReadable, match="more than 1000 values"):
+    with pytest.raises(NotReadable, match="more than 1000 values"):
         load_npz(tmp_path / "a.npz")
 
 
 def test_a_file_cut_short_is_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros(1000))
     (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:4000])
-    with pytest.raises(FileNotReadable, match="cut short"):
+    with pytest.raises(NotReadable, match="cut short"):
         load_npy(tmp_path / "a.npy")

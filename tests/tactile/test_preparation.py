@@ -89,7 +89,7 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     logged = LoggedTrace(time_s=np.arange(300) / 50, travel=travel, force_N=force, rows=np.arange(300) + 2)
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged)
-    assert f"at row {row + 2}, and no air" in caught.value.found
+    assert f"at row {row + 2}, and no frames in air" in caught.value.found
 
 
 def test_a_field_that_is_read_twice_counts_once(tmp_path):
@@ -173,9 +173,12 @@ def poked(**values):
         (of_aperture(lambda v: v[np.arange(FRAMES) // 3 * 3]), "was read 10 times a second and repeated"),
         (of_aperture(lambda v: v[np.arange(FRAMES) // 5 * 5]), "was read 6 times a second and repeated"),
         (of_aperture(lambda v: v[np.arange(FRAMES) // 6 * 6]), "was read 5 times a second and repeated"),
-        (poked(_50=999.0), "1 wild value of aperture_mm replaced by a line between those beside: frame 50"),
-        (poked(_40=0.0, _41=-3.0), "2 wild values of aperture_mm replaced"),
-        (poked(_30=np.nan, _90=np.nan), "2 missing values of aperture_mm replaced"),
+        (
+            poked(_50=999.0),
+            "drupe replaced 1 wild value of aperture_mm by interpolation between neighbours: frame 50",
+        ),
+        (poked(_40=0.0, _41=-3.0), "drupe replaced 2 wild values of aperture_mm"),
+        (poked(_30=np.nan, _90=np.nan), "drupe replaced 2 missing values of aperture_mm"),
     ],
 )
 def test_apertures_that_the_logger_spoilt_lie_on_lines_between_readings(tmp_path, change, says):

@@ -50,9 +50,9 @@ def test_a_sound_recording_has_no_such_finding(sound: Recording) -> None:
 
 
 CONTRADICTIONS: list[tuple[str, dict[str, Any], float, str]] = [
-    ("the reference bears it", {"reference_print": 1.4}, 0.3, "the reference bears a print itself"),
-    ("loaded from the first frame", {"reference_print": 0.4}, 2.0, "the gel is loaded from frame 0 on"),
-    ("nothing is known of the reference", {}, 2.0, "the gel is loaded from frame 0 on"),
+    ("the reference bears it", {"reference_print": 1.4}, 0.3, "the reference shows a contact imprint itself"),
+    ("loaded from the first frame", {"reference_print": 0.4}, 2.0, "the gel is under load from frame 0 on"),
+    ("nothing is known of the reference", {}, 2.0, "the gel is under load from frame 0 on"),
 ]
 
 
@@ -83,8 +83,8 @@ def test_a_print_that_comes_later_without_a_force_names_the_other_causes(sound: 
         return fields
 
     (found,) = recording_findings(changed(sound, act), None, None)
-    assert "pictures show a print (3.0 times what an empty gel shows)" in found.sentence
-    assert "of another gel, or the fruit drags the gel more than it presses it" in found.sentence
+    assert "pictures show a contact imprint (3.0 times the limit for an empty gel)" in found.sentence
+    assert "of another gel, or shear exceeds pressure" in found.sentence
 
 
 def test_an_estimate_that_is_too_coarse_is_not_advised_again(sound: Recording) -> None:
@@ -92,18 +92,21 @@ def test_an_estimate_that_is_too_coarse_is_not_advised_again(sound: Recording) -
         return shown(2.0)(pad) | {"reference_sd_mm": np.full(len(pad.rest_mm), 0.1)}
 
     (found,) = recording_findings(changed(sound, act), None, None)
-    assert "the untouched gel is estimated to 0.1 mm, too coarsely for this print's force" in found.sentence
+    assert (
+        "the estimate of the untouched gel has a standard deviation of 0.1 mm, "
+        "too coarse for the force of this imprint" in found.sentence
+    )
     assert found.sentence.endswith(
         "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
     )
 
 
 def test_a_pad_without_a_print_still_never_touches(sound: Recording) -> None:
-    with pytest.raises(TactileFailure, match="close the jaws further") as caught:
+    with pytest.raises(TactileFailure, match="close the jaws farther") as caught:
         find_contact(changed(sound, shown(0.6)), source="g.h5")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
-    assert "If it does touch, the reference is as loaded as the frames" in str(caught.value)
-    with pytest.raises(TactileFailure, match=r"close the jaws further\.$"):
+    assert "If it does touch, the reference may be under the same load as the frames" in str(caught.value)
+    with pytest.raises(TactileFailure, match=r"close the jaws farther\.$"):
         find_contact(changed(sound, lambda pad: {"force_N": shown(0.0)(pad)["force_N"]}), source="g.h5")
 
 
@@ -112,7 +115,7 @@ def test_a_force_that_is_pulled_by_the_print_on_the_reference_is_no_matter_of_si
         return {"force_N": -np.abs(pad.force_N), "reference_print": 2.0}
 
     assert print_without_force(sound.pads[0]) is None  # type: ignore[arg-type]
-    with pytest.raises(TactileFailure, match="the reference bears a print itself"):
+    with pytest.raises(TactileFailure, match="the reference shows a contact imprint itself"):
         find_contact(changed(sound, act), source="g.h5")
 
 
@@ -125,4 +128,4 @@ def test_a_reference_that_bears_a_print_puts_the_modulus_in_doubt_or_takes_it(
     assert one.refused is refused
     assert one.relative_sd == 0.5
     assert one.hides_touch
-    assert f"the left pad's reference bears a print ({evidence:.1f} times" in one.sentence
+    assert f"the left pad's reference shows a contact imprint ({evidence:.1f} times" in one.sentence

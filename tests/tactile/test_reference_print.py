@@ -151,7 +151,7 @@ def test_a_print_on_the_reference_is_said_with_what_to_do(tmp_path: Path) -> Non
     pad, notes = left_of(printed(tmp_path / "g", reference_px=5.0, frames_px=[5.0] * 6))
     assert pad.reference_print is not None
     assert pad.reference_print > 1.3
-    said = next(note for note in notes if note.startswith("g/left: the reference bears a print"))
+    said = next(note for note in notes if note.startswith("g/left: the reference shows a contact imprint"))
     assert "its markers bulge" in said
     assert "reference = ... in grasp.toml" in said
 
@@ -160,7 +160,7 @@ def test_a_faint_print_on_the_reference_is_said_when_it_goes(tmp_path: Path) -> 
     """On the drawn gel 2.3 px of bulge are 0.83 of what counts."""
     pad, notes = left_of(printed(tmp_path / "g", reference_px=2.3, frames_px=[2.3, 2.3, 1.5, 0.0, 0.0]))
     assert pad.reference_print == 1.0
-    assert any("the gel is flatter. Something was pressed into the reference" in note for note in notes)
+    assert any("the gel is flatter. An object pressed the gel in the reference" in note for note in notes)
 
 
 def test_a_described_grid_stands_for_the_regular_one(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def test_a_trace_beyond_the_rig_or_corrected_before_is_refused():
         without_rig(trace(press(rng, RIG, peak_N=30.0)), curve, source="t.csv", named="rig.toml")
     said = without_rig(trace(press(rng, RIG, peak_N=23.0)), curve, source="t.csv", named="rig.toml")
     assert any("extrapolated by its last slope" in note for note in said.notes)
-    with pytest.raises(TactileFailure, match="taken off before"):
+    with pytest.raises(TactileFailure, match="already corrected for a rig"):
         without_rig(said.recording, curve, source="t.csv", named="rig.toml")
 
 

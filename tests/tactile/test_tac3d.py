@@ -54,7 +54,7 @@ def test_the_canonical_file_gives_the_recording_back(tmp_path: Path) -> None:
 def test_lost_frames_the_deadband_and_the_resultant_are_said(tmp_path: Path) -> None:
     sensor = read_tac3d(write_sensor(tmp_path / "AD2", lost=(20, 21, 30)))
     said = " ".join(recording_of_tac3d([sensor], fruit_id="f1", category="nectarine").notes)
-    assert "AD2: 3 of 40 frames lost (2 gaps in the index)" in said
+    assert "AD2: 3 of 40 frames are missing (2 gaps in the index)" in said
     assert "13 frames are exactly zero (a deadband)" in said
     assert "the resultant and the sum of the forces differ by up to" in said
     assert "no aperture and no pose" in said
@@ -64,7 +64,7 @@ def test_two_clocks_six_seconds_apart_are_brought_together_by_the_forces(tmp_pat
     one = read_tac3d(write_sensor(tmp_path / "left", clock_s=100.0))
     two = read_tac3d(write_sensor(tmp_path / "right", clock_s=106.0, starts_s=0.12))
     found = recording_of_tac3d([one, two], fruit_id="f1", category="nectarine")
-    assert "left and right stamp times 6.12 s apart: two clocks" in " ".join(found.notes)
+    assert "the time stamps of left and right differ by 6.12 s (two clocks)" in " ".join(found.notes)
     left, right = (
         np.asarray(pad.force_N).sum(axis=1)[:, 2] for pad in found.recording.pads if isinstance(pad, GelPad)
     )

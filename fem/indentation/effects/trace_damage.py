@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import InterpolatedUnivariateSpline, RectBivariateSpline
 
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import half_space, hertz_energy_density
@@ -39,18 +39,19 @@ def damage_share(
     Appl. Mech. Engrg. 60, 1987 (discontinuous damage driven by the largest energy).
     """
     log_k = np.log(deepest_strain / (2 * (1 + poisson_ratio) * W0_over_E))
-    table = _lost_share(poisson_ratio)
+    table, widest = _lost_share(poisson_ratio)
     lost = np.zeros_like(log_k)
     for _ in range(ROUNDS):
         raised = np.clip(log_k - FEEDBACK * np.log1p(-lost), REACH[0], REACH[1])
-        lost = dmax * table.ev(raised, np.ones_like(raised))
+        lost = dmax * widest(raised)
     width = np.sqrt(np.clip(left, LEAST**2, 1.0))
     return np.asarray(1 - dmax * table.ev(raised, width))
 
 
 @lru_cache(maxsize=8)
-def _lost_share(poisson_ratio: float) -> RectBivariateSpline:
-    """Share of the force lost, per dmax, over log k and the contact radius a over the widest one.
+def _lost_share(poisson_ratio: float) -> tuple[RectBivariateSpline, InterpolatedUnivariateSpline]:
+    """Share of the force lost, per dmax, over log k and the contact radius a over the widest one; and over
+    log k alone where the contact is widest.
 
     F = R/(2 a) int (1 - D) dW/da dV with W = mu (a/R)^2 w(x/a), the slope by differences.
     """
@@ -65,7 +66,7 @@ def _lost_share(poisson_ratio: float) -> RectBivariateSpline:
     for j, a in enumerate(width):
         worst = density(1 / a) * a**2
         lost[:, j] = -np.expm1(-np.exp(log_k)[:, None] * worst) @ growth / growth.sum()
-    return RectBivariateSpline(log_k, width, lost)
+    return RectBivariateSpline(log_k, width, lost), InterpolatedUnivariateSpline(log_k, lost[:, -1])
 
 
 def _factor(

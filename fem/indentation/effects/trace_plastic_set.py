@@ -35,7 +35,10 @@ def plastic_slack_mm(
     """
     over = np.maximum(deepest_mm[:, :, None] - level_mm[:, None], 0.0)
     k = 2 * HARDNESS * (1 - poisson_ratio**2) * np.sqrt(radius_mm) * yield_over_E / over_half_space
-    return np.asarray(over - over / (1 + (np.sqrt(over) / k[..., None]) ** SHARP) ** (1 / SHARP))
+    pressed = over > 0
+    m, k = over[pressed], np.broadcast_to(k[..., None], over.shape)[pressed]
+    over[pressed] = m - m / (1 + (np.sqrt(m) / k) ** SHARP) ** (1 / SHARP)
+    return np.asarray(over)
 
 
 def flowing_slack_mm(

@@ -42,7 +42,7 @@ PEAK = 0.3
 """Peaks of the load above such a share of the greatest are solved for."""
 LEAST_AMOUNT = 0.5
 """Set between what recordings ask for of the gap that gains most: eight sound fruit 0.44 at most, six of the
-eight loose pits of docs/validation.md (A pit that turns in its hollow), those looked at, 0.69 to 1.02. None
+eight loose pits drawn for it, those looked at, 0.69 to 1.02. None
 of these was set aside."""
 MOST_ROUNDS, STILL = 12, 1e-3
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it, until it changes

@@ -2,7 +2,7 @@
 
 All soft flesh deforms largely under the forces of a grasp: two millimetres of indentation under a patch of
 six strain it by a fifth. The plain model's strains are small, and what it leaves out looks like a skin or
-like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, docs/validation.md).
+like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, first blind test).
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ LITTLE, LARGELY = (0.0, 0.02), (1.0, 0.25)
 to do, and of flesh that deforms largely, as all real flesh does. One of the two holds
 (fem.mismatch.selection.screening): between them a skin and large deformation stand for each other. Set by
 hand: sound fruit of simulators of the first kind have within 0.03 of none where any is allowed, Neo-Hookean
-ones 0.5 to 0.9 (docs/validation.md); an eighth of it takes a fifth off a skin (open-07)."""
+ones 0.5 to 0.9; an eighth of it takes a fifth off a skin (open-07)."""
 CLEAR = 3.0
 """ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1. Both
 hold the same effects, so that TEMPERATURE of fem.mismatch.thresholds does not enter."""

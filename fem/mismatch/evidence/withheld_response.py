@@ -21,10 +21,10 @@ from fem.solid.traction import TractionField
 EDGE, REACH = 0.075, 0.5
 """Edges under a patch, and how far round it they are made shorter, as shares of its width. On that fruit
 1.2 mm and 8 mm: what is left of the mesh's error is then 1.0 um of 4.3, beside edges of 1.1 mm in whole
-fruits; 2.0 with edges of 1.7 mm within 5 mm. Chosen on that fruit alone, case 051 (docs/validation.md)."""
+fruits; 2.0 with edges of 1.7 mm within 5 mm. Chosen on that fruit alone, case 051 of the first blind test."""
 HIDING_NOISE = 0.016
 """Noise of a marker over its motion (noise_share) from which on nothing is put back: a white noise of forces
-comes into it too and is not taken out again. The five quiet sensors of docs/validation.md have 0.009 to
+comes into it too and is not taken out again. Five quiet sensors have 0.009 to
 0.011, the noisier ones with which it did no good 0.027 and more; between them nothing was tried."""
 WITHHELD = "withheld by the mesh"
 """Name of its column."""

@@ -38,7 +38,7 @@ DESIGN_EFFECT = 15.0
 numbers count as one independent. Effects that are not
 there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
 soft jaws gain ten times as much, and one that is there only twice. On truth that is converged a quarter of it
-was tried on few cases (docs/validation.md, Fewer numbers as one)."""
+was tried on few cases (docs/validation.md, Scope)."""
 LEAST_NOISE_SHARE = 0.016
 """Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
 The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the

@@ -37,7 +37,7 @@ hardly to be told from marker scales to a fruit that is pressed against a table.
 FREEDOMS = (0.1, 1.0)
 """Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
 that is touched throughout takes nearly the same share, a stop that is met late any. With the second alone a
-palm pays for a course that it does not need, 4 nats a recording (docs/validation.md, second sealed proof).
+palm pays for a course that it does not need, 4 nats a recording (one case of the second blind test).
 Set by hand."""
 SMOOTH, COURSES = 0.2, 6
 """Length over which the force's share of the load may change, as a share of a recording's frames: a leg of

@@ -29,7 +29,7 @@ from fem.mismatch.selection.refinement import Refit
 
 LEAST_RELATIVE_SD = 0.01
 """Of E: what all recordings have in common. A linear truth is met to 0.9 and 1.3 % (docs/validation.md,
-Mechanics)."""
+Solver)."""
 SCATTER = 0.02
 """Relative scatter of one recording's E, where there is no second one to show it."""
 LEAST_COMPLIANCE = 1e-9

@@ -6,14 +6,15 @@ import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.pit.priors.plausible import Plausible, read_plausible
-from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure, ReconProblem
 
 __all__ = [
@@ -104,6 +105,7 @@ class PitPrior:
         return self.measured is not None or self.axis_ratios is not None
 
 
+@cache
 def known_categories() -> tuple[str, ...]:
     """Categories that ship with a file."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
@@ -116,21 +118,32 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
     its range).
     """
     name = str(category_or_path)
-    own = name.endswith(".toml")
-    path = Path(name) if own else FOLDER / f"{name}.toml"
-    if own and (wrong := not_plain(path)):
+    if not name.endswith(".toml"):
+        return _shipped(name)
+    path = Path(name)
+    if wrong := not_plain(path):
         found = "is no file" if wrong == "does not exist" else wrong
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"{path} {found}; write it (copy a shipped category and edit it: docs/formats.md), or name "
-            f"a shipped one: {', '.join(known_categories())}.",
+            f"{path} {found}; write the file (copy a shipped category and edit it: docs/formats.md), "
+            f"or name a shipped category: {', '.join(known_categories())}.",
         )
-    if not own and name not in known_categories():
+    return _read(path)
+
+
+@cache
+def _shipped(name: str) -> PitPrior:
+    """What comes with the package is read once: a run opens its batch several times."""
+    if name not in known_categories():
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"There is no pit prior for {name!r}; known are {', '.join(known_categories())}, "
-            "or give the path of a TOML file with one.",
+            f"drupe has no pit prior for {name!r}; known: {', '.join(known_categories())}. You can "
+            "also give the path of a TOML file.",
         )
+    return _read(FOLDER / f"{name}.toml")
+
+
+def _read(path: Path) -> PitPrior:
     try:
         table = toml_of(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
@@ -168,8 +181,8 @@ class _Entries:
         said = self.table.get("category", self.path.stem)
         if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
             raise _bad(
-                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most 200 "
-                "characters."
+                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most "
+                "200 characters."
             )
         return printable(said).strip()
 
@@ -194,8 +207,8 @@ class _Entries:
             for said in MAY_BE_LEFT[one]:
                 if said in self.table:
                     raise _bad(
-                        f'{self.path}: {said} is given, and {LEFT} leaves "{one}" to the batch; take one of '
-                        "the two out."
+                        f'{self.path}: {said} is given, but {LEFT} leaves "{one}" to the batch; '
+                        "remove one of the two."
                     )
         return frozenset(named)
 

@@ -205,4 +205,4 @@ def test_a_page_that_stops_is_told_once_and_started_again_at_its_address(tmp_pat
         assert ask(server, urlsplit(server.address).path)[2] == b"<p>page</p>"
     (sentence,) = messages
     assert sentence.startswith("the page stopped (")
-    assert "grading goes on" in sentence
+    assert "grading continues" in sentence

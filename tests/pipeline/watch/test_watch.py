@@ -145,7 +145,7 @@ def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch
     )
     assert (status, watched.worked) == (0, ["A", "B"])
     problems = [problem for entry in watched.shown for problem in entry.problems]
-    assert any(f"{batch}: cannot be worked on (No such file or directory)" in one for one in problems)
+    assert any(f"{batch}: drupe cannot process it (No such file or directory)" in one for one in problems)
     assert watched.shown[-1].problems == ()
 
 
@@ -163,7 +163,7 @@ def test_so_is_a_file_that_cannot_be_reached_while_fruit_are_graded(batch, watch
     status = watched(*one_by_one(batch, "A", "B"), *[lambda: None] * 40)
     assert (status, sorted(set(watched.worked)), faults) == (0, ["A", "B"], [])
     problems = [problem for entry in watched.shown for problem in entry.problems]
-    assert "a file: cannot be worked on (Stale file handle); it is tried again." in problems
+    assert "a file: drupe cannot process it (Stale file handle) and tries again." in problems
     assert sorted(rows(batch)) == ["A", "B"]
 
 

@@ -28,7 +28,7 @@ def test_the_command_counts_the_fruit_that_ctrl_c_left_unfinished(batch, drupe, 
         put(batch, name)
     ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q", "--jobs", "2")
     assert ran.status == 130
-    assert "drupe: stopped; 2 fruit were not finished, the same command goes on from here" in ran.err
+    assert "drupe: stopped; 2 fruit were not finished. Run the same command again to continue." in ran.err
 
 
 @pytest.mark.parametrize("ends", ["when nothing new comes", "by Ctrl-C"])
@@ -69,8 +69,8 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (["nowhere"], "nowhere: there is no such batch folder."),
-        (["batch.toml"], "is a file; give the batch's folder."),
+        (["nowhere"], "nowhere: does not exist; give an existing batch folder."),
+        (["batch.toml"], "is a file; give the batch folder."),
         ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
     ],
 )
@@ -89,7 +89,7 @@ def nothing(_path):
 @pytest.mark.parametrize(
     ("put", "said"),
     [
-        (nothing, "there is no batch.toml in this folder; write one"),
+        (nothing, "does not exist. Write one"),
         (lambda path: path.mkdir(), "is a folder, not a file; put the batch's settings there."),
         (lambda path: path.symlink_to("nowhere"), "is a link to nothing (nowhere)"),
         (os.mkfifo, "is a named pipe, not a file; put the batch's settings there."),
@@ -123,5 +123,5 @@ def test_progress_counts_the_fruit_that_have_come(batch, watched, monkeypatch):
 def test_fruit_that_lack_files_are_named_once_they_are_at_rest(batch, watched):
     put(batch, "A", recording=False)
     watched(*QUIET, lambda: (batch / "fruits" / "B").mkdir(), lambda: put(batch, "B"), *QUIET)
-    assert watched.said.getvalue().count("A: not graded yet, lacks a recording in grasps/") == 1
+    assert watched.said.getvalue().count("A: not graded yet; missing: a recording in grasps/") == 1
     assert "B: not graded yet" not in watched.said.getvalue()

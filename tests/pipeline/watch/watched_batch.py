@@ -3,11 +3,12 @@
 import csv
 
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, write_record
+from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.run import grading, reporting
 from pipeline.run.fruit_records import ended_record
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
+from reports.grasp_record import GraspRecord
 
 HEAD = 'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
 QUIET = [lambda: None] * 8

@@ -1,0 +1,217 @@
+"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait."""
+
+import errno
+import json
+import os
+import re
+import stat
+import tomllib
+import unicodedata
+from pathlib import Path
+from typing import Any, BinaryIO
+
+DEEPEST = 20
+"""Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
+_KEY_PART = r"""(?:"(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?|[\w-]++)"""
+_TOML_TOKEN = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5}|\Z)|#[^\n]*+|[^"'#\w-]++|'''
+    r"""'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"""
+    rf"(?P<deep_key>{_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{DEEPEST}}})|{_KEY_PART}",
+    re.DOTALL,
+)
+"""A text over several lines, a comment, punctuation, a key of more than DEEPEST parts, or one part of a key,
+a word or a text (TOML 1.0). Every character is in one token: the search takes time in proportion to the text.
+A text without an end goes to the end of the line or file; the TOML reader stops there."""
+
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""How a file begins that Git LFS puts in the place of a large one (its specification, v1)."""
+NO_LFS_FILE = "is a Git LFS pointer, not the file itself: fetch the file with `git lfs pull`"
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+class NotReadable(Exception):
+    """What is wrong with the file itself, as the end of a sentence: "is a named pipe, not a file"."""
+
+
+def not_plain(path: Path) -> str:
+    """Why `path` is no file that can be read, found without opening it; empty where it is one.
+
+    A link to a plain file is one, wherever that lies. A pipe, a socket or a device is not: opening one can
+    wait for ever, and a device never ends. Nor is one whose name no text can hold.
+    """
+    if not named_in_utf8(path):
+        return "has a name that is not UTF-8"
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return f"is a link to nothing ({path.readlink()})" if path.is_symlink() else "does not exist"
+    except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            return "is a link that leads back to itself"
+        return f"cannot be opened ({_why(error)})"
+    return _kind(mode)
+
+
+def named_in_utf8(path: Path) -> bool:
+    """Whether a file's own name is text: on Linux it can be any bytes, which tables and pages cannot hold."""
+    return not any(_undecoded(c) for c in path.name)
+
+
+def read_bytes(path: Path, *, most_bytes: int) -> bytes:
+    """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
+    data = read_head(path, most_bytes + 1)
+    if data.startswith(LFS_POINTER):
+        raise NotReadable(NO_LFS_FILE)
+    if len(data) > most_bytes:
+        raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
+    return data
+
+
+def read_head(path: Path, count: int) -> bytes:
+    """The first `count` bytes of a plain file; raises NotReadable."""
+    if wrong := not_plain(path):
+        raise NotReadable(wrong)
+    try:
+        with open_plain(path) as file:
+            return file.read(count)
+    except OSError as error:
+        raise NotReadable(f"cannot be opened ({_why(error)})") from error
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Opens a plain file, and waits for no pipe; raises OSError, or NotReadable where it is another thing."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if wrong := _kind(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise NotReadable(wrong)
+    return os.fdopen(handle, "rb")
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether the plain file at `path` stands for one that Git LFS has not fetched."""
+    with path.open("rb") as file:
+        return file.read(len(LFS_POINTER)) == LFS_POINTER
+
+
+def read_text(path: Path, *, most_bytes: int) -> str:
+    """The text of a UTF-8 file, without a byte order mark; raises NotReadable."""
+    data = read_bytes(path, most_bytes=most_bytes)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise NotReadable(f"is not UTF-8 text (byte 0x{data[error.start]:02x} in line {line})") from error
+    if "\0" in text:
+        raise NotReadable("is no text (it holds zero bytes)")
+    return text
+
+
+def text_or_empty(path: Path, *, most_bytes: int) -> str:
+    """The text of a UTF-8 file; empty where it cannot be read."""
+    try:
+        return read_text(path, most_bytes=most_bytes)
+    except NotReadable:
+        return ""
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The table that a TOML text holds; raises NotReadable with the line of the fault."""
+    if line := _line_of_deep_key(text):
+        raise NotReadable(f"is nested too deep: line {line} holds a key of more than {DEEPEST} parts")
+    try:
+        held = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise NotReadable(f"is not valid TOML: {printable(str(error))[:200]}") from error
+    except RecursionError as error:
+        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
+    except ValueError as error:  # Python's own limit on digits
+        raise NotReadable("is not valid TOML: it holds a number of thousands of digits") from error
+    _require_shallow(held)
+    return held
+
+
+def json_of(text: str) -> Any:
+    """What a JSON text holds; raises NotReadable with the line of the fault."""
+    try:
+        held = json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise NotReadable(f"is not valid JSON ({where}: {error.msg[:60].lower()})") from error
+    except RecursionError as error:
+        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
+    except ValueError as error:
+        raise NotReadable("is not valid JSON (a number of thousands of digits)") from error
+    _require_shallow(held)
+    return held
+
+
+def _line_of_deep_key(text: str) -> int:
+    """The line of the first dotted key of more than DEEPEST parts; 0 where there is none.
+
+    The TOML reader's time and memory grow with the square of the number of parts: 25,000 take 4 GB.
+    """
+    deep = next((token for token in _TOML_TOKEN.finditer(text) if token["deep_key"]), None)
+    return 0 if deep is None else text.count("\n", 0, deep.start()) + 1
+
+
+def _require_shallow(held: Any) -> None:
+    """Refuses nesting that a later reader's stack may not survive, and integers beyond 64 bits."""
+    level = [held]
+    for _ in range(DEEPEST + 1):
+        if any(isinstance(entry, int) and not -(2**63) <= entry < 2**63 for entry in level):
+            raise NotReadable("holds a whole number beyond 64 bits")
+        level = [
+            inner
+            for entry in level
+            if isinstance(entry, list | dict)
+            for inner in (entry.values() if isinstance(entry, dict) else entry)
+        ]
+        if not level:
+            return
+    raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)")
+
+
+def size(count: int) -> str:
+    """Bytes in words.
+
+    >>> size(2_000_000), size(64_000)
+    ('2 MB', '64 kB')
+    """
+    return f"{count / 1e6:g} MB" if count >= 1_000_000 else f"{count / 1e3:g} kB"
+
+
+def printable(text: str) -> str:
+    r"""Text without what moves a terminal's cursor or turns a line around: control and format characters.
+    Bytes of a file's name that are not UTF-8 are shown as such.
+
+    >>> printable("a\x1b[31mb\u202ec\nd")
+    'a[31mbc d'
+    >>> printable(b"a\xff.h5".decode(errors="surrogateescape"))
+    'a\\xff.h5'
+    """
+    if text.isprintable():
+        return text
+    spaced = " ".join(text.split("\n")).replace("\t", " ").replace("\r", "")
+    spaced = "".join(f"\\x{ord(c) - 0xDC00:02x}" if _undecoded(c) else c for c in spaced)
+    return "".join(c for c in spaced if unicodedata.category(c) not in {"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def _undecoded(character: str) -> bool:
+    """Whether it stands for a byte that is not UTF-8 (PEP 383)."""
+    return "\udc80" <= character <= "\udcff"
+
+
+def _kind(mode: int) -> str:
+    kind = next((word for test, word in _KINDS if test(mode)), None)
+    return "" if kind is None else f"is {kind}, not a file"
+
+
+def _why(error: OSError | ValueError) -> str:
+    return error.strerror or "unknown" if isinstance(error, OSError) else "no name of a file"
