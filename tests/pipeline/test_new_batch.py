@@ -144,10 +144,8 @@ def test_grading_a_folder_of_photos_names_the_way_in(drupe, photos):
     for folder in (photos, photos / "N2"):
         ran = drupe("grade", folder)
         assert ran.status == 2
-        assert (
-            f"does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos {folder}`"
-            in ran.err
-        )
+        assert "does not exist, but this folder has photos" in ran.err
+        assert f"Create a batch with `drupe new BATCH --photos {folder}`" in ran.err
 
 
 def test_a_known_answer_comes_out():
