@@ -368,7 +368,7 @@ def reconstruct_with_model(
         surface_sd_mm=float(np.hypot(miss_mm, mesh.deviation_rms_mm)),
         quality=quality,
         warnings=(
-            ("The shape comes from a geometry model; only the scatter of its points indicates its error."),
+            "The shape comes from a geometry model; only the scatter of its points indicates its error.",
         ),
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",

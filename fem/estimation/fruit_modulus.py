@@ -72,7 +72,7 @@ def infer_modulus(
             break
         if moves == MOST_MOVES:
             doubts = (
-                (f"the pit's place did not converge in {moves} moves, so its error bar may be too small"),
+                f"the pit's place did not converge in {moves} moves, so its error bar may be too small",
             )
             break
         try:
@@ -85,7 +85,7 @@ def infer_modulus(
         moved = [one for one in tried if isinstance(one, ModulusEstimate)]
         if len(moved) < len(estimates):
             doubts = (
-                ("a grasp fails at the pit's place from the grasps, so this place is only a first estimate"),
+                "a grasp fails at the pit's place from the grasps, so this place is only a first estimate",
             )
             break
         at, moves = place, moves + 1

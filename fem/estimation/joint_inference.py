@@ -316,13 +316,12 @@ def _between(left: Float[np.ndarray, " g"], own: Float[np.ndarray, " g"]) -> flo
 def _contradiction(tension: float) -> tuple[str, ...]:
     if tension <= MOST_TENSION:
         return ()
-    return (
-        (
-            f"the pads differ by {np.sqrt(tension):.1f} times the expected noise and pit uncertainty. "
-            "Possible causes are a soft spot, a pad's gain, a wrong pose, or a misplaced pit. E is a "
-            "compromise with a wider error bar"
-        ),
+    said = (
+        f"the pads differ by {np.sqrt(tension):.1f} times the expected noise and pit uncertainty. "
+        "Possible causes are a soft spot, a pad's gain, a wrong pose, or a misplaced pit. E is a "
+        "compromise with a wider error bar"
     )
+    return (said,)
 
 
 def _disagreement(grasps: Sequence[GraspEvidence], between: float) -> tuple[str, ...]:

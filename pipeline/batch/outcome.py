@@ -21,7 +21,7 @@ class Outcome(Enum):
     GRADED = ("graded", "")
     NO_GRASP = (
         "no-grasp",
-        ("grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}"),
+        "grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}",
     )
     ALL_GRASPS_FAILED = ("grasps-failed", "No recording of this fruit is usable: {}")
     NO_SHAPE = ("no-shape", "{} holds neither photos nor fruit.ply; add one of them.")
@@ -38,7 +38,7 @@ class Outcome(Enum):
     )
     IMPLAUSIBLE_PIT = (
         "implausible-pit",
-        ("{} Replace pit.ply by the fruit's own pit, in mm and in the fruit's frame."),
+        "{} Replace pit.ply by the fruit's own pit, in mm and in the fruit's frame.",
     )
     IMPLAUSIBLE_MODULUS = (
         "implausible-modulus",
@@ -60,16 +60,16 @@ class Outcome(Enum):
     )
     TIMED_OUT = (
         "timed-out",
-        ("The fruit took longer than the limit of {} s; raise the limit with --time-limit."),
+        "The fruit took longer than the limit of {} s; raise the limit with --time-limit.",
     )
     OUT_OF_MEMORY = (
         "out-of-memory",
         "drupe ran out of memory ({}); use fewer --jobs, or close other programs.",
     )
-    NOT_WRITTEN = ("not-written", ("drupe could not write a result: {} Then run the same command again."))
+    NOT_WRITTEN = ("not-written", "drupe could not write a result: {} Then run the same command again.")
     INTERNAL = (
         "internal-error",
-        ("drupe has an internal error ({}); please report it with traceback.txt from this fruit's results."),
+        "drupe has an internal error ({}); please report it with traceback.txt from this fruit's results.",
     )
 
     @property

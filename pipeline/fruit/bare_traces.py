@@ -29,7 +29,7 @@ ALONG_STEM = (
     "suture to back (axis a). If the diameters are in another order, write them as a (suture to "
     "back), b (across the cheeks), c (stem to tip)"
 )
-"""Of a stone fruit; ALONG_SUTURE_SD of pipeline/fruit/pressed_fruit.py has the factor."""
+"""Of a stone fruit; the factors are in benchmarks/results/diameter_shapes.csv."""
 DEEP = "case.toml and drupe convert give no thickness_mm: drupe assumes a thick specimen."
 
 

@@ -61,7 +61,7 @@ TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
 ALONG_SUTURE_SD = 0.15
 """Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
-forces on whole skins are 1.10 to 1.17 times those on ellipsoids."""
+forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/results/diameter_shapes.csv)."""
 SHAPE, RECORDINGS = "shape from three diameters", "recordings"
 """Parts of the error bar, beside Poisson's ratio."""
 APART = 3.0

@@ -80,7 +80,7 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         points=points @ whole[:3, :3].T + whole[:3, 3],
         box=box,
         warnings=(
-            (f"drupe found no camera pose for {len(unplaced)} of {len(photos)} photos. {plan_words(plan)}"),
+            f"drupe found no camera pose for {len(unplaced)} of {len(photos)} photos. {plan_words(plan)}",
         )
         if unplaced
         else (),

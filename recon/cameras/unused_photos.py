@@ -63,7 +63,7 @@ def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]
             if kind in READ_KINDS:
                 yield (
                     path,
-                    (f"drupe reads a {kind} only with a photo's suffix; rename it to {READ_KINDS[kind]}"),
+                    f"drupe reads a {kind} only with a photo's suffix; rename it to {READ_KINDS[kind]}",
                 )
             elif path.stem.lower() not in used and (kind or not pictures_alone):
                 what = f"drupe does not read {kind} pictures" if kind else "it is no JPEG, PNG or HEIC"

@@ -21,7 +21,7 @@ MOST_VALUES = MOST_BYTES // 8
 
 
 def load_npy(path: Path) -> np.ndarray:
-    """The array in an .npy file, in double precision where it is of numbers; raises NotReadable."""
+    """The array in an .npy file; numbers are converted to double precision. Raises NotReadable."""
     return _array(io.BytesIO(read_bytes(path, most_bytes=MOST_BYTES)))
 
 
