@@ -1,4 +1,4 @@
-"""Exit statuses of all commands, as docs/guide.md lists them."""
+"""Exit statuses of all commands, as docs/how-to/grade-a-batch.md lists them."""
 
 DONE = 0
 """All that was asked for is done, with no doubt."""

@@ -57,7 +57,7 @@ _EXIT_STATUS = {
     3: "some fruit not graded",
     4: "all graded, some E in doubt",
 }
-"""Words for the exit statuses of `drupe grade` (docs/guide.md)."""
+"""Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
 MOST_ROWS = 40

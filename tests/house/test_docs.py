@@ -25,6 +25,7 @@ DOCUMENTS = sorted(
     path.relative_to(ROOT).as_posix()
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
 )
+GUIDES = [name for name in DOCUMENTS if name.startswith("docs/how-to/")]
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "tests", "benchmarks", "docs")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 NAMED = re.compile(rf"(?<![\w/.-])((?:{'|'.join(ROOMS)})/[\w./-]*\w)")
@@ -167,7 +168,7 @@ def keys_of(model: type[BaseModel]) -> set[str]:
     ids=["columns of ranking.csv", "columns of fruits.csv", "keys of batch.toml"],
 )
 def test_every_name_in_a_file_is_defined_in_formats(names):
-    pages = text_of("docs/formats.md") + text_of("docs/guide.md")
+    pages = "".join(map(text_of, ("docs/formats.md", *GUIDES)))
     assert [name for name in names if not re.search(rf"\b{name}\b", pages)] == []
 
 
@@ -192,9 +193,9 @@ def test_every_file_and_column_that_convert_reads_is_named_under_its_sources():
     assert [name for name in (*arrays, *columns) if f"`{name}`" not in section] == []
 
 
-def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guide():
+def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guides():
     rows = set(re.findall(r"^\| `(\w+)` \|", text_of("docs/formats.md"), re.MULTILINE))
     names = {path.stem for path in (ROOT / "fem" / "mismatch" / "effects").glob("[a-z]*.py")}
     assert "viscoelastic" in names
     assert names <= rows
-    assert {name for name in names if f"`{name}`" not in text_of("docs/guide.md")} == set()
+    assert {name for name in names if f"`{name}`" not in text_of("docs/how-to/find-missing-physics.md")} == set()

@@ -1,4 +1,4 @@
-"""Every command of `drupe` has a file of its own, and the guide's table names each."""
+"""Every command of `drupe` has a file of its own, and the reference's table names each."""
 
 from pathlib import Path
 
@@ -13,9 +13,9 @@ def test_a_command_is_a_file_of_its_name():
     assert places == {name: f"pipeline.commands.{name}" for name in places}
 
 
-def test_the_guide_has_a_row_for_every_command():
-    guide = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
-    rows = [line for line in guide.splitlines() if line.startswith("| `drupe ")]
+def test_the_reference_has_a_row_for_every_command():
+    reference = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    rows = [line for line in reference.splitlines() if line.startswith("| `drupe ")]
     assert {row.split()[2].strip("`") for row in rows} == {
         c.callback.__name__ for c in app.registered_commands
     }
