@@ -198,4 +198,6 @@ def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guides():
     names = {path.stem for path in (ROOT / "fem" / "mismatch" / "effects").glob("[a-z]*.py")}
     assert "viscoelastic" in names
     assert names <= rows
-    assert {name for name in names if f"`{name}`" not in text_of("docs/how-to/find-missing-physics.md")} == set()
+    assert {
+        name for name in names if f"`{name}`" not in text_of("docs/how-to/find-missing-physics.md")
+    } == set()
