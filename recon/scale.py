@@ -38,7 +38,12 @@ def blank_box(mat: Mat) -> Box:
 def scaled_to_height(
     vertices: Float[np.ndarray, "n 3"], height_mm: float
 ) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """Vertices scaled about the origin so that they are `height_mm` tall along z, and the factor."""
+    """Vertices scaled about the origin so that they are `height_mm` tall along z, and the factor.
+
+    >>> vertices, factor = scaled_to_height(np.array([[0.0, 0, 0], [1, 0, 2]]), 60.0)
+    >>> factor, vertices[1]
+    (30.0, array([30.,  0., 60.]))
+    """
     factor = height_mm / float(np.ptp(vertices[:, 2]))
     return vertices * factor, factor
 
@@ -58,6 +63,9 @@ def with_print_error(scale_sd: float) -> float:
 def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float) -> float:
     """Relative standard deviation of a scale taken from the height: the caliper's error and that of two mesh
     ends.
+
+    >>> round(spread_of_scale(60.0, height_sd_mm=0.3, surface_sd_mm=0.0), 6)
+    0.005
     """
     return float(np.hypot(height_sd_mm, np.sqrt(2) * surface_sd_mm) / height_mm)
 

@@ -10,6 +10,10 @@ from scipy import sparse
 def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     """How many directed edges lack their opposite or occur twice; 0 for a closed, consistently turned
     manifold.
+
+    >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> open_edges(tetrahedron), open_edges(tetrahedron[1:])
+    (0, 3)
     """
     if len(faces) == 0:
         return 1
@@ -72,7 +76,13 @@ def consistently_oriented(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3
 
 
 def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> float:
-    """Sum of a . (b x c) / 6 over the faces; positive when they look outward."""
+    """Sum of a . (b x c) / 6 over the faces; positive when they look outward.
+
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> round(6 * volume_mm3(corners, tetrahedron), 12)
+    1.0
+    """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 

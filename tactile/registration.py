@@ -103,6 +103,10 @@ def depth_along(
 
     Möller and Trumbore (1997), "Fast, minimum storage ray-triangle intersection", for parallel lines: with
     one direction the whole test is a point in a triangle of the projected mesh.
+
+    >>> floor = np.array([[[0.0, 0, 0], [0, 9, 0], [9, 0, 0]]])
+    >>> depth_along(np.array([[1.0, 1, -5]]), np.array([0.0, 0, 1]), floor)
+    array([5.])
     """
     across = np.linalg.svd(direction[None])[2][1:]
     flat, spots = triangles @ across.T, points @ across.T

@@ -54,6 +54,9 @@ def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
     """Shear modulus and Lame's first constant for E = 1 MPa.
 
     Raises BAD_POISSON_RATIO below zero and above LARGEST_POISSON_RATIO.
+
+    >>> unit_lame_constants(0.25)
+    (0.4, 0.4)
     """
     if not 0 <= poisson_ratio <= LARGEST_POISSON_RATIO:
         raise FemFailure(

@@ -42,7 +42,12 @@ class EnergyRatio:
 def since_first_touch(
     values: Float[np.ndarray, "t n 3"], episode: Int[np.ndarray, "t n"]
 ) -> Float[np.ndarray, "t n 3"]:
-    """Each marker's series less its value in the first frame of the same contact; zero out of contact."""
+    """Each marker's series less its value in the first frame of the same contact; zero out of contact.
+
+    >>> readings = np.array([3.0, 4.0, 5.0, 7.0]).repeat(3).reshape(4, 1, 3)
+    >>> since_first_touch(readings, np.array([[0], [1], [1], [1]]))[:, 0, 0]
+    array([0., 0., 1., 3.])
+    """
     change = np.zeros_like(values)
     markers = np.arange(values.shape[1])
     for contact in range(int(episode.max()) + 1):

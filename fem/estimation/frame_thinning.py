@@ -23,6 +23,9 @@ def thinned(loaded: Bool[np.ndarray, " t"], *, most: int = MOST_FRAMES) -> Bool[
 
     A marker's contact keeps its number: whatever frame of it is used first becomes the one the others are
     compared with, for measured and computed displacement alike.
+
+    >>> thinned(np.ones(7, dtype=bool), most=3)
+    array([ True, False, False,  True, False, False,  True])
     """
     frames = np.flatnonzero(loaded)
     if len(frames) <= most:

@@ -23,6 +23,11 @@ def contact_radius_and_force(
     d = a/2 ln((1 + a)/(1 - a)),  F = (a^2 + 1)/2 ln((1 + a)/(1 - a)) - a,  all over R; E* = E/(1 - nu^2).
     Hertz's d = a^2, F = 4/3 a^3 is the limit of small a. Source: Sneddon, "The relation between load and
     penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57, sec. 6(c).
+
+    Small contacts are Hertz': depth a^2, force 4/3 a^3.
+    >>> depth, force = contact_radius_and_force(np.array([0.01]))
+    >>> (depth / 0.01**2).round(3), (force / 0.01**3).round(3)
+    (array([1.]), array([1.333]))
     """
     log = 2 * np.arctanh(contact)
     return contact / 2 * log, (contact**2 + 1) / 2 * log - contact
@@ -37,6 +42,10 @@ def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Floa
     which is 1 % of the force at x = 0.5.) Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick,
     "Determination of elastic moduli of thin layers of soft material using the atomic force microscope",
     Biophys. J. 82, 2002, 2798-2810.
+
+    A thick slab is a half-space.
+    >>> slab_factor(np.array([0.0]), poisson_ratio=0.5)
+    array([1.])
     """
     nu = poisson_ratio
     A = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)

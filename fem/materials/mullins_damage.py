@@ -16,7 +16,12 @@ from fem.materials.strain_path import PathLaw, Tensors, linear_stress, strain_en
 def damaged_share(
     energy: Float[np.ndarray, "*x f"], dmax: float, W0_over_E: float
 ) -> Float[np.ndarray, "*x f"]:
-    """D in frames in order of time, from W/E."""
+    """D in frames in order of time, from W/E.
+
+    Damage stays when the energy falls again.
+    >>> damaged_share(np.array([[0.0, 50.0, 0.1]]), dmax=0.5, W0_over_E=1.0).round(6)
+    array([[0. , 0.5, 0.5]])
+    """
     return np.asarray(-dmax * np.expm1(-np.maximum.accumulate(energy, axis=-1) / W0_over_E))
 
 

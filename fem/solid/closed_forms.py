@@ -15,6 +15,9 @@ def hertz_sphere_force_N(
     """Force that presses an elastic sphere on a rigid plane, or a rigid sphere into an elastic half-space.
 
     F = 4/3 E/(1 - nu^2) R^(1/2) d^(3/2).  Source: Johnson, "Contact Mechanics", 1985, eq. 4.23.
+
+    >>> round(hertz_sphere_force_N(E_MPa=0.9, poisson_ratio=0.5, radius_mm=25, indentation_mm=1), 6)
+    8.0
     """
     plane_strain_MPa = E_MPa / (1 - poisson_ratio**2)
     return float(4 / 3 * plane_strain_MPa * np.sqrt(radius_mm) * indentation_mm**1.5)
@@ -27,6 +30,9 @@ def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
     integrals behind that table (Johnson 1985, eqs. 4.25-4.32). With e the eccentricity of the ellipse and
     k = b/a: (1/R') / (1/R) = (E(e)/k^2 - K(e)) / (K(e) - E(e)) gives k, and the approach
     d = (9 F^2 / (16 E*^2 Re))^(1/3) F2(k), set equal to the standard's formula, gives K.
+
+    >>> round(contact_shape_factor(radius_mm=30, other_radius_mm=30), 3)
+    1.35
     """
     flat, steep = 1 / max(radius_mm, other_radius_mm), 1 / min(radius_mm, other_radius_mm)
 
@@ -60,6 +66,11 @@ def s368_plate_modulus_MPa(
 
     E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4,
     "Compression test of food materials of convex shape", single-plate formula.
+
+    A sphere: the inverse of `hertz_sphere_force_N`.
+    >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
+    >>> round(s368_plate_modulus_MPa(force_N=8.0, deformation_mm=1.0, **sphere), 6)
+    0.9
     """
     shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
     curvature = 1 / radius_mm + 1 / other_radius_mm
@@ -74,6 +85,11 @@ def s368_parallel_plates_modulus_MPa(
     """Apparent modulus of a convex body between two flat plates, from the total deformation (like ends).
 
     E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4.
+
+    Two plates deform a sphere twice as much as one plate does.
+    >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
+    >>> round(s368_parallel_plates_modulus_MPa(force_N=8.0, deformation_mm=2.0, **sphere), 6)
+    0.9
     """
     return s368_plate_modulus_MPa(
         force_N=force_N,
@@ -90,6 +106,10 @@ def embedded_sphere_stiffness_N_per_mm(*, E_MPa: float, poisson_ratio: float, ra
     F/u = 24 pi mu (1 - nu) a / (5 - 6 nu); 6 pi mu a where nu is 1/2, as Stokes has it for a viscous fluid.
     Source: Lur'e, "Three-Dimensional Problems of the Theory of Elasticity", 1964; rederived in Puljiz and
     Menzel, Physical Review E 99, 053002, 2019.
+
+    Incompressible: Stokes' 6 pi mu R, here with mu = 1 MPa and R = 1 mm.
+    >>> round(embedded_sphere_stiffness_N_per_mm(E_MPa=3, poisson_ratio=0.5, radius_mm=1) / np.pi, 6)
+    6.0
     """
     mu = E_MPa / (2 * (1 + poisson_ratio))
     return 24 * np.pi * mu * (1 - poisson_ratio) * radius_mm / (5 - 6 * poisson_ratio)
@@ -102,6 +122,11 @@ def embedded_sphere_displacement(
 
     Kelvin's solution and the gradient of a dipole: u = c [((3 - 4 nu) z + x x_z / r^2) / r
     + a^2/3 (z - 3 x x_z / r^2) / r^3] with c such that u = z at r = a, that is c = 3 a / (10 - 12 nu).
+
+    The sphere's own surface moves with it; one radius above, 11/16 of that remain.
+    >>> embedded_sphere_displacement(np.array([[5.0, 0, 0], [0, 0, 10]]), poisson_ratio=0.5, radius_mm=5)
+    array([[0.    , 0.    , 1.    ],
+           [0.    , 0.    , 0.6875]])
     """
     r = np.linalg.norm(points_mm, axis=1, keepdims=True)
     axis = np.array([0.0, 0.0, 1.0])
@@ -119,6 +144,11 @@ def cored_sphere_shrinkage_mm(
     Lame: u = A r + B / r^2, B = -A a^3 as u = 0 at the core; the radial stress at b,
     (3 lambda + 2 mu) A - 4 mu B / b^3, equals -p. Then u(b) = A (b - a^3 / b^2).
     Source: the spherical shell in Timoshenko and Goodier, "Theory of Elasticity", 1970, art. 136.
+
+    Without a core the strain is p / (3 K), and K = 2/3 E at nu = 1/4.
+    >>> ball = {"E_MPa": 1.0, "poisson_ratio": 0.25, "core_radius_mm": 1e-9, "radius_mm": 10.0}
+    >>> round(cored_sphere_shrinkage_mm(**ball, pressure_MPa=0.1), 6)
+    0.5
     """
     mu = E_MPa / (2 * (1 + poisson_ratio))
     three_bulk = E_MPa / (1 - 2 * poisson_ratio)

@@ -6,7 +6,12 @@ from scipy.spatial.transform import Rotation
 
 
 def turned(turn: Float[np.ndarray, "3 3"], step_rad: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """exp(step) R: a further rotation, as a vector in space, on top of the one so far."""
+    """exp(step) R: a further rotation, as a vector in space, on top of the one so far.
+
+    A quarter turn about z takes x to y.
+    >>> (turned(np.eye(3), np.array([0, 0, np.pi / 2])) @ [1.0, 0, 0]).round(6)
+    array([0., 1., 0.])
+    """
     return np.asarray(Rotation.from_rotvec(step_rad).as_matrix() @ turn)
 
 
@@ -26,7 +31,12 @@ def rigid_fit(
 
 
 def resultant(arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "6"]:
-    """Total force (N) and moment (N mm) of forces at the ends of these arms."""
+    """Total force (N) and moment (N mm) of forces at the ends of these arms.
+
+    A couple: no force, and a moment of 20 N mm about z.
+    >>> resultant(np.array([[10.0, 0, 0], [-10, 0, 0]]), np.array([[0, 1.0, 0], [0, -1, 0]]))
+    array([ 0.,  0.,  0.,  0.,  0., 20.])
+    """
     return np.concatenate([force_N.sum(axis=0), np.cross(arm_mm, force_N).sum(axis=0)])
 
 

@@ -11,6 +11,10 @@ def rigid_modes(
     """Displacement of each point under unit translations (mm) and unit rotations (rad) about the centre.
 
     u = t + w x (x - c); columns t_x, t_y, t_z, w_x, w_y, w_z.
+
+    A unit rotation about z moves a point at x = 2 by 2 along y.
+    >>> rigid_modes(np.array([[2.0, 0, 0]]), centre_mm=np.zeros(3))[0, :, 5]
+    array([0., 2., 0.])
     """
     arm = points_mm - centre_mm
     modes = np.zeros((len(points_mm), 3, 6))

@@ -18,7 +18,12 @@ MOST_CHANGES = 40
 def pressures(
     compliance: Float[np.ndarray, "c c"], opening: Float[np.ndarray, "f c"]
 ) -> Float[np.ndarray, "f c"]:
-    """p for each of f openings q; each starts from the contact of the one before."""
+    """p for each of f openings q; each starts from the contact of the one before.
+
+    Springs of 1 mm/N: a negative opening presses, a gap does not pull.
+    >>> pressures(np.eye(2), np.array([[-1.0, 1.0]]))
+    array([[1., 0.]])
+    """
     found = np.zeros_like(opening)
     closed = np.zeros(len(compliance), dtype=bool)
     for frame, own in enumerate(opening):

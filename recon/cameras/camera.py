@@ -48,7 +48,13 @@ class Camera:
         return np.asarray(points @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3])
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
-        """Pixels of world points (points behind the camera give pixels without meaning)."""
+        """Pixels of world points (points behind the camera give pixels without meaning).
+
+        A camera at the origin that faces along z: 1 mm to the right, 10 mm ahead.
+        >>> size = {"width_px": 101, "height_px": 101, "focal_px": 200.0, "k1": 0.0}
+        >>> Camera(name="a", cam_from_world=np.eye(4), **size).project(np.array([[1.0, 0, 10]]))
+        array([[70., 50.]])
+        """
         return self.pixels_of(self.into(points))
 
     def pixels_of(self, local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -69,7 +69,11 @@ def known_coins() -> dict[str, Coin]:
 
 
 def coin_named(name: str) -> Coin:
-    """The coin of that name, capitals or not; raises ReconFailure (no-scale) that names all coins."""
+    """The coin of that name, capitals or not; raises ReconFailure (no-scale) that names all coins.
+
+    >>> coin_named("1 EURO").diameter_mm
+    23.25
+    """
     coins = known_coins()
     same = {known.casefold(): coin for known, coin in coins.items()}
     if name.strip().casefold() in same:

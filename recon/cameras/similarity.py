@@ -40,5 +40,9 @@ def robust_similarity(
 
 
 def moved(points: Float[np.ndarray, "*n 3"], T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "*n 3"]:
-    """Points taken by a 4x4 transform."""
+    """Points taken by a 4x4 transform.
+
+    >>> moved(np.array([[1.0, 2, 3]]), np.diag([2.0, 2, 2, 1]))
+    array([[2., 4., 6.]])
+    """
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])

@@ -90,7 +90,12 @@ def outline_rms_mm(
 
 
 def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "3"]) -> float:
-    """The widest horizontal angle, seen from the fruit, without a camera."""
+    """The widest horizontal angle, seen from the fruit, without a camera.
+
+    Three photos from the front half leave the back half without a camera.
+    >>> widest_gap_deg(np.array([[1.0, 0, 1], [0, 1, 1], [-1, 0, 1]]), np.zeros(3))
+    180.0
+    """
     angles = np.sort(np.degrees(np.arctan2(places[:, 1] - middle[1], places[:, 0] - middle[0])))
     return float(np.max(np.diff(np.concatenate([angles, angles[:1] + 360.0]))))
 

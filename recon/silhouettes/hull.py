@@ -68,7 +68,12 @@ class Silhouette:
 def sampled(
     picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float
 ) -> Float[np.ndarray, " n *c"]:
-    """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it."""
+    """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it.
+
+    >>> picture = np.array([[0.0, 2.0]], dtype=np.float32)
+    >>> sampled(picture, np.array([[0.5, 0.0], [9.0, 0.0]]), outside=-1.0)
+    array([ 1., -1.], dtype=float32)
+    """
     row = 1024
     padded = np.full((-(-len(pixels) // row) * row, 2), -9.0, np.float32)
     padded[: len(pixels)] = np.clip(pixels, -9.0, 30000.0)

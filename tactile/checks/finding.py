@@ -124,7 +124,8 @@ class Finding:
     def sentence(self) -> str:
         """The whole, as people read it.
 
-        >>> Finding(kind=Kind.SIGN, rank=Rank.RELATION, says="force is negative", pads=("left",)).sentence
+        >>> kind, rank = FindingKind.SIGN, FindingRank.RELATION
+        >>> Finding(kind=kind, rank=rank, says="force is negative", pads=("left",)).sentence
         "the left pad's force is negative"
         """
         return f"{pads_said(self.pads)} {self.says}" if self.pads else self.says

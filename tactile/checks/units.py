@@ -43,5 +43,5 @@ def times_said(factor: float) -> str:
     ('102 times', '0.50 times', '1/1020 of')
     """
     if factor < 0.05:
-        return f"1/{1 / factor:.3g} of"
+        return f"1/{1 / factor:.0f} of"
     return f"{factor:.0f} times" if factor >= 20 else f"{factor:.2f} times"

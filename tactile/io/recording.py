@@ -110,7 +110,12 @@ class GelPad:
 
 
 def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
-    """The gel's face that belongs to one marker: the median Voronoi cell; None below nine markers."""
+    """The gel's face that belongs to one marker: the median Voronoi cell; None below nine markers.
+
+    >>> grid = np.array([[x, y, 0.0] for x in range(0, 8, 2) for y in range(0, 8, 2)])
+    >>> marker_area_mm2(grid)
+    4.0
+    """
     if len(rest_mm) < FEWEST_FOR_AREA:
         return None
     try:

@@ -176,7 +176,11 @@ def look_up_of(path: Path) -> Path | None:
 
 
 def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether a matrix is a rotation and a shift of at most 100 m."""
+    """Whether a matrix is a rotation and a shift of at most 100 m.
+
+    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
+    (True, False)
+    """
     turn = pose[:3, :3]
     rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
     last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE

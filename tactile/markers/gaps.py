@@ -29,7 +29,11 @@ def filled(
 def at_times(
     when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, " s *c"]
 ) -> Float[np.ndarray, " t *c"]:
-    """`values` at other times, linear in between; unchanged where the times are the same."""
+    """`values` at other times, linear in between; unchanged where the times are the same.
+
+    >>> at_times(np.array([0.5]), np.array([0.0, 1.0]), np.array([10.0, 20.0]))
+    array([15.])
+    """
     if len(when) == len(time_s) and np.array_equal(when, time_s):
         return values
     later = np.clip(np.searchsorted(time_s, when), 1, len(time_s) - 1)

@@ -121,7 +121,11 @@ def inside(
 
 
 def spacing_of(centre_px: Float[np.ndarray, "n 2"]) -> float:
-    """The median distance of nearest neighbours, px."""
+    """The median distance of nearest neighbours, px.
+
+    >>> spacing_of(np.array([[x, y] for x in (0.0, 12, 24) for y in (0.0, 12, 24)]))
+    12.0
+    """
     if len(centre_px) < 2:
         return 0.0
     return float(np.median(np.asarray(cKDTree(centre_px).query(centre_px, k=[2])[0])))

@@ -32,7 +32,12 @@ class RigCurve:
         return float(self.force_N[-1])
 
     def give(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
-        """How far the rig gives way, mm; nothing where nothing pushes."""
+        """How far the rig gives way, mm; nothing where nothing pushes.
+
+        >>> knots = {"force_N": np.array([0.0, 10, 20]), "give_mm": np.array([0.0, 0.1, 0.2])}
+        >>> RigCurve(**knots, sd_mm=np.zeros(3)).give(np.array([5.0, 30.0])).round(6)
+        array([0.05, 0.3 ])
+        """
         inside = np.clip(force_N, 0.0, self.largest_N)
         curve = PchipInterpolator(self.force_N, self.give_mm)
         return np.asarray(curve(inside) + self.last_mm_per_N * np.maximum(force_N - self.largest_N, 0.0))
