@@ -14,7 +14,7 @@ extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc", "sphin
 html_theme = "furo"
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
-myst_fence_as_directive = ["mermaid"]
+myst_fence_as_directive = ["math", "mermaid"]  # as GitHub shows them
 default_role = "code"  # docstrings write `name`
 autodoc_typehints = "none"  # signatures show names; docstrings give shapes and units
 
