@@ -17,6 +17,7 @@ from pipeline.commands.convert import convert
 from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
 from tactile.io.field_tables import COLUMNS as MARKER_COLUMNS
+from tactile.io.recording import read_recording
 from tactile.io.tac3d import FIELDS, RESULTANTS
 from tactile.io.trace_columns import FORCE, TRAVEL
 
@@ -191,6 +192,15 @@ def test_every_file_and_column_that_convert_reads_is_named_under_its_sources():
     arrays = [f"{name}.npy" for name in ("index", "sendTimestamp", *FIELDS, *RESULTANTS)]
     columns = [*MARKER_COLUMNS, *TRAVEL, *FORCE]
     assert [name for name in (*arrays, *columns) if f"`{name}`" not in section] == []
+
+
+def test_the_program_for_a_gripper_writes_a_recording(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    program = re.search(r"^```python\n(.+?)^```", text_of("docs/how-to/connect-your-gripper.md"), re.M | re.S)
+    exec(program[1], {})
+    recording = read_recording(tmp_path / "grasp-1.h5")
+    ways = [pad.pose[-1, :3, 3] - pad.pose[0, :3, 3] for pad in recording.pads]
+    assert [pad.pose[0, :3, 2] @ way for pad, way in zip(recording.pads, ways, strict=True)] == [1.5, 1.5]
 
 
 def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guides():
