@@ -6,6 +6,7 @@ from importlib import metadata
 import typer
 from typer.cli import get_docs_for_click
 
+from pipeline.batch.settings import Settings
 from pipeline.cli import app as drupe
 
 project = "drupe"
@@ -19,13 +20,46 @@ default_role = "code"  # docstrings write `name`
 autodoc_typehints = "none"  # signatures show names; docstrings give shapes and units
 
 
-def add_options(app, docname, source):
-    """Every command's help, below the table of commands."""
-    if docname == "reference/command-line":
-        command = typer.main.get_command(drupe)
-        context = command.context_class(command, info_name="drupe")
-        _, commands = get_docs_for_click(obj=command, ctx=context, name="drupe").split("\n## ", 1)
-        source[0] += f"\n## {commands}"
+def command_reference():
+    """Every command's help."""
+    command = typer.main.get_command(drupe)
+    text = get_docs_for_click(
+        obj=command, ctx=command.context_class(command, info_name="drupe"), name="drupe"
+    )
+    return "\n## " + text.split("\n## ", 1)[1]
+
+
+def settings_reference():
+    """A table of every key of batch.toml."""
+    schema = Settings.model_json_schema()
+    rows = "\n".join(settings_rows(schema, schema["properties"], ""))
+    return f"\n| table | key | type | default | least | most |\n|---|---|---|---|---|---|\n{rows}\n"
+
+
+def settings_rows(schema, properties, table):
+    """A row for each key; the keys of an inner table follow."""
+    for key, entry in properties.items():
+        kinds = [kind for kind in entry.get("anyOf", [entry]) if kind.get("type") != "null"]
+        inner = next((kind["$ref"] for kind in (k.get("items", k) for k in kinds) if "$ref" in kind), None)
+        if inner:
+            name = f"{table}.{key}".strip(".")
+            yield from settings_rows(schema, schema["$defs"][inner.rpartition("/")[2]]["properties"], name)
+            continue
+        words = [
+            ", ".join(map(repr, k["enum"])) if "enum" in k else k.get("format", k["type"]) for k in kinds
+        ]
+        bounds = [next((k[b] for k in kinds if b in k), "") for b in ("minimum", "maximum")]
+        default = "" if entry.get("default") is None else f"`{entry['default']}`"
+        yield f"| {table} | `{key}` | {' or '.join(words)} | {default} | {bounds[0]} | {bounds[1]} |"
+
+
+GENERATED = {"reference/command-line": command_reference, "reference/settings": settings_reference}
+"""What follows the text of a page."""
+
+
+def generate(app, docname, source):
+    if docname in GENERATED:
+        source[0] += GENERATED[docname]()
 
 
 def escape_formulas(app, what, name, obj, options, lines):
@@ -34,5 +68,5 @@ def escape_formulas(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    app.connect("source-read", add_options)
+    app.connect("source-read", generate)
     app.connect("autodoc-process-docstring", escape_formulas)
