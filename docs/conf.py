@@ -20,7 +20,7 @@ default_role = "code"  # docstrings write `name`
 autodoc_typehints = "none"  # signatures show names; docstrings give shapes and units
 
 
-def command_reference():
+def commands(page):
     """Every command's help."""
     command = typer.main.get_command(drupe)
     text = get_docs_for_click(
@@ -29,7 +29,15 @@ def command_reference():
     return "\n## " + text.split("\n## ", 1)[1]
 
 
-def settings_reference():
+def modules(page):
+    """The docstrings of every module that the page lists."""
+    names = re.findall(r"`((?:fem|recon|tactile)\.[\w.]+)`", page)
+    return "".join(
+        f"\n## {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n   :members:\n```\n" for name in names
+    )
+
+
+def settings(page):
     """A table of every key of batch.toml."""
     schema = Settings.model_json_schema()
     rows = "\n".join(settings_rows(schema, schema["properties"], ""))
@@ -53,13 +61,13 @@ def settings_rows(schema, properties, table):
         yield f"| {table} | `{key}` | {' or '.join(words)} | {default} | {bounds[0]} | {bounds[1]} |"
 
 
-GENERATED = {"reference/command-line": command_reference, "reference/settings": settings_reference}
+GENERATED = {"reference/command-line": commands, "reference/python": modules, "reference/settings": settings}
 """What follows the text of a page."""
 
 
 def generate(app, docname, source):
     if docname in GENERATED:
-        source[0] += GENERATED[docname]()
+        source[0] += GENERATED[docname](source[0])
 
 
 def escape_formulas(app, what, name, obj, options, lines):
