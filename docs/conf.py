@@ -4,6 +4,8 @@ import re
 from importlib import metadata
 
 import typer
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from typer.cli import get_docs_for_click
 
 from pipeline.batch.settings import Settings
@@ -13,6 +15,7 @@ project = "drupe"
 version = release = metadata.version("drupe")
 extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc", "sphinxcontrib.mermaid"]
 html_theme = "furo"
+html_math_renderer = "mathml"  # no script from the network
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math", "mermaid"]  # as GitHub shows them
@@ -75,6 +78,12 @@ def escape_formulas(app, what, name, obj, options, lines):
     lines[:] = [line if ">>>" in line else re.sub(r"(?<!`)([|*])", r"\\\1", line) for line in lines]
 
 
+def formula(translator, node):
+    translator.body.append(tex2mathml(node.astext(), as_block=isinstance(node, nodes.math_block)))
+    raise nodes.SkipNode
+
+
 def setup(app):
+    app.add_html_math_renderer("mathml", (formula, None), (formula, None))
     app.connect("source-read", generate)
     app.connect("autodoc-process-docstring", escape_formulas)
