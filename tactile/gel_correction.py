@@ -92,6 +92,7 @@ def straightened(force_N: Float[np.ndarray, "t n 3"], *, a: float, largest_N: fl
     """True forces of recorded ones of which `largest_N` is the largest: the law's positive root.
 
     A reading of 1.25 N, a quarter too much, was 1 N.
+
     >>> straightened(np.array([[[0.0, 0, 1.25]]]), a=0.25, largest_N=1.25)[0, 0]
     array([0., 0., 1.])
     """

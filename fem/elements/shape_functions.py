@@ -50,6 +50,7 @@ def t10_shape(reference: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 10"]:
     """Values of the ten shape functions of the tetrahedron.
 
     They add up to 1; at a corner one function is 1 and the others are 0.
+
     >>> t10_shape(np.array([[1.0, 0, 0], [0.1, 0.2, 0.3]])).sum(axis=1).round(12)
     array([1., 1.])
     """
@@ -77,6 +78,7 @@ def tet_quadrature() -> tuple[Float[np.ndarray, "14 3"], Float[np.ndarray, "14"]
     Source: the 14-point rule of Walkington, "Quadrature on simplices of arbitrary dimension", 2000.
 
     The integral of x over the reference tetrahedron is 1/24.
+
     >>> points, weights = tet_quadrature()
     >>> round(24 * float(weights @ points[:, 0]), 12)
     1.0
@@ -104,6 +106,7 @@ def tri_quadrature() -> tuple[Float[np.ndarray, "7 2"], Float[np.ndarray, "7"]]:
     Source: Radon, "Zur mechanischen Kubatur", Monatshefte für Mathematik 52, 1948: the seven-point rule.
 
     The integral of x over the reference triangle is 1/6.
+
     >>> points, weights = tri_quadrature()
     >>> round(6 * float(weights @ points[:, 0]), 12)
     1.0

@@ -25,6 +25,7 @@ def contact_radius_and_force(
     penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57, sec. 6(c).
 
     Small contacts are Hertz': depth a^2, force 4/3 a^3.
+
     >>> depth, force = contact_radius_and_force(np.array([0.01]))
     >>> (depth / 0.01**2).round(3), (force / 0.01**3).round(3)
     (array([1.]), array([1.333]))
@@ -44,6 +45,7 @@ def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Floa
     Biophys. J. 82, 2002, 2798-2810.
 
     A thick slab is a half-space.
+
     >>> slab_factor(np.array([0.0]), poisson_ratio=0.5)
     array([1.])
     """

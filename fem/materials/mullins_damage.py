@@ -19,6 +19,7 @@ def damaged_share(
     """D in frames in order of time, from W/E.
 
     Damage stays when the energy falls again.
+
     >>> damaged_share(np.array([[0.0, 50.0, 0.1]]), dmax=0.5, W0_over_E=1.0).round(6)
     array([[0. , 0.5, 0.5]])
     """

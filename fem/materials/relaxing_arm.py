@@ -50,6 +50,7 @@ def lagging(
     A retardation time for all values, or each its own.
 
     After one retardation time 63 % of a step has been followed.
+
     >>> lagging(np.array([0.0, 1, 1]), np.array([0.0, 1e-9, 1.0]), 1.0).round(3)
     array([0.   , 0.   , 0.632])
     """

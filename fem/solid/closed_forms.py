@@ -68,6 +68,7 @@ def s368_plate_modulus_MPa(
     "Compression test of food materials of convex shape", single-plate formula.
 
     A sphere: the inverse of `hertz_sphere_force_N`.
+
     >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
     >>> round(s368_plate_modulus_MPa(force_N=8.0, deformation_mm=1.0, **sphere), 6)
     0.9
@@ -87,6 +88,7 @@ def s368_parallel_plates_modulus_MPa(
     E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4.
 
     Two plates deform a sphere twice as much as one plate does.
+
     >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
     >>> round(s368_parallel_plates_modulus_MPa(force_N=8.0, deformation_mm=2.0, **sphere), 6)
     0.9
@@ -108,6 +110,7 @@ def embedded_sphere_stiffness_N_per_mm(*, E_MPa: float, poisson_ratio: float, ra
     Menzel, Physical Review E 99, 053002, 2019.
 
     Incompressible: Stokes' 6 pi mu R, here with mu = 1 MPa and R = 1 mm.
+
     >>> round(embedded_sphere_stiffness_N_per_mm(E_MPa=3, poisson_ratio=0.5, radius_mm=1) / np.pi, 6)
     6.0
     """
@@ -124,6 +127,7 @@ def embedded_sphere_displacement(
     + a^2/3 (z - 3 x x_z / r^2) / r^3] with c such that u = z at r = a, that is c = 3 a / (10 - 12 nu).
 
     The sphere's own surface moves with it; one radius above, 11/16 of that remain.
+
     >>> embedded_sphere_displacement(np.array([[5.0, 0, 0], [0, 0, 10]]), poisson_ratio=0.5, radius_mm=5)
     array([[0.    , 0.    , 1.    ],
            [0.    , 0.    , 0.6875]])
@@ -146,6 +150,7 @@ def cored_sphere_shrinkage_mm(
     Source: the spherical shell in Timoshenko and Goodier, "Theory of Elasticity", 1970, art. 136.
 
     Without a core the strain is p / (3 K), and K = 2/3 E at nu = 1/4.
+
     >>> ball = {"E_MPa": 1.0, "poisson_ratio": 0.25, "core_radius_mm": 1e-9, "radius_mm": 10.0}
     >>> round(cored_sphere_shrinkage_mm(**ball, pressure_MPa=0.1), 6)
     0.5

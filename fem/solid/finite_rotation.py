@@ -9,6 +9,7 @@ def turned(turn: Float[np.ndarray, "3 3"], step_rad: Float[np.ndarray, "3"]) -> 
     """exp(step) R: a further rotation, as a vector in space, on top of the one so far.
 
     A quarter turn about z takes x to y.
+
     >>> (turned(np.eye(3), np.array([0, 0, np.pi / 2])) @ [1.0, 0, 0]).round(6)
     array([0., 1., 0.])
     """
@@ -34,6 +35,7 @@ def resultant(arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"
     """Total force (N) and moment (N mm) of forces at the ends of these arms.
 
     A couple: no force, and a moment of 20 N mm about z.
+
     >>> resultant(np.array([[10.0, 0, 0], [-10, 0, 0]]), np.array([[0, 1.0, 0], [0, -1, 0]]))
     array([ 0.,  0.,  0.,  0.,  0., 20.])
     """

@@ -13,6 +13,7 @@ def rigid_modes(
     u = t + w x (x - c); columns t_x, t_y, t_z, w_x, w_y, w_z.
 
     A unit rotation about z moves a point at x = 2 by 2 along y.
+
     >>> rigid_modes(np.array([[2.0, 0, 0]]), centre_mm=np.zeros(3))[0, :, 5]
     array([0., 2., 0.])
     """

@@ -90,6 +90,7 @@ def elastic_stress(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -
     """2 mu eps + lambda tr(eps) I for E = 1 MPa.
 
     Uniaxial strain at nu = 1/4: the axial stress is 1.2 E times the strain.
+
     >>> elastic_stress(np.array([1.0, 0, 0, 0, 0, 0]), poisson_ratio=0.25)
     array([1.2, 0.4, 0.4, 0. , 0. , 0. ])
     """

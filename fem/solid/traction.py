@@ -122,6 +122,7 @@ def cell_areas(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     """The area (mm2) of gel that each marker stands for within the hull of all; zero without a triangle.
 
     A grid of 3 x 3 markers, 2 mm apart: the hull has 16 mm2.
+
     >>> grid = np.array([[x, y] for x in (0.0, 2, 4) for y in (0.0, 2, 4)])
     >>> cell_areas(grid)
     array([1., 2., 1., 2., 4., 2., 1., 2., 1.])

@@ -21,6 +21,7 @@ def pressures(
     """p for each of f openings q; each starts from the contact of the one before.
 
     Springs of 1 mm/N: a negative opening presses, a gap does not pull.
+
     >>> pressures(np.eye(2), np.array([[-1.0, 1.0]]))
     array([[1., 0.]])
     """

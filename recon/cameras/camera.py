@@ -51,6 +51,7 @@ class Camera:
         """Pixels of world points (points behind the camera give pixels without meaning).
 
         A camera at the origin that faces along z: 1 mm to the right, 10 mm ahead.
+
         >>> size = {"width_px": 101, "height_px": 101, "focal_px": 200.0, "k1": 0.0}
         >>> Camera(name="a", cam_from_world=np.eye(4), **size).project(np.array([[1.0, 0, 10]]))
         array([[70., 50.]])

@@ -93,6 +93,7 @@ def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "
     """The widest horizontal angle, seen from the fruit, without a camera.
 
     Three photos from the front half leave the back half without a camera.
+
     >>> widest_gap_deg(np.array([[1.0, 0, 1], [0, 1, 1], [-1, 0, 1]]), np.zeros(3))
     180.0
     """

@@ -37,6 +37,7 @@ def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *,
     five such frames, or forces that do not lie on one line through zero within a tenth of the peak.
 
     A gel that reads 8 N where the cell reads 10 N.
+
     >>> round(gel_gain(np.linspace(0, 10, 50), np.linspace(0, 8, 50), source="press.csv").value, 6)
     1.25
     """
