@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -71,7 +70,6 @@ def fitted_to_outlines(
     x = vertices.copy()
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
     bending = sparse.csr_array(STIFFNESS * (L.T @ L))
-    order = _elimination_order(bending)
     misses, held = np.zeros(1), np.zeros(len(x))
     for turn in range(ROUNDS):
         normals = vertex_normals(x, faces)
@@ -103,7 +101,7 @@ def fitted_to_outlines(
             pull = sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
             normal_of = normal_of + pull
             right[lowest] += 100.0 * (x[lowest, 2] - floor_mm)
-        shift = _solved(sparse.csr_array(normal_of + 1e-6 * sparse.identity(len(x))), right, order)
+        shift = _solved(sparse.csc_array(normal_of + 1e-6 * sparse.identity(len(x))), right)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
         if floor_mm is not None:
@@ -114,26 +112,7 @@ def fitted_to_outlines(
     return FittedSurface(x, held, float(np.median(np.abs(misses))))
 
 
-def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"]:
-    """Nested dissection of a symmetric pattern (Karypis and Kumar 1998, METIS).
-
-    Rims join neighbours, which `bending` joins too, so that one order serves all rounds of a fit.
-    """
-    apart = sparse.csr_array(pattern - sparse.diags(pattern.diagonal()))
-    apart.eliminate_zeros()
-    order, _ = pymetis.nested_dissection(
-        pymetis.CSRAdjacency(apart.indptr.astype(np.int32), apart.indices.astype(np.int32))
-    )
-    return np.asarray(order).astype(np.int64)  # METIS has another integer of 64 bits
-
-
-def _solved(
-    matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order."""
-    rows = matrix[order]
-    in_order = sparse.csc_array(rows[:, order])
-    factor = splu(in_order, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    found = np.empty_like(right)
-    found[order] = factor.solve(right[order])
-    return found
+def _solved(matrix: sparse.csc_array, right: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """matrix^-1 right, of a symmetric positive definite matrix: SuperLU on a minimum degree order."""
+    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(factor.solve(right))
