@@ -85,7 +85,7 @@ def same_pattern_groups(matrix: csr_array) -> Groups:
 
 
 def ordering() -> str:
-    """The fill-reducing order in use, for records: METIS, or minimum degree where pymetis is not installed."""
+    """The fill-reducing order in use: METIS, or minimum degree where pymetis is not installed."""
     return "minimum degree" if pymetis is None else "METIS"
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
-from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
+from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem

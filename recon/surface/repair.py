@@ -12,7 +12,8 @@ from recon.surface.poisson import distances_mm
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
 LARGEST_HOLE = 0.15
-"""Half the diagonal of the box around the largest hole that is closed, over the diagonal of the surface's box.
+"""Half the diagonal of the box around the largest hole that is closed, over the diagonal of the surface's.
+
 A flat lid over a round hole of this size takes 0.3 % of a ball's volume. Set by hand."""
 
 
