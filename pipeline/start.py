@@ -8,8 +8,8 @@ import sys  # noqa: E402
 
 if sys.platform == "win32":
     sys.stderr.write(
-        "drupe: this machine: Windows is not supported, because drupe uses the file locks and signals of Linux "
-        "and macOS; install drupe in Linux, for example under WSL 2.\n"
+        "drupe: this machine: Windows is not supported, because drupe uses file locks and signals of Linux and "
+        "macOS; install drupe in Linux, for example under WSL 2.\n"
     )
     sys.exit(2)
 

@@ -1,12 +1,12 @@
-"""Computers for which pip has no pycolmap or pymetis: the same answers, or a sentence that says what to do."""
+"""Computers without pycolmap or pymetis: the same answers, or a sentence that says what to do."""
 
 import subprocess
 import sys
 import textwrap
 
-import pytest
-
-ABSENT = "import sys; sys.modules.update(dict.fromkeys(['pycolmap', 'pymetis', 'pymeshlab', 'fcntl'][:{count}]))\n"
+ABSENT = (
+    "import sys; sys.modules.update(dict.fromkeys(['pycolmap', 'pymetis', 'pymeshlab', 'fcntl'][:{count}]))\n"
+)
 
 
 def ran(code: str, *, absent: int = 3) -> subprocess.CompletedProcess[str]:
@@ -21,6 +21,11 @@ def test_doctor_grades_the_known_ball_and_names_what_is_absent():
     assert "optional library pycolmap does not load" in done.stdout
     assert "optional library pymetis does not load" in done.stdout
     assert done.stdout.endswith("all well\n")
+
+
+def test_photos_of_the_mat_are_placed_without_pycolmap():
+    done = ran("import recon.cameras.mat_poses; assert 'recon.cameras.colmap' not in sys.modules")
+    assert done.returncode == 0, done.stderr
 
 
 def test_windows_is_refused_in_a_sentence():
