@@ -4,8 +4,9 @@ import ctypes
 import sys
 
 NEEDED = {
-    "libGL.so.1": ("libgl1", "Open3D"),
+    "libGL.so.1": ("libgl1", "Open3D and PyMeshLab"),
     "libEGL.so.1": ("libegl1", "Open3D"),
+    "libOpenGL.so.0": ("libopengl0", "PyMeshLab"),
     "libX11.so.6": ("libx11-6", "Open3D"),
     "libusb-1.0.so.0": ("libusb-1.0-0", "Open3D"),
 }

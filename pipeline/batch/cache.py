@@ -34,6 +34,7 @@ LIBRARIES = (
     "opencv-python-headless",
     "pi-heif",
     "pycolmap",
+    "pymeshlab",
     "pymetis",
     "pytetwild",
     "pyvista",

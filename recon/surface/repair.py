@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from recon.native import open3d
 from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface import meshlab
 from recon.surface.poisson import distances_mm
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
@@ -35,20 +36,11 @@ def repaired(
     """The largest part of a surface, without double or non-manifold pieces, holes closed, at most `max_faces`
     faces.
 
-    Decimated by quadric edge collapse (Garland, Heckbert 1997). Raises ReconFailure: not-watertight where it
-    stays open, missing-library where Open3D cannot be loaded.
+    By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
+    open, missing-library where neither can be loaded.
     """
-    o3d = open3d()
-    mesh = _clean(
-        o3d.geometry.TriangleMesh(
-            o3d.utility.Vector3dVector(np.ascontiguousarray(vertices, float)),
-            o3d.utility.Vector3iVector(np.ascontiguousarray(faces, np.int32)),
-        )
-    )
-    whole = np.array(mesh.vertices)
-    if len(mesh.triangles) > max_faces:
-        mesh = _clean(mesh.simplify_quadric_decimation(max_faces))
-    corners, triangles = np.array(mesh.vertices), np.array(mesh.triangles, int)
+    tool = _closed_and_decimated if meshlab.library() is None else meshlab.closed_and_decimated
+    whole, corners, triangles = tool(vertices, faces, max_faces=max_faces)
     if len(triangles) and volume_mm3(corners, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     if open_edges(triangles):
@@ -59,6 +51,23 @@ def repaired(
         )
     away = distances_mm(whole, corners, triangles)
     return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))
+
+
+def _closed_and_decimated(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """As recon.surface.meshlab, by Open3D; raises ReconFailure (missing-library)."""
+    o3d = open3d()
+    mesh = _clean(
+        o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(np.ascontiguousarray(vertices, float)),
+            o3d.utility.Vector3iVector(np.ascontiguousarray(faces, np.int32)),
+        )
+    )
+    whole = np.array(mesh.vertices)
+    if len(mesh.triangles) > max_faces:
+        mesh = _clean(mesh.simplify_quadric_decimation(max_faces))
+    return whole, np.array(mesh.vertices), np.array(mesh.triangles, int)
 
 
 def _clean(mesh: Any) -> Any:
