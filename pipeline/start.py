@@ -4,13 +4,21 @@ import pipeline.early_end
 
 pipeline.early_end.begin()
 
+import sys  # noqa: E402
+
+from pipeline.exit_status import USAGE  # noqa: E402
+
+if sys.platform == "win32":
+    sys.stderr.write(
+        "drupe: this machine: Windows is not supported, because drupe uses file locks of Linux and macOS; "
+        "install drupe in Linux, for example under WSL 2.\n"
+    )
+    sys.exit(USAGE)
+
 import pipeline.safe_start  # noqa: E402 - before all others: the current folder may be a stranger's
 
 # isort: split
-import sys  # noqa: E402
-
 from pipeline.address_space import is_lack_of_memory, too_little_memory  # noqa: E402
-from pipeline.exit_status import USAGE  # noqa: E402
 from pipeline.library_output import native_apart  # noqa: E402
 
 

@@ -6,7 +6,7 @@ from types import ModuleType
 
 from recon.recon_failure import ReconFailure, ReconProblem
 
-DEBIAN_PACKAGES = "libegl1 libgl1 libopengl0 libusb-1.0-0"
+DEBIAN_PACKAGES = "libegl1 libgl1 libusb-1.0-0"
 
 
 def open3d() -> ModuleType:

@@ -1,4 +1,4 @@
-"""Solve with one sparse symmetric matrix many times: PARDISO if installed, else SuperLU on a METIS order."""
+"""Solve with one sparse symmetric matrix many times: PARDISO if installed, else SuperLU on fem's order."""
 
 import importlib
 import importlib.util
@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csc_array, csr_array, triu
 from scipy.sparse.linalg import splu
+
+from fem.sparse.elimination_order import fill_reducing_order
 
 Solve = Callable[[Float[np.ndarray, "n k"]], Float[np.ndarray, "n k"]]
 
@@ -21,16 +23,10 @@ def factorise(matrix: csr_array) -> Solve:
 
 
 def _superlu(matrix: csr_array) -> Solve:
-    """Solves with SciPy's SuperLU after a nested dissection."""
-    pymetis: Any = importlib.import_module("pymetis")
+    """Solves with SciPy's SuperLU on a fill-reducing order."""
     pattern = csr_array(matrix)
-    rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-    off = rows != pattern.indices  # the ordering wants a graph without loops
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=pattern.shape[0]))])
-    graph = pymetis.CSRAdjacency(starts.astype(np.int64), pattern.indices[off].astype(np.int64))
-    _, order = pymetis.nested_dissection(graph)
-    back = np.asarray(order)
-    forward = np.argsort(back)
+    forward = fill_reducing_order(pattern)
+    back = np.argsort(forward)
     permuted = csc_array(pattern[forward][:, forward])
     factors = splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 

@@ -51,7 +51,7 @@ def denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     except ImportError as missing:
         raise RendererMissing(
             "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
-            "run in drupe's folder: pip install '.[samples]'"
+            "run in drupe's folder: pip install '.[samples]' (pip has no pyoidn for Linux on ARM)"
         ) from missing
 
     def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:

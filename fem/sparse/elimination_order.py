@@ -4,10 +4,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pymetis
 from jaxtyping import Int
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.sparse.linalg import spilu
+
+try:
+    import pymetis
+except ImportError:  # there is no wheel for Linux on ARM
+    pymetis = None
 
 #: rows hashed together: few enough to stay near the processor
 _BATCH = 2048
@@ -79,18 +84,43 @@ def same_pattern_groups(matrix: csr_array) -> Groups:
     return Groups(of_dof, members, start, entry_start, matrix.indices[entry])
 
 
+def ordering() -> str:
+    """The fill-reducing order in use: METIS, or minimum degree where pymetis is not installed."""
+    return "minimum degree" if pymetis is None else "METIS"
+
+
 def elimination_tree(groups: Groups) -> EliminationTree:
-    """Nested dissection by METIS, and its elimination tree."""
+    """A fill-reducing order and its elimination tree: nested dissection by METIS, else minimum degree."""
     row, column = groups.links
     n = len(groups.size)
     if not len(row):
         return tree_in_order(groups, np.arange(n))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(np.int32)
+    if pymetis is None:
+        return tree_in_order(groups, _minimum_degree(indptr, column.astype(np.int32)))
     order, _ = pymetis.nested_dissection(
         pymetis.CSRAdjacency(indptr, column.astype(np.int32)), vweights=groups.size.astype(np.int32)
     )
     # METIS has another integer of 64 bits
     return tree_in_order(groups, np.asarray(order).astype(np.int64))
+
+
+def _minimum_degree(indptr: Int[np.ndarray, " g1"], column: Int[np.ndarray, " l"]) -> Int[np.ndarray, " g"]:
+    """SuperLU's multiple minimum degree order (Liu 1985) of a symmetric graph.
+
+    SciPy gives it only with a factorisation. This one is incomplete and keeps no fill: it costs little.
+    """
+    n = len(indptr) - 1
+    graph = csc_array((np.ones(len(column)), column, indptr), shape=(n, n))
+    factor = spilu(
+        graph + n * eye_array(n, format="csc"),
+        drop_tol=1.0,
+        fill_factor=1.0,
+        diag_pivot_thresh=0.0,
+        permc_spec="MMD_AT_PLUS_A",
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(factor.perm_c)
 
 
 def tree_in_order(groups: Groups, order: Int[np.ndarray, " g"]) -> EliminationTree:
@@ -127,7 +157,7 @@ def _parents(low: Int[np.ndarray, " l"], high: Int[np.ndarray, " l"], n: int) ->
     return parent
 
 
-def nested_dissection(matrix: csr_array) -> Int[np.ndarray, " d"]:
+def fill_reducing_order(matrix: csr_array) -> Int[np.ndarray, " d"]:
     """A fill-reducing elimination order of the dofs."""
     groups = same_pattern_groups(matrix)
     order = elimination_tree(groups).order

@@ -47,7 +47,7 @@ class Fronts:
 
 
 def fronts(matrix: csr_array) -> Fronts:
-    """Nested dissection, supernodes, and all index maps, for a symmetric pattern stored in full."""
+    """Fill-reducing order, supernodes, and all index maps, for a symmetric pattern stored in full."""
     groups = same_pattern_groups(matrix)
     tree = elimination_tree(groups)
     nodes = supernodes(tree, groups.size)

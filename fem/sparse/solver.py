@@ -1,7 +1,7 @@
 """The one border to sparse direct solvers: factorise once, solve for many right-hand sides.
 
 Nothing else in the code knows which solver is behind it. Here: the multifrontal Cholesky factorisation of
-fem.sparse.multifrontal on a METIS nested-dissection order. See docs/decisions/0002.
+fem.sparse.multifrontal on a fill-reducing order. See docs/decisions/0002.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.sparse.condensed_compliance import compliance
+from fem.sparse.elimination_order import ordering
 from fem.sparse.fronts import Fronts, fronts
 from fem.sparse.multifrontal import CholeskyFactor, NotPositiveDefinite, cholesky
 
@@ -47,7 +48,7 @@ class Analysis(Protocol):
 
 def solver_name() -> str:
     """The solver in use, for records."""
-    return "multifrontal Cholesky (drupe) on a METIS order"
+    return f"multifrontal Cholesky (drupe) on a {ordering()} order"
 
 
 def factorise(stiffness: csr_array) -> Factor:

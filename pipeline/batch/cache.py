@@ -8,7 +8,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from importlib import metadata
@@ -121,8 +121,12 @@ def code_version(rooms: tuple[str, ...]) -> str:
 
 @cache
 def library_versions() -> Mapping[str, str]:
-    """Installed version of each of LIBRARIES, looked up once: it takes 0.02 s."""
-    return MappingProxyType({library: metadata.version(library) for library in LIBRARIES})
+    """Version of each of LIBRARIES that is installed, looked up once: it takes 0.02 s."""
+    installed = {}
+    for library in LIBRARIES:
+        with suppress(metadata.PackageNotFoundError):
+            installed[library] = metadata.version(library)
+    return MappingProxyType(installed)
 
 
 def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[str, ...]) -> str:

@@ -20,8 +20,15 @@ from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB
 from pipeline.system_libraries import missing_libraries
 from recon.silhouettes.hull import ball
 
-IMPORTED = ("cv2", "pycolmap", "open3d", "pymeshlab", "manifold3d", "pytetwild", "onnxruntime", "h5py")
+IMPORTED = ("cv2", "open3d", "manifold3d", "pytetwild", "onnxruntime", "h5py")
 """Libraries with native code, each of which may be missing what it loads."""
+OPTIONAL = {
+    "pycolmap": "photos without a mat then need a textured ground; photos with the mat need no pycolmap.",
+    "pymeshlab": "Open3D then repairs and decimates surfaces; they differ by micrometres.",
+    "pymetis": "sparse factorisations then take 1.3 to 2.5 times as long; results are the same.",
+}
+"""Libraries without a package for some computers, and what their absence costs. Times: cubes of 14,000 and
+148,000 unknowns, CPU seconds of one thread (docs/decisions/0002-our-own-sparse-solver.md)."""
 SKIN_MM, CORE_MM, RATIO, EDGE_MM = 25.0, 10.0, 0.45, 7.0
 """The ball of the computation: radii of its skin and its rigid core, Poisson's ratio, elements' edges."""
 WITHIN = 0.01
@@ -48,6 +55,11 @@ def machine_check(folder: Path, *, cores: int) -> MachineCheck:
             importlib.import_module(name)
         except Exception as error:  # noqa: BLE001 - whatever a native wheel raises where it cannot be loaded
             missing.append(f"{name} does not load ({error}); install drupe again in a new environment.")
+    for name, cost in OPTIONAL.items():
+        try:
+            importlib.import_module(name)
+        except (ImportError, OSError) as error:
+            lines.append(f"optional library {name} does not load ({error}): {cost}")
     pools = sorted({f"{one['internal_api']} {one['num_threads']}" for one in threadpool_info()})
     lines.append(f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}")
     free_MiB = free_memory_MiB()

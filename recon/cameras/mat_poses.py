@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
-from recon.cameras.colmap import pycolmap
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
+from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -22,6 +22,10 @@ FEWEST_TAGS = 4
 """Tags that place a photo, at least: sixteen corners. Set by hand."""
 LONGEST_ERROR_PX = 3.0
 """px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
+UNKNOWN_FOCAL_SD = 1.0
+"""Of the logarithm of the focal length before the tags tell it: wide enough to count for nothing."""
+HELD_MM = 1e-3
+"""Spread of the corners about where they were printed: a hundredth of what a pixel shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +66,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     )
     start = [_first_pose(s, focal_px, size) for s in sightings]
     for _ in range(2):
-        lens, poses, covariance = _adjust(sightings, start, focal_px, size)
+        lens, poses, focal_sd_px = _adjust(sightings, start, focal_px, size)
         cameras = [
             Camera(
                 name=photos[s.photo].name, width_px=size[1], height_px=size[0],
@@ -92,7 +96,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         used=np.array([s.photo for s in sightings], int),
         reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
         scale_sd=with_print_error(_scale_error(sightings, cameras)),
-        focal_sd_px=float(np.sqrt(covariance)),
+        focal_sd_px=focal_sd_px,
         points=np.concatenate(list(mat.corners_mm.values())),
         box=blank_box(mat),
         warnings=warnings,
@@ -203,80 +207,25 @@ def _adjust(
     focal_px: float,
     size: tuple[int, int],
 ) -> tuple[Float[np.ndarray, "2"], list[Float[np.ndarray, "4 4"]], float]:
-    """One bundle adjustment with the corners fixed: ((f, k1), poses, variance of f in px²).
-
-    Corners that one photo alone shows are left out: pycolmap takes tracks of two views at least.
-    """
-    scene = pycolmap.Reconstruction()
-    middle = [(size[1] - 1) / 2, (size[0] - 1) / 2]
-    scene.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            camera_id=1, model="SIMPLE_RADIAL", width=size[1], height=size[0], params=[focal_px, *middle, 0.0]
-        )
+    """One bundle adjustment with the corners held: ((f, k1), poses, standard deviation of f in px)."""
+    corners, point = np.unique(np.concatenate([s.corners_mm for s in sightings]), axis=0, return_inverse=True)
+    seen = Sightings(
+        view=np.repeat(np.arange(len(sightings)), [len(s.corners_mm) for s in sightings]),
+        point=point,
+        places_px=np.concatenate([s.corners_px for s in sightings]),
+        whiten=np.broadcast_to(np.eye(2), (len(point), 2, 2)),
     )
-    times = Counter(tuple(corner) for s in sightings for corner in s.corners_mm.tolist())
-    number: dict[tuple[float, ...], int] = {}
-    for i, (s, pose) in enumerate(zip(sightings, start, strict=True), 1):
-        image = pycolmap.Image(name=str(i), camera_id=1, image_id=i, keypoints=s.corners_px)
-        scene.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
-        for j, corner in enumerate(s.corners_mm):
-            key = tuple(corner.tolist())
-            if times[key] < 2:
-                continue
-            if key not in number:
-                number[key] = scene.add_point3D(corner, pycolmap.Track())
-            scene.add_observation(number[key], pycolmap.TrackElement(i, j))
-    config = pycolmap.BundleAdjustmentConfig()
-    for i in range(1, len(sightings) + 1):
-        config.add_image(i)
-    for point in number.values():
-        config.add_constant_point(point)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = False
-    options.print_summary = False
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = 1.0
-    options.ceres.solver_options.num_threads = 1
-    adjuster = pycolmap.create_default_bundle_adjuster(options, config, scene)
-    adjuster.solve()
-    params = scene.cameras[1].params
-    poses = []
-    for i in range(1, len(sightings) + 1):
-        pose = np.eye(4)
-        pose[:3] = scene.images[i].cam_from_world().matrix()
-        poses.append(pose)
-    return (
-        np.array([params[0], params[3]]),
-        poses,
-        _focal_variance(sightings, poses, np.array([params[0], params[3]]), size),
+    scene = PlaneScene(np.array(start), np.full(len(sightings), focal_px), 0.0, corners[:, :2])
+    best = adjusted(
+        scene,
+        seen,
+        size,
+        focal_prior=(float(np.log(focal_px)), UNKNOWN_FOCAL_SD),
+        breathing_sd=RIGID,
+        ground_sd_mm=HELD_MM,
     )
-
-
-def _focal_variance(
-    sightings: Sequence[_Sighting],
-    poses: Sequence[Float[np.ndarray, "4 4"]],
-    lens: Float[np.ndarray, "2"],
-    size: tuple[int, int],
-) -> float:
-    """Variance of the focal length: residual variance over its information once poses and k1 are
-    eliminated.
-    """
-    information, squares, count = np.zeros((2, 2)), 0.0, 0
-    K = np.array([[lens[0], 0, (size[1] - 1) / 2], [0, lens[0], (size[0] - 1) / 2], [0, 0, 1]])
-    for s, pose in zip(sightings, poses, strict=True):
-        turn = cv2.Rodrigues(pose[:3, :3])[0]
-        seen, J = cv2.projectPoints(s.corners_mm, turn, pose[:3, 3], K, np.array([lens[1], 0.0, 0.0, 0.0]))
-        a, b = J[:, :6], np.stack([J[:, 6] + J[:, 7], J[:, 10]], axis=1)
-        residual = (s.corners_px - seen[:, 0]).ravel()
-        keep = np.repeat(np.hypot(*residual.reshape(-1, 2).T) < LONGEST_ERROR_PX, 2)
-        a, b, residual = a[keep], b[keep], residual[keep]
-        if len(a) < 8:
-            continue
-        information += b.T @ b - (b.T @ a) @ np.linalg.solve(a.T @ a, a.T @ b)
-        squares, count = squares + float(residual @ residual), count + len(residual) - 6
-    if count < 3:
-        return float("inf")
-    return float(squares / count * np.linalg.inv(information)[0, 0])
+    focal_px = float(np.mean(best.scene.focals_px))
+    return np.array([focal_px, best.scene.k1]), list(best.scene.poses), best.focal_sd * focal_px
 
 
 def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:

@@ -66,9 +66,16 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     taken: by convention from the suture's side. Works where the ground or the fruit has texture. Writes the
     pictures as PNG to a scratch folder of the system, because pycolmap reads only files; it is gone
     afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together, or
-    the first photo does not hang together with them or looks straight down), no-fruit.
+    the first photo does not hang together with them or looks straight down), no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
+    if pycolmap is None:
+        raise ReconFailure(
+            ReconProblem.MISSING_LIBRARY,
+            "The photos show no mat, and the ground's texture does not join them. The other method needs "
+            "pycolmap, which is not installed here (pip has no package of it for Linux on ARM). "
+            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply.",
+        )
     with tempfile.TemporaryDirectory() as scratch:
         model = _mapped(photos, Path(scratch))
     registered = 0 if model is None else model.num_reg_images()
@@ -109,7 +116,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     )
 
 
-def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction | None:
+def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction | None":
     """COLMAP's reconstruction with the most photos, from SIFT features; None where there is none."""
     pictures = scratch / "pictures"
     pictures.mkdir()
@@ -157,7 +164,7 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction |
     return max(models.values(), key=lambda m: m.num_reg_images()) if models else None
 
 
-def _camera(photo: Photo, image: pycolmap.Image) -> Camera:
+def _camera(photo: Photo, image: "pycolmap.Image") -> Camera:
     """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
     params = image.camera.params
     pose = np.eye(4)

@@ -4,12 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 BREATHING_SD = 0.004
 """Spread of the focal length from photo to photo, relative: phones focus each one anew. Of drawn phones it is
 0.002; with one focal length for all, cameras were 0.31 mm off instead of 0.16 and 0.28 instead of 0.12
 (phone-002, phone-004 of benchmarks/photo_bank.py, 12 photos)."""
+RIGID = 1e-4
+"""The same spread where all photos share one focal length: none to speak of."""
 K1_SD = 0.05
 """Spread of the radial term about none: what phones leave after their own correction."""
 LOSS_PX = 1.0
@@ -83,20 +86,22 @@ def adjusted(
     focal_prior: tuple[float, float],
     breathing_sd: float = BREATHING_SD,
     loss_px: float = LOSS_PX,
+    ground_sd_mm: float = np.inf,
 ) -> Adjusted:
     """Poses, focal lengths, k1 and points of the least misses, with Cauchy's weights, against their priors.
 
     The cost is the misses' over sigma² plus the priors' over their spreads squared; sigma, the misses' own
     spread (px), is told by their median, at the start and anew after each solution (ROUNDS). log f_i =
     log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f of (mean,
-    spread) `focal_prior`; `loss_px` is where a miss counts half. Levenberg and Marquardt's steps; points
+    spread) `focal_prior`; `loss_px` is where a miss counts half; `ground_sd_mm` is the spread of the points
+    about where they start: infinite where nothing is known of them. Levenberg and Marquardt's steps; points
     eliminated (Schur), each a 2 x 2 block (Triggs et al. 2000, Bundle adjustment: a modern synthesis).
     Similarities of the ground are left to the damping. `size`: (height, width) of the photos.
     """
     middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
     common = float(np.mean(np.log(scene.focals_px)))
     state = _State(scene.poses, common, np.log(scene.focals_px) - common, scene.k1, scene.ground)
-    prior = _Prior(focal_prior[0], focal_prior[1], breathing_sd)
+    prior = _Prior(focal_prior[0], focal_prior[1], breathing_sd, scene.ground, ground_sd_mm)
     system = _normal(state, seen, middle, prior, loss_px, 1.0)
     for _ in range(ROUNDS):
         sigma_px = _spread_px(system)
@@ -160,6 +165,8 @@ class _Prior:
     common: float
     common_sd: float
     own_sd: float
+    ground: Float[np.ndarray, "n 2"]
+    ground_sd_mm: float
 
 
 @dataclass(frozen=True)
@@ -239,31 +246,24 @@ def _normal(
     cross[:, 2, 0], cross[:, 2, 1] = X[:, 1], -X[:, 0]
     own = np.concatenate([JX @ cross, JX, grown[:, :, None]], axis=2)
     shared = np.stack([grown, bent], axis=2)
-    J = np.zeros((len(at), 2, size))
-    rows = np.arange(len(at))[:, None]
-    columns = 7 * seen.view[:, None] + np.arange(7)
-    for k in range(2):
-        J[rows, k, columns] = own[:, k]
-    J[:, :, 7 * v :] = shared
+    columns = np.hstack([7 * seen.view[:, None] + np.arange(7), np.full((len(at), 2), [7 * v, 7 * v + 1])])
+    J = _rows(np.concatenate([own, shared], axis=2), columns, size)
     Jp = JX @ R[:, :, :2]
-    W = weight[:, None, None]
-    U, slope, B = np.zeros((n, 2, 2)), np.zeros((n, 2)), np.zeros((n, 2, size))
-    Jpt = np.swapaxes(W * Jp, 1, 2)
-    np.add.at(U, seen.point, Jpt @ Jp)
-    np.add.at(slope, seen.point, (Jpt @ miss[:, :, None])[:, :, 0])
-    order = np.argsort(seen.point, kind="stable")
-    first = np.searchsorted(seen.point[order], np.arange(n))
-    some = np.bincount(seen.point, minlength=n) > 0
-    B[some] = np.add.reduceat((Jpt @ J)[order], first[some], axis=0)
-    flat = J.reshape(-1, size)
+    Jg = _rows(Jp, 2 * seen.point[:, None] + np.arange(2), 2 * n)
     heavy = np.repeat(weight, 2)
-    H = flat.T @ (heavy[:, None] * flat)
-    g = flat.T @ (heavy * miss.ravel())
+    WJ = J * heavy[:, None]
+    H, g = (J.T @ WJ).toarray(), WJ.T @ miss.ravel()
+    B = (Jg.T @ WJ).toarray().reshape(n, 2, size)
+    known = prior.ground_sd_mm**-2
+    apart = state.ground - prior.ground
+    slope = (Jg.T @ (heavy * miss.ravel())).reshape(n, 2) + known * apart
+    U = np.tile(known * np.eye(2), (n, 1, 1))
+    np.add.at(U, seen.point, np.swapaxes(weight[:, None, None] * Jp, 1, 2) @ Jp)
     where, sd = _prior_spreads(prior, v)
     off = np.concatenate([state.own, [state.common - prior.common, state.k1]])
     H[where, where] += 1 / sd**2
     g[where] += off / sd**2
-    cost += float(np.sum((off / sd) ** 2))
+    cost += float(np.sum((off / sd) ** 2)) + known * float(np.sum(apart**2))
     trace = np.trace(U, axis1=1, axis2=2)[:, None, None]
     inverse = np.linalg.inv(U + (1e-9 * trace + 1e-12) * np.eye(2))
     lean = B.reshape(2 * n, size)
@@ -271,3 +271,10 @@ def _normal(
     g = g - lean.T @ np.einsum("nij,nj->ni", inverse, slope).ravel()
     H[np.diag_indices(size)] += 1e-9 * np.trace(H) / size
     return _System(cost, H, g, inverse, B, slope, miss)
+
+
+def _rows(values: Float[np.ndarray, "k 2 c"], columns: Int[np.ndarray, "k c"], width: int) -> csr_array:
+    """Two rows of a matrix for each sighting, with their values in these columns."""
+    k, _, c = values.shape
+    start = np.arange(0, 2 * k * c + 1, c)
+    return csr_array((values.ravel(), np.repeat(columns, 2, axis=0).ravel(), start), shape=(2 * k, width))

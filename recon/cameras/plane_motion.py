@@ -9,7 +9,7 @@ from recon.cameras.camera import Camera, straightened
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
-from recon.cameras.plane_bundle import Adjusted, PlaneScene, Sightings, adjusted
+from recon.cameras.plane_bundle import RIGID, Adjusted, PlaneScene, Sightings, adjusted
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
 from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
 from recon.cameras.plane_tracks import ground_tracks
@@ -27,8 +27,6 @@ MOST_POINTS = 2500
 START_LOSS_PX, LOSS_PX = 4.0, 1.0
 """px from where on a miss counts less than by its square: while cameras are rough, and at the end. Set by
 hand."""
-RIGID = 1e-4
-"""Spread of the logarithm of a photo's own focal length: none to speak of, until cameras are known."""
 SEARCHES_PX = (10, 4, 3)
 """px of the ground seen from above by which points are looked for, round by round as cameras get better."""
 FEWEST_TRACKS = 30

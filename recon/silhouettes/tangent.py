@@ -6,13 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from recon.silhouettes.hull import Silhouette
 from recon.triangle_mesh import neighbour_mean, rim_crossings, unique_edges, vertex_normals
+
+try:
+    import pymetis
+except ImportError:  # there is no wheel for Linux on ARM
+    pymetis = None
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
 """Of the fit; each looks for the rims anew. Set by hand."""
@@ -114,11 +118,13 @@ def fitted_to_outlines(
     return FittedSurface(x, held, float(np.median(np.abs(misses))))
 
 
-def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"]:
-    """Nested dissection of a symmetric pattern (Karypis and Kumar 1998, METIS).
+def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | None:
+    """Nested dissection of a symmetric pattern (Karypis and Kumar 1998, METIS); None without pymetis.
 
     Rims join neighbours, which `bending` joins too, so that one order serves all rounds of a fit.
     """
+    if pymetis is None:
+        return None
     apart = sparse.csr_array(pattern - sparse.diags(pattern.diagonal()))
     apart.eliminate_zeros()
     order, _ = pymetis.nested_dissection(
@@ -128,12 +134,19 @@ def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"]:
 
 
 def _solved(
-    matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"]
+    matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"] | None
 ) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order."""
-    rows = matrix[order]
-    in_order = sparse.csc_array(rows[:, order])
-    factor = splu(in_order, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    found = np.empty_like(right)
-    found[order] = factor.solve(right[order])
-    return found
+    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order, or in
+    SuperLU's minimum degree order.
+    """
+    place = np.arange(len(right)) if order is None else order
+    rows = matrix[place]
+    factor = splu(
+        sparse.csc_array(rows[:, place]),
+        permc_spec="MMD_AT_PLUS_A" if order is None else "NATURAL",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    solution = np.empty_like(right)
+    solution[place] = factor.solve(right[place])
+    return solution

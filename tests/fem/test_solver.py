@@ -9,7 +9,8 @@ from scipy.sparse.linalg import splu
 
 from fem.elements.assembly import assemble
 from fem.fem_failure import FemFailure, FemProblem
-from fem.sparse.elimination_order import elimination_tree, nested_dissection, same_pattern_groups
+from fem.sparse import elimination_order
+from fem.sparse.elimination_order import elimination_tree, fill_reducing_order, same_pattern_groups
 from fem.sparse.fronts import fronts
 from fem.sparse.solver import analyse, factorise, solver_name
 from fem.sparse.supernodes import supernodes
@@ -189,9 +190,28 @@ def test_every_dof_is_eliminated_once_after_all_that_wait_below():
 
 
 def test_order_is_a_permutation_that_keeps_dofs_of_a_node_together():
-    order = nested_dissection(sheet(9))
+    order = fill_reducing_order(sheet(9))
     assert (np.sort(order) == np.arange(len(order))).all()
     assert (order.reshape(-1, 3) // 3 == order.reshape(-1, 3)[:, :1] // 3).all()
+
+
+def fill(plan):
+    """Numbers that the fronts' pivots keep."""
+    pivots = np.diff(plan.start)
+    return int(pivots @ (pivots + [len(rows) for rows in plan.rows]))
+
+
+@pytest.mark.parametrize(
+    "matrix", [held_cube(5), sheet(40, shift=0.01), csr_array(block_diag([held_cube(2), sheet(7), [[3.0]]]))]
+)
+def test_without_pymetis_the_answer_is_the_same_and_the_fill_at_most_half_as_much_again(matrix, monkeypatch):
+    load = np.random.default_rng(0).standard_normal((matrix.shape[0], 3))
+    least = fill(fronts(matrix))
+    monkeypatch.setattr(elimination_order, "pymetis", None)
+    assert "minimum degree" in solver_name()
+    assert fill(fronts(matrix)) < 1.5 * least
+    theirs = splu(matrix.tocsc()).solve(load)
+    assert np.abs(factorise(matrix).solve(load) - theirs).max() < 1e-10 * np.abs(theirs).max()
 
 
 @pytest.mark.parametrize("matrix", [np.diag([1.0, 2.0, 4.0]), np.eye(4) + 0.1, np.array([[5.0]])])

@@ -40,6 +40,11 @@ def test_a_change_of_a_rooms_code_is_another_version_of_it_alone(tmp_path, monke
     cache.code_version.cache_clear()
 
 
+def test_a_library_that_is_not_installed_has_no_version(monkeypatch):
+    monkeypatch.setattr(cache, "LIBRARIES", ("numpy", "no-such-library"))
+    assert dict(cache.library_versions.__wrapped__()) == {"numpy": np.__version__}
+
+
 def test_every_rooms_own_files_are_its_version():
     versions = [cache.code_version((room,)) for room in cache.ROOMS]
     assert len(set(versions)) == len(cache.ROOMS)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
+from recon.cameras import motion
 from recon.cameras.ground_plane import upright
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo
@@ -31,6 +32,14 @@ def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
     with pytest.raises(ReconFailure, match=r"first photo \(front\.png\) shares too few .* retake") as caught:
         cameras_from_motion([Photo("front.png", noise), *photos], height_mm=48.0)
     assert caught.value.problem is ReconProblem.NO_OVERLAP
+
+
+def test_without_pycolmap_photos_that_the_ground_does_not_join_name_it_and_what_to_do(monkeypatch):
+    monkeypatch.setattr(motion, "pycolmap", None)
+    blank = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
+    with pytest.raises(ReconFailure, match=r"needs pycolmap.*on the mat \(drupe mat\).*fruit\.ply") as caught:
+        cameras_from_motion(blank, height_mm=48.0)
+    assert caught.value.problem is ReconProblem.MISSING_LIBRARY
 
 
 def test_a_first_photo_from_straight_above_is_refused():

@@ -44,6 +44,30 @@ def test_a_straightened_photo_obeys_the_pinhole(bent):
     assert image[v - 4 : v + 5, u - 4 : u + 5].std() > 20
 
 
+def test_a_misread_tag_moves_no_camera_and_is_left_out():
+    """Exact corners but for one tag that the photo shows 60 px away."""
+    mat = standard_mat()
+    cameras = ring(7, width=640, height=480, k1=-0.06)
+    photos = []
+    for camera in cameras:
+        seen = {tag: camera.project(corners) for tag, corners in mat.corners_mm.items()}
+        inside = {t: px for t, px in seen.items() if (px > 0).all() and (px < [640, 480]).all()}
+        photos.append(
+            Photo(
+                camera.name,
+                np.zeros((480, 640, 3), np.uint8),
+                tags=(np.array([*inside]), np.array([*inside.values()])),
+            )
+        )
+    photos[2].tags[1][0] += 60.0
+    poses = cameras_from_mat(photos, mat)
+    assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=1e-4)
+    assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=1e-3)
+    for found, true in zip(poses.cameras, cameras, strict=True):
+        assert np.linalg.norm(found.place - true.place) < 0.05
+    assert poses.reprojection_px < 0.02
+
+
 def test_same_photos_give_the_same_poses(bent):
     _, photos = bent
     first, second = (cameras_from_mat(photos, standard_mat()) for _ in range(2))

@@ -5,11 +5,22 @@ import pytest
 
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
+from recon.surface import meshlab
 from recon.surface.poisson import distances_mm, poisson_surface
 from recon.surface.repair import repaired
 from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
 
 RADIUS_MM = 20.0
+pytestmark = pytest.mark.usefixtures("tool")
+
+
+@pytest.fixture(params=["pymeshlab", "open3d"])
+def tool(request, monkeypatch):
+    """Both libraries that repair surfaces, each for all tests of this file."""
+    if request.param == "open3d":
+        monkeypatch.setattr(meshlab, "library", lambda: None)
+
+
 BALL_MM3 = 4 / 3 * np.pi * RADIUS_MM**3
 
 

@@ -6,6 +6,7 @@ from mat_scene import Egg, ring
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
+from recon.silhouettes import tangent
 from recon.silhouettes.hull import Silhouette, ball, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
@@ -101,3 +102,12 @@ def test_the_rim_of_a_ball_lies_on_the_polar_plane_of_the_camera():
     assert len(rim) > 60
     assert np.allclose(rim @ place, radius**2, rtol=1e-9)
     assert np.all((t >= 0) & (t <= 1))
+
+
+def test_without_pymetis_the_surface_is_the_same(monkeypatch):
+    if tangent.pymetis is None:
+        pytest.skip("pymetis is not installed: there is nothing to compare with")
+    with_metis = hull_and_fitted(6, noise_px=0.3)[1]
+    monkeypatch.setattr(tangent, "pymetis", None)
+    without = hull_and_fitted(6, noise_px=0.3)[1]
+    np.testing.assert_allclose(without.vertices, with_metis.vertices, atol=1e-8)
