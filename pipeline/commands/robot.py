@@ -26,7 +26,9 @@ def robot(
         Path,
         typer.Option(metavar="FILE", help="The gripper's description: the pads' poses on the flange."),
     ],
-    mat: Annotated[Path, typer.Option(metavar="FILE", help="The mat.json of the printed mat.")] = Path("mat.json"),
+    mat: Annotated[Path, typer.Option(metavar="FILE", help="The mat.json of the printed mat.")] = Path(
+        "mat.json"
+    ),
     fixed_camera: Annotated[
         bool,
         typer.Option(

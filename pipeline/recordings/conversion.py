@@ -25,8 +25,8 @@ from tactile.contact_course import contact_course, said
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
-from tactile.io.flange_table import read_flange_table
 from tactile.io.field_tables import read_field_table
+from tactile.io.flange_table import read_flange_table
 from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp

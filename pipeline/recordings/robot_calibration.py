@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from pipeline.batch.opening import read_mat
 from pipeline.batch.scratch import scratch
@@ -77,9 +76,7 @@ def calibrate_robot(
     return _in_words(found, hand)
 
 
-def _photos(
-    poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]
-) -> tuple[Photo, ...]:
+def _photos(poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]) -> tuple[Photo, ...]:
     """The photos that the table names, with the mat's tags in them."""
     names = table.photo or ()
     for row, name in zip(table.row, names, strict=True):
@@ -199,7 +196,9 @@ def _in_words(found: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
         f"write pose_sd_mm = {total:.2g} under [sensor] in batch.toml",
     ]
     if gripper.pose_sd_mm == 0:
-        lines.append("the gripper's description has no pose_sd_mm, so the pads' places on the flange count as exact")
+        lines.append(
+            "the gripper's description has no pose_sd_mm, so the pads' places on the flange count as exact"
+        )
     return tuple(lines)
 
 

@@ -69,22 +69,26 @@ def read_flange_table(path: Path) -> FlangeTable:
     place = next((one for one in PLACE if set(one) <= set(names)), None)
     turn = next((one for one in ROTATIONS if set(one) <= set(names)), None)
     if place is None or turn is None:
-        lacking = "x_mm, y_mm, z_mm or x_m, y_m, z_m" if place is None else " or ".join(map(", ".join, ROTATIONS))
+        lacking = (
+            "x_mm, y_mm, z_mm or x_m, y_m, z_m" if place is None else " or ".join(map(", ".join, ROTATIONS))
+        )
         found = "the columns " + (", ".join(names)[:150] or "of an empty row")
         raise unusable(path.name, found, f"columns {lacking}, with the unit in the name")
     table = _Columns(path, names, rows)
     shift = table.numbers(place, holes=True) * PLACE[place]
-    farthest = float(np.nanmax(np.linalg.norm(shift, axis=1), initial=0.0))
-    if np.isfinite(shift).any() and not LEAST_REACH_MM < farthest < MOST_REACH_MM:
-        found = f"positions at most {farthest:.3g} mm from the base"
-        expected = f"{LEAST_REACH_MM:g} to {MOST_REACH_MM:g} mm; is {place[0]} in another unit?"
-        raise unusable(path.name, found, expected)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, 3] = shift
     poses[:, :3, :3] = table.rotations(turn)
     partly = np.isfinite(poses[:, :3]).any(axis=(1, 2)) & ~np.isfinite(poses[:, :3]).all(axis=(1, 2))
     if partly.any():
-        raise unusable(f"{path.name}: row {rows[int(np.argmax(partly))][0]}", "part of a pose", "all or none of it")
+        raise unusable(
+            f"{path.name}: row {rows[int(np.argmax(partly))][0]}", "part of a pose", "all or none of it"
+        )
+    farthest = float(np.nanmax(np.linalg.norm(shift, axis=1), initial=0.0))
+    if np.isfinite(shift).any() and not LEAST_REACH_MM < farthest < MOST_REACH_MM:
+        found = f"positions at most {farthest:.3g} mm from the base"
+        expected = f"{LEAST_REACH_MM:g} to {MOST_REACH_MM:g} mm; is {place[0]} in another unit?"
+        raise unusable(path.name, found, expected)
     time_s = table.numbers(("time_s",))[:, 0] if "time_s" in names else None
     if time_s is not None:
         increasing(path.name, time_s)
@@ -121,7 +125,9 @@ class _Columns:
                 cell = cells[at] if at < len(cells) else ""
                 number = number_of(cell)
                 if number is None and not (holes and not str(cell).strip()):
-                    found = f'"{str(cell)[:60]}" in row {row}' if str(cell).strip() else f"nothing in row {row}"
+                    found = (
+                        f'"{str(cell)[:60]}" in row {row}' if str(cell).strip() else f"nothing in row {row}"
+                    )
                     raise unusable(f"{self.path.name}: {name}", found, "a number")
                 values[k, j] = np.nan if number is None else number
         return values
@@ -133,7 +139,9 @@ class _Columns:
         known = np.isfinite(values).all(axis=1)
         given = values[known]
         if names == QUATERNION:
-            self._refuse(known, np.abs(np.linalg.norm(given, axis=1) - 1), "a quaternion of another length than 1")
+            self._refuse(
+                known, np.abs(np.linalg.norm(given, axis=1) - 1), "a quaternion of another length than 1"
+            )
             turns[known] = Rotation.from_quat(given).as_matrix() if known.any() else given.reshape(-1, 3, 3)
         elif names in VECTOR:
             vectors = given * VECTOR[names]
@@ -149,7 +157,12 @@ class _Columns:
             turns[known] = left @ right
         return turns
 
-    def _refuse(self, known: Bool[np.ndarray, " n"], wrong: Float[np.ndarray, " m"] | Bool[np.ndarray, " m"], found: str) -> None:
+    def _refuse(
+        self,
+        known: Bool[np.ndarray, " n"],
+        wrong: Float[np.ndarray, " m"] | Bool[np.ndarray, " m"],
+        found: str,
+    ) -> None:
         if (wrong > NOT_ROTATION).any():
             row = self.rows[int(np.flatnonzero(known)[np.argmax(wrong > NOT_ROTATION)])][0]
             raise unusable(f"{self.path.name}: row {row}", found, "a right-handed rotation")

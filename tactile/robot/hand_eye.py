@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from tactile.robot.base_and_mat import (
@@ -33,8 +33,8 @@ FEWEST_POSES = 8
 MOST_START_MM = 20.0
 """Root mean square miss (mm) of the mat's corners after the closed form, beyond which no fit begins: ten times
 MOST_SD_MM, because the closed form does not weight its equations."""
-ROUNDS = 3
-"""Fits, each with the noise that the one before showed; the noise changes by less than 1 % in the third."""
+MOST_STEPS, CONVERGED = 20, 1e-4
+"""Steps of the fit, and the square of the last one in standard deviations; good poses take four."""
 FIRST_NOISE = (np.radians(0.1), 0.3)
 """rad and mm of a flange pose in the first fit: usual arms."""
 LEAST_NOISE = (np.radians(1e-3), 5e-3)
@@ -42,9 +42,7 @@ LEAST_NOISE = (np.radians(1e-3), 5e-3)
 LEAST_PX = 0.02
 """px: no corner is found better."""
 WAYS: dict[str, Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]]] = {
-    "inverse poses (the base in the flange's frame), or a camera that is not where the command says": (
-        np.linalg.inv
-    ),
+    "inverse poses (the base in the flange's frame; or is --fixed-camera right?)": np.linalg.inv,
     "positions in m under a name in mm": lambda poses: _scaled(poses, 1000.0),
     "positions in mm under a name in m": lambda poses: _scaled(poses, 0.001),
     "quaternions in the order w, x, y, z": lambda poses: _reordered(poses),
@@ -148,11 +146,9 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     try:
         frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
         start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))
-        fit, noise = start, np.array(FIRST_NOISE)
-        for _ in range(ROUNDS):
-            fit = _fitted(moving, still, fit, noise, camera_on_flange=camera_on_flange)
-            equations = _equations(moving, still, fit, camera_on_flange=camera_on_flange)
-            noise = _noise_of(equations, noise)
+        fit, equations, noise = _fitted(
+            moving, still, start, camera_on_flange=camera_on_flange, source=source, advice=advice
+        )
         off = np.linalg.solve(equations.T, equations.y[..., None])[..., 0]
         names = [view.name for view in moving]
         require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
@@ -162,7 +158,9 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
             raise refused(source, found, expected, "Correct the columns and run again.") from failure
         raise
     free = 3 * len(moving) - 6
-    covariance = equations.solved(noise)[1] * free / (free - 2)  # the variance of Student's t over the normal's
+    covariance = (
+        equations.solved(noise)[1] * free / (free - 2)
+    )  # the variance of Student's t over the normal's
     ahead = []
     for part in folds(len(moving)):
         step = equations.without(part).solved(noise)[0]
@@ -224,7 +222,9 @@ def _closed_form(
     A = np.linalg.inv(rigid(camera_from_known, shifts[3:]))
     W = np.linalg.inv(rigid(mat_from_known, shifts[:3]))
     misses = [
-        np.sum((_moved(np.linalg.inv(A) @ k @ W, v.corners_mm) - _moved(v.camera_from_mat, v.corners_mm)) ** 2, 1)
+        np.sum(
+            (_moved(np.linalg.inv(A) @ k @ W, v.corners_mm) - _moved(v.camera_from_mat, v.corners_mm)) ** 2, 1
+        )
         for k, v in zip(known, views, strict=True)
     ]
     return (A, W), float(np.sqrt(np.mean(np.concatenate(misses))))
@@ -246,31 +246,24 @@ def _mistake(
 def _fitted(
     moving: Sequence[MatView],
     still: Sequence[MatView],
-    start: _Fit,
-    noise: Float[np.ndarray, "2"],
+    fit: _Fit,
     *,
     camera_on_flange: bool,
-) -> _Fit:
-    """Both frames and the lens that fit the corners best, the weights those of the start."""
-    views = [*moving, *still]
-    lines = [_linear(view, start, camera_on_flange) for view in views]
-    px = _pixel_sd([(miss, slopes) for miss, slopes, _ in lines])
-    whiten = [_whitener(slopes, noise / px, px) for _, slopes, _ in lines]
-
-    def misses(step: Float[np.ndarray, " p"]) -> Float[np.ndarray, " r"]:
-        now = start.moved(step)
-        return np.concatenate(
-            [w(_linear(v, now, camera_on_flange)[0][:, None])[:, 0] for w, v in zip(whiten, views, strict=True)]
-        )
-
-    def slopes(step: Float[np.ndarray, " p"]) -> Float[np.ndarray, "r p"]:
-        now = start.moved(step)
-        return -np.concatenate(
-            [w(_linear(v, now, camera_on_flange)[2]) for w, v in zip(whiten, views, strict=True)]
-        )
-
-    first = np.zeros(6 * len(start.frames) + 4)
-    return start.moved(least_squares(misses, first, slopes, x_scale="jac", method="lm").x)
+    source: str,
+    advice: str,
+) -> tuple[_Fit, _Equations, Float[np.ndarray, "2"]]:
+    """The fit, its equations and the flange's noise (rad, mm), by Gauss and Newton's steps; the noise is
+    estimated again before each step.
+    """
+    noise = np.array(FIRST_NOISE)
+    for _ in range(MOST_STEPS):
+        equations = _equations(moving, still, fit, camera_on_flange=camera_on_flange)
+        noise = _noise_of(equations, noise)
+        step, covariance, _ = equations.solved(noise)
+        if step @ np.linalg.solve(covariance, step) < CONVERGED:
+            return fit, equations, noise
+        fit = fit.moved(step)
+    raise refused(source, "poses and photos to which no fit converges", "poses that agree", advice)
 
 
 def _linear(
@@ -318,21 +311,15 @@ def _pixel_sd(lines: Sequence[tuple[Float[np.ndarray, " _m"], Float[np.ndarray, 
     return max(float(np.sqrt(sum(squares) / free)), LEAST_PX)
 
 
-def _whitener(
-    slopes: Float[np.ndarray, "m 6"], relative: Float[np.ndarray, "2"], px: float
-) -> Callable[[Float[np.ndarray, "m _k"]], Float[np.ndarray, "m _k"]]:
-    """Multiplication by the inverse root of px² I + J S J', with `relative` the root of S / px²."""
-    basis, size, _ = np.linalg.svd(slopes * np.repeat(relative, 3), full_matrices=False)
-    less = basis * (1 - 1 / np.sqrt(1 + size**2))
-    return lambda values: (values - less @ (basis.T @ values)) / px
-
-
 def _equations(
     moving: Sequence[MatView], still: Sequence[MatView], fit: _Fit, *, camera_on_flange: bool
 ) -> _Equations:
     """The corners' equations about `fit`."""
     lines = [_linear(view, fit, camera_on_flange) for view in moving]
-    R = [np.linalg.qr(np.column_stack([by_flange, by_fit, miss]), mode="r") for miss, by_flange, by_fit in lines]
+    R = [
+        np.linalg.qr(np.column_stack([by_flange, by_fit, miss]), mode="r")
+        for miss, by_flange, by_fit in lines
+    ]
     top = np.array([factor[:6] for factor in R])
     at_rest = [_linear(view, fit, camera_on_flange) for view in still]
     beside = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]

@@ -52,7 +52,9 @@ def with_robot_poses(
     if recording.loading == "grasp" and not recording.aperture_mm.any():
         expected = f"the aperture of each frame: add a column aperture_mm to {named}"
         raise unusable(f"{source}: aperture_mm", "zero in every frame", expected)
-    closed_mm = 0.5 * (robot.gripper.pose_aperture_mm - recording.aperture_mm) * (recording.loading == "grasp")
+    closed_mm = (
+        0.5 * (robot.gripper.pose_aperture_mm - recording.aperture_mm) * (recording.loading == "grasp")
+    )
     mat_from_flange = np.linalg.inv(robot.base_from_mat) @ flange
     pads, spreads = [], []
     for pad in recording.pads:

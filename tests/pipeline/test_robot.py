@@ -14,15 +14,12 @@ from typer.testing import CliRunner
 TESTS = Path(__file__).parent.parent
 sys.path += [str(TESTS / "tactile"), str(TESTS / "recon")]
 from mat_scene import photographed, ring
-from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, FLANGE_FROM_TIP, noisy, pose
+from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, noisy, pose
 
 from pipeline.cli import app
-from pipeline.fruit.placed_grasp import place_grasp
 from recon.cameras.printed_mat import mat_mapping, standard_mat
-from recon.surface.mesh_file import read_mesh
 from tactile.io.recording import read_recording, write_recording
 from tactile.io.robot_file import read_robot
-from tactile.tactile_failure import TactileFailure
 
 DATA = TESTS / "data" / "nectarine-grasp"
 FLANGE_FROM_PAD = {"left": pose(0, -30, 150, 0, 0, 0), "right": pose(0, 30, 150, 180, 0, 0)}

@@ -1,7 +1,5 @@
 """A robot with known frames that photographs a mat, and touches it, with noise of known size."""
 
-from dataclasses import dataclass, replace
-
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,7 +34,7 @@ def tags(half: int = 3) -> np.ndarray:
 
 
 def looking_down(rng: np.random.Generator, count: int, tilt_deg: float = 35.0) -> list[np.ndarray]:
-    """Cameras (mat_from_camera) above the mat, 260 to 380 mm away, tilted to all sides by up to `tilt_deg`."""
+    """Cameras (mat_from_camera) above the mat, 260 to 380 mm away, tilted by up to `tilt_deg`."""
     made = []
     for k in range(count):
         way, tilt = 2 * np.pi * k / count, np.radians(tilt_deg * rng.uniform(0.5, 1.0))
@@ -70,8 +68,8 @@ def view(
 ) -> MatView:
     """What the calibration gets, the start of its pose by OpenCV's solver for planes with a rough lens."""
     px = pictured(camera_from_mat, corners) + scale * rng.normal(0, NOISE_PX, (len(corners), 2))
-    rough = LENS
-    K = np.array([[rough.focal_px, 0, rough.middle_px[0]], [0, rough.focal_px, rough.middle_px[1]], [0, 0, 1]])
+    (x, y), f = LENS.middle_px, LENS.focal_px
+    K = np.array([[f, 0, x], [0, f, y], [0, 0, 1]])
     _, turn, shift = cv2.solvePnP(corners, px, K, None, flags=cv2.SOLVEPNP_IPPE)
     start = np.eye(4)
     start[:3, :3], start[:3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
@@ -82,6 +80,18 @@ def view(
 
 LENS = Lens(focal_px=1405.0, middle_px=(799.5, 599.5), k1=0.0)
 """What pictures alone would give: the focal length to 0.4 %, the middle of the picture."""
+
+
+def photographs_of_a_carried_mat(rng, count: int = 16):
+    """Views of a camera at rest: the mat on the flange, then the mat at its place."""
+    corners, looks = tags(2), looking_down(rng, count + 1)
+    base_from_camera = BASE_FROM_MAT @ looks[0]
+    flange_from_mat = pose(10.0, -4.0, 120.0, 178.0, 3.0, 20.0)
+    made = []
+    for k, mat_from_camera in enumerate(looks[1:]):
+        flange = base_from_camera @ np.linalg.inv(mat_from_camera) @ np.linalg.inv(flange_from_mat)
+        made.append(view(f"{k:02d}.png", np.linalg.inv(mat_from_camera), noisy(flange, rng), corners, rng))
+    return [*made, view("place.png", np.linalg.inv(looks[0]), None, corners, rng)]
 
 
 def photographs(rng, count: int = 16, *, scale: float = 1.0, tilt_deg: float = 35.0, half: int = 2):
