@@ -339,9 +339,9 @@ def _noise_of(equations: _Equations, start: Float[np.ndarray, "2"]) -> Float[np.
     found = minimize(
         lambda logs: equations.solved(np.exp(logs))[2],
         np.log(start),
-        method="Nelder-Mead",
+        method="L-BFGS-B",
         bounds=[(np.log(least), np.log(1e4 * least)) for least in LEAST_NOISE],
-        options={"xatol": 0.02, "fatol": 0.02},
+        options={"ftol": 1e-6},
     )
     return np.asarray(np.exp(found.x))
 

@@ -14,7 +14,7 @@ NOISE_MM, NOISE_DEG, NOISE_PX = 0.1, 0.05, 0.2
 
 def pose(x: float, y: float, z: float, *turn_deg: float) -> np.ndarray:
     made = np.eye(4)
-    made[:3, :3] = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
+    made[:3, :3] = Rotation.from_euler("xyz", turn_deg or (0.0, 0.0, 0.0), degrees=True).as_matrix()
     made[:3, 3] = x, y, z
     return made
 
