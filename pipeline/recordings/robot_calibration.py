@@ -45,8 +45,8 @@ def calibrate_robot(
 ) -> tuple[str, ...]:
     """Write `out`, the robot's description, from a table of flange poses; return in words what it holds.
 
-    Photos that the table names lie in its folder. Raises TactileFailure and ReconFailure for tables, photos and
-    poses that cannot be used; BatchRefused where `out` is an input or a file that drupe robot did not write.
+    Photos that the table names lie in its folder. Raises TactileFailure and ReconFailure for tables, photos
+    and poses that cannot be used; BatchRefused where `out` is an input or a file that drupe robot did not write.
     """
     if out.suffix.lower() != ".toml":
         raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
@@ -185,13 +185,14 @@ def _in_words(found: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
     x, y, z = found.base_from_mat[:3, 3]
     photos = f", corners of the photos {found.pixel_sd:.2g} px" if found.pixel_sd else ""
     lines = [
-        f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {found.poses} poses",
+        f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {found.poses} "
+        "poses",
         f"noise of one flange pose, per axis: {found.flange_sd_mm:.2g} mm and {found.flange_sd_deg:.2g} "
         f"degrees{photos}",
         f"poses predicted from the others deviate by {found.heldout_mm:.2g} mm and {found.heldout_deg:.2g} "
         "degrees (root mean square per axis)",
-        f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from the "
-        f"calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; {gripper.pose_sd_mm:.2g} mm "
+        f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "
+        f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; {gripper.pose_sd_mm:.2g} mm "
         "from the gripper's drawing)",
         f"write pose_sd_mm = {total:.2g} under [sensor] in batch.toml",
     ]

@@ -1,8 +1,8 @@
 """A table of a robot's flange poses, as its controller or driver logs them: base_from_flange, one per row.
 
 Columns, by name in the first row: `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`; the rotation as a quaternion
-`qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), or a matrix `r11`, `r12` ...
-`r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and `corner`.
+`qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), or a matrix `r11`, `r12`
+... `r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and `corner`.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class FlangeTable:
     @property
     def known(self) -> Bool[np.ndarray, " n"]:
         """Whether the row has a pose."""
-        return np.isfinite(self.base_from_flange[:, 0, 0])
+        return np.asarray(np.isfinite(self.base_from_flange[:, 0, 0]))
 
 
 def read_flange_table(path: Path) -> FlangeTable:

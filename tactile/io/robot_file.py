@@ -43,7 +43,7 @@ ROBOT_KEYS = GRIPPER_KEYS | {
 
 @dataclass(frozen=True, kw_only=True)
 class Gripper:
-    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: standard deviation per axis."""
+    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: their spread per axis."""
 
     pads: dict[str, Float[np.ndarray, "4 4"]]
     pose_aperture_mm: float

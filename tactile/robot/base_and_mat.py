@@ -1,4 +1,4 @@
-"""Where the mat lies in the robot's base, with its uncertainty, and the tests that both calibrations share."""
+"""Where the mat lies in the robot's base, how well that is known, and checks of both calibrations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_TURN_DEG = 5.0
 """Degrees (root mean square) by which the flange must turn about a second axis. Errors of position grow with
-the reciprocal of this turn: 0.1 degrees of noise over 5 degrees is 2 % of the camera's distance. Set by hand."""
+the reciprocal of this turn: 0.1 degrees of noise over 5 degrees is 2 % of the distance. Set by hand."""
 MOST_SD_MM, MOST_SD_DEG = 2.0, 1.0
 """These are the largest deviations (root mean square) of flange poses that pass as noise: some ten times what
 robots and printed mats have. Beyond, poses and pictures belong to different frames. Set by hand."""
@@ -75,7 +75,7 @@ def cross_matrix(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]
 
 
 def place_sd_mm(covariance: Float[np.ndarray, "6 6"], place_mm: Float[np.ndarray, "3"]) -> float:
-    """Standard deviation per axis (mm) of a point (in the axes of `covariance`) that turns and shifts with it."""
+    """Standard deviation per axis (mm) of a point, in the axes of `covariance`, that turns and shifts."""
     moved = np.concatenate([-cross_matrix(place_mm[None])[0], np.eye(3)], axis=1)
     return float(np.sqrt(np.trace(moved @ covariance @ moved.T) / 3))
 
@@ -107,7 +107,7 @@ def require_noise(
     source: str,
     advice: str,
 ) -> None:
-    """Refuses deviations of flange poses that are not noise, naming the worst pose where a few are to blame."""
+    """Refuses deviations of flange poses that are not noise, and names the worst pose if it stands out."""
     size = np.hypot(
         np.linalg.norm(shift_mm, axis=1) / MOST_SD_MM, np.linalg.norm(turn_deg, axis=1) / MOST_SD_DEG
     )

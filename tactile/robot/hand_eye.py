@@ -31,8 +31,8 @@ from tactile.tactile_failure import TactileFailure
 FEWEST_POSES = 8
 """Poses with a picture: 48 equations for 12 unknowns leave enough to measure the noise. Set by hand."""
 MOST_START_MM = 20.0
-"""Root mean square miss (mm) of the mat's corners after the closed form, beyond which no fit begins: ten times
-MOST_SD_MM, because the closed form does not weight its equations."""
+"""Root mean square miss (mm) of the mat's corners after the closed form, beyond which no fit begins: ten
+times MOST_SD_MM, because the closed form does not weight its equations."""
 MOST_STEPS, CONVERGED = 20, 1e-4
 """Steps of the fit, and the square of the last one in standard deviations; good poses take four."""
 FIRST_NOISE = (np.radians(0.1), 0.3)
@@ -129,8 +129,8 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     """base_from_mat by maximum likelihood over all corners (px), both frames and the lens.
 
     Each flange pose has an unknown error of its own, normal with one spread for turns and one for places. It
-    is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that the
-    residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree with
+    is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that
+    the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree with
     the pictures; it names the mistake where undoing one makes them agree.
     """
     moving = [view for view in views if view.base_from_flange is not None]
@@ -269,8 +269,8 @@ def _fitted(
 def _linear(
     view: MatView, fit: _Fit, camera_on_flange: bool
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"], Float[np.ndarray, "m p"]]:
-    """Of one picture: seen less predicted pixels, and the prediction's slopes by a motion of the flange in its
-    axes (0 where the mat lies at its place) and by a step of the fit.
+    """Of one picture: seen less predicted pixels, and the prediction's slopes by a motion of the flange in
+    its axes (0 where the mat lies at its place) and by a step of the fit.
     """
     camera = np.linalg.inv(fit.frames[0])
     mat_frame = 2 if view.base_from_flange is None else 1
@@ -336,12 +336,16 @@ def _equations(
 
 def _noise_of(equations: _Equations, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     """The flange's noise per axis (rad, mm) of greatest restricted likelihood."""
+
+    def minus_likelihood(logs: Float[np.ndarray, "2"]) -> float:
+        return equations.solved(np.exp(logs))[2]
+
     found = minimize(
-        lambda logs: equations.solved(np.exp(logs))[2],
-        np.log(start),
+        minus_likelihood,
+        [float(np.log(sd)) for sd in start],
         method="L-BFGS-B",
-        bounds=[(np.log(least), np.log(1e4 * least)) for least in LEAST_NOISE],
-        options={"ftol": 1e-6},
+        bounds=[(float(np.log(least)), float(np.log(1e4 * least))) for least in LEAST_NOISE],
+        tol=1e-6,
     )
     return np.asarray(np.exp(found.x))
 

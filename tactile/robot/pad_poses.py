@@ -1,4 +1,7 @@
-"""A recording's pad poses from the flange's: mat_from_pad = inv(base_from_mat) @ base_from_flange @ flange_from_pad."""
+"""A recording's pad poses from the flange's.
+
+mat_from_pad = inv(base_from_mat) @ base_from_flange @ flange_from_pad
+"""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +17,7 @@ from tactile.robot.base_and_mat import place_sd_mm
 from tactile.tactile_failure import TactileFailure
 
 FARTHEST_MM = 400.0
-"""mm of a pad from the mat's middle, where the fruit stands: the largest of fruit, and a gripper wide open."""
+"""mm of a pad from the mat's middle, where the fruit stands: a large fruit, and a gripper wide open."""
 UNDER_MM = 5.0
 """mm that a pad's middle may seem to lie below the paper."""
 CLOCK_SLACK_S = 0.1
@@ -97,8 +100,8 @@ def _at_frames(
 def _spread(
     name: str, robot: Robot, on_mat: Float[np.ndarray, "3"], on_flange: Float[np.ndarray, "3"]
 ) -> PadSpread:
-    """Of a pad at these places (mm): the calibration's error at the mat, the flange's over the pad's reach, and
-    the drawing's.
+    """Of a pad at these places (mm): the calibration's error at the mat, the flange's at the pad, and the
+    drawing's.
     """
     turn = np.radians(robot.flange_sd_deg)
     flange = np.diag(np.repeat([turn**2, robot.flange_sd_mm**2], 3))
@@ -120,7 +123,7 @@ def _elsewhere(source: str, pad: str, middle: Float[np.ndarray, "3"]) -> Tactile
     x, y, z = middle
     found = f"a pad at x {x:.0f}, y {y:.0f}, z {z:.0f} mm on the mat"
     expected = (
-        f"within {FARTHEST_MM:g} mm of its middle and above it. Check the units, the pads' poses on the flange, "
-        "and that the mat lies where it was calibrated"
+        f"within {FARTHEST_MM:g} mm of its middle and above it. Check the units, the pads' poses on the "
+        "flange, and that the mat lies where it was calibrated"
     )
     return unusable(f"{source}: pads/{pad}", found, expected)

@@ -1,4 +1,4 @@
-"""A simulated robot's frames come back within the stated error, and tables with a mistake are refused by name."""
+"""A simulated robot's frames come back within the stated error; tables with a mistake are refused by name."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -207,7 +207,7 @@ def test_few_or_similar_poses_are_refused():
     views, _ = photographs(np.random.default_rng(3))
     with pytest.raises(TactileFailure, match="found 7 usable poses, expected at least 8"):
         by_photos(views[:7])
-    with pytest.raises(TactileFailure, match="expected at least 5. Tilt the flange"):
+    with pytest.raises(TactileFailure, match=r"expected at least 5\. Tilt the flange"):
         by_photos(photographs(np.random.default_rng(3), tilt_deg=2.0)[0])
     with pytest.raises(TactileFailure, match="Tilt the flange"):
         by_touches(*touches(np.random.default_rng(3), tilt_deg=1.0)[:2])
@@ -277,7 +277,7 @@ def test_jaws_close_by_half_of_the_aperture_each_while_the_flange_moves():
 
 def test_the_tables_aperture_takes_the_place_of_a_missing_one():
     flange = BASE_FROM_MAT @ np.array([UPRIGHT] * 5)
-    with pytest.raises(TactileFailure, match="add a column aperture_mm to flange.csv"):
+    with pytest.raises(TactileFailure, match=r"add a column aperture_mm to flange\.csv"):
         placed(exactly(), a_table(flange), a_grasp(np.zeros(5)))
     table = a_table(flange, aperture_mm=np.full(5, 54.0))
     recording, _ = placed(exactly(), table, a_grasp(np.zeros(5)))
@@ -291,10 +291,10 @@ def test_pads_off_the_mat_and_tables_of_another_grasp_are_refused():
         placed(robot, a_table(np.linalg.inv(flange)[None]), grasp)
     with pytest.raises(TactileFailure, match="above it"):
         placed(robot, a_table((BASE_FROM_MAT @ pose(0, 0, 20, 180, 0, 0))[None]), grasp)
-    with pytest.raises(TactileFailure, match="found 3 rows, expected 1, or 5 as a.h5 has frames"):
+    with pytest.raises(TactileFailure, match=r"found 3 rows, expected 1, or 5 as a\.h5 has"):
         placed(robot, a_table(np.array([flange] * 3)), grasp)
     late = a_table(np.array([flange] * 2), time_s=np.array([7.0, 9.0]))
-    with pytest.raises(TactileFailure, match="found times from 7 to 9 s, expected those of a.h5"):
+    with pytest.raises(TactileFailure, match=r"times from 7 to 9 s, expected those of a\.h5"):
         placed(robot, late, grasp)
     with pytest.raises(TactileFailure, match="found the pads tip, expected left and right"):
         placed(robot, a_table(flange[None]), a_recording())
