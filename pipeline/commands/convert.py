@@ -154,7 +154,8 @@ def convert(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The robot's description from drupe robot. The recording then gets pad poses in the mat's frame.",
+            help="The robot's description from drupe robot. It gives the recording its pad poses, in the "
+            "mat's frame.",
         ),
     ] = None,
     flange: Annotated[

@@ -17,8 +17,8 @@ def robot(
         Path,
         typer.Argument(
             metavar="POSES",
-            help="A table (.csv, .txt, .xlsx) of flange poses in the robot's base, with the photo taken or the "
-            "corner touched at each.",
+            help="A table (.csv, .txt, .xlsx) of flange poses in the robot's base, each with its photo or "
+            "the corner that it touches.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="ROBOT.toml", help="The description file to write.")],
@@ -42,7 +42,7 @@ def robot(
     tags with a finger tip. Tilt the flange by 20 degrees or more about two axes between the poses. With
     --fixed-camera the flange carries the mat; rows without a pose show it at its place.
 
-    Use ROBOT.toml with drupe convert --robot. The last lines state the standard deviation of the pads' places.
+    Use ROBOT.toml with drupe convert --robot. drupe prints the standard deviation of the pads' places.
 
     Exit status: 0 written; 1 internal error; 2 usage; 3 unusable poses or photos; 130 interrupted.
 

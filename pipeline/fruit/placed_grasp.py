@@ -183,14 +183,14 @@ def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
 def _in_fruit_frame(
     recording: Recording, mat_from_fruit: Float[np.ndarray, "4 4"] | None, source: str
 ) -> Recording:
-    """The recording with its pads' poses in the fruit frame; refuses the mat's frame where there is no mat."""
+    """The recording with its pads' poses in the fruit frame; refuses the mat's frame without a mat."""
     if recording.pose_frame == "fruit":
         return recording
     if mat_from_fruit is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_RECORDING,
-            f"{source}: attribute pose_frame: found poses in the frame of the mat, expected photos of the fruit "
-            "on that mat. Put its mat.json beside batch.toml.",
+            f"{source}: attribute pose_frame: found poses in the frame of the mat, expected photos of the "
+            "fruit on that mat. Put its mat.json beside batch.toml.",
         )
     fruit_from_mat = np.linalg.inv(mat_from_fruit)
     pads = tuple(replace(pad, pose=fruit_from_mat @ pad.pose) for pad in recording.pads)

@@ -23,7 +23,7 @@ from tactile.io.flange_table import FlangeTable, read_flange_table
 from tactile.io.pictures import unusable
 from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
 from tactile.io.toml_table import MOST_BYTES as MOST_TEXT
-from tactile.robot.base_and_mat import BaseAndMat, place_sd_mm
+from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
 from tactile.robot.touched_mat import touched_mat
 
@@ -46,7 +46,7 @@ def calibrate_robot(
     """Write `out`, the robot's description, from a table of flange poses; return in words what it holds.
 
     Photos that the table names lie in its folder. Raises TactileFailure and ReconFailure for tables, photos
-    and poses that cannot be used; BatchRefused where `out` is an input or a file that drupe robot did not write.
+    and poses that cannot be used; BatchRefused where `out` is an input or not a file of drupe robot.
     """
     if out.suffix.lower() != ".toml":
         raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
@@ -179,7 +179,7 @@ def _in_words(found: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
     """What the calibration found, and how well."""
     turn = np.degrees(np.sqrt(np.trace(found.covariance[:3, :3]) / 3))
     at_fruit = place_sd_mm(found.covariance, FRUIT_MM)
-    flange = np.diag(np.repeat([np.radians(found.flange_sd_deg) ** 2, found.flange_sd_mm**2], 3))
+    flange = flange_covariance(found.flange_sd_mm, found.flange_sd_deg)
     reach = max(place_sd_mm(flange, pose[:3, 3]) for pose in gripper.pads.values())
     total = float(np.linalg.norm([at_fruit, reach, gripper.pose_sd_mm]))
     x, y, z = found.base_from_mat[:3, 3]
@@ -192,8 +192,8 @@ def _in_words(found: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
         f"poses predicted from the others deviate by {found.heldout_mm:.2g} mm and {found.heldout_deg:.2g} "
         "degrees (root mean square per axis)",
         f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "
-        f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; {gripper.pose_sd_mm:.2g} mm "
-        "from the gripper's drawing)",
+        f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; "
+        f"{gripper.pose_sd_mm:.2g} mm from the gripper's drawing)",
         f"write pose_sd_mm = {total:.2g} under [sensor] in batch.toml",
     ]
     if gripper.pose_sd_mm == 0:

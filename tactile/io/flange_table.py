@@ -2,7 +2,8 @@
 
 Columns, by name in the first row: `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`; the rotation as a quaternion
 `qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), or a matrix `r11`, `r12`
-... `r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and `corner`.
+... `r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and
+`corner`.
 """
 
 from collections.abc import Sequence

@@ -130,8 +130,8 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
 
     Each flange pose has an unknown error of its own, normal with one spread for turns and one for places. It
     is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that
-    the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree with
-    the pictures; it names the mistake where undoing one makes them agree.
+    the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree
+    with the pictures; it names the mistake where undoing one makes them agree.
     """
     moving = [view for view in views if view.base_from_flange is not None]
     still = [view for view in views if view.base_from_flange is None]
@@ -316,14 +316,11 @@ def _equations(
 ) -> _Equations:
     """The corners' equations about `fit`."""
     lines = [_linear(view, fit, camera_on_flange) for view in moving]
-    R = [
-        np.linalg.qr(np.column_stack([by_flange, by_fit, miss]), mode="r")
-        for miss, by_flange, by_fit in lines
-    ]
+    R = [_triangle(np.column_stack([by_flange, by_fit, miss])) for miss, by_flange, by_fit in lines]
     top = np.array([factor[:6] for factor in R])
     at_rest = [_linear(view, fit, camera_on_flange) for view in still]
     beside = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]
-    rest = np.linalg.qr(np.concatenate([*(factor[6:, 6:] for factor in R), *beside]), mode="r")
+    rest = _triangle(np.concatenate([*(factor[6:, 6:] for factor in R), *beside]))
     return _Equations(
         T=top[:, :, :6],
         X=top[:, :, 6:-1],
@@ -332,6 +329,11 @@ def _equations(
         rest_y=rest[:, -1],
         px=_pixel_sd([(miss, by_flange) for miss, by_flange, _ in lines]),
     )
+
+
+def _triangle(matrix: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "l k"]:
+    """R of the QR factors: the same least-squares problem in fewer rows."""
+    return np.asarray(np.linalg.qr(matrix)[1])
 
 
 def _noise_of(equations: _Equations, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:

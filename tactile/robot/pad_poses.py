@@ -13,7 +13,7 @@ from tactile.io.flange_table import FlangeTable
 from tactile.io.pictures import unusable
 from tactile.io.recording import Recording
 from tactile.io.robot_file import Robot
-from tactile.robot.base_and_mat import place_sd_mm
+from tactile.robot.base_and_mat import flange_covariance, place_sd_mm
 from tactile.tactile_failure import TactileFailure
 
 FARTHEST_MM = 400.0
@@ -103,11 +103,9 @@ def _spread(
     """Of a pad at these places (mm): the calibration's error at the mat, the flange's at the pad, and the
     drawing's.
     """
-    turn = np.radians(robot.flange_sd_deg)
-    flange = np.diag(np.repeat([turn**2, robot.flange_sd_mm**2], 3))
     parts = (
         place_sd_mm(robot.covariance, on_mat),
-        place_sd_mm(flange, on_flange),
+        place_sd_mm(flange_covariance(robot.flange_sd_mm, robot.flange_sd_deg), on_flange),
         robot.gripper.pose_sd_mm,
     )
     return PadSpread(
