@@ -38,7 +38,7 @@ def robot(
 ) -> None:
     """Find where the marker mat lies in a robot's base, for the poses of the pads.
 
-    Photograph the mat from 15 or more poses with a camera on the flange, or touch 15 or more corners of its
+    Photograph the mat from 15 or more poses with a camera on the flange. Or touch 15 or more corners of its
     tags with a finger tip. Tilt the flange by 20 degrees or more about two axes between the poses. With
     --fixed-camera the flange carries the mat; rows without a pose show it at its place.
 

@@ -319,8 +319,8 @@ def _equations(
     R = [_triangle(np.column_stack([by_flange, by_fit, miss])) for miss, by_flange, by_fit in lines]
     top = np.array([factor[:6] for factor in R])
     at_rest = [_linear(view, fit, camera_on_flange) for view in still]
-    beside = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]
-    rest = _triangle(np.concatenate([*(factor[6:, 6:] for factor in R), *beside]))
+    still_rows = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]
+    rest = _triangle(np.concatenate([*(factor[6:, 6:] for factor in R), *still_rows]))
     return _Equations(
         T=top[:, :, :6],
         X=top[:, :, 6:-1],
