@@ -67,14 +67,14 @@ def read_flange_table(path: Path) -> FlangeTable:
         raise unusable(path.name, f"the column {twice[:60]!r} twice", "each column once")
     if not 0 < len(rows) <= MOST_ROWS:
         raise unusable(path.name, f"{len(rows)} rows of poses", f"1 to {MOST_ROWS}")
-    place = next((one for one in PLACE if set(one) <= set(names)), None)
-    turn = next((one for one in ROTATIONS if set(one) <= set(names)), None)
+    place = next((columns for columns in PLACE if set(columns) <= set(names)), None)
+    turn = next((columns for columns in ROTATIONS if set(columns) <= set(names)), None)
     if place is None or turn is None:
         lacking = (
             "x_mm, y_mm, z_mm or x_m, y_m, z_m" if place is None else " or ".join(map(", ".join, ROTATIONS))
         )
-        found = "the columns " + (", ".join(names)[:150] or "of an empty row")
-        raise unusable(path.name, found, f"columns {lacking}, with the unit in the name")
+        observed = "the columns " + (", ".join(names)[:150] or "of an empty row")
+        raise unusable(path.name, observed, f"columns {lacking}, with the unit in the name")
     table = _Columns(path, names, rows)
     shift = table.numbers(place, holes=True) * PLACE[place]
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -87,9 +87,9 @@ def read_flange_table(path: Path) -> FlangeTable:
         )
     farthest = float(np.nanmax(np.linalg.norm(shift, axis=1), initial=0.0))
     if np.isfinite(shift).any() and not LEAST_REACH_MM < farthest < MOST_REACH_MM:
-        found = f"positions at most {farthest:.3g} mm from the base"
+        observed = f"positions at most {farthest:.3g} mm from the base"
         expected = f"{LEAST_REACH_MM:g} to {MOST_REACH_MM:g} mm; is {place[0]} in another unit?"
-        raise unusable(path.name, found, expected)
+        raise unusable(path.name, observed, expected)
     time_s = table.numbers(("time_s",))[:, 0] if "time_s" in names else None
     if time_s is not None:
         increasing(path.name, time_s)
@@ -126,10 +126,10 @@ class _Columns:
                 cell = cells[at] if at < len(cells) else ""
                 number = number_of(cell)
                 if number is None and not (holes and not str(cell).strip()):
-                    found = (
+                    observed = (
                         f'"{str(cell)[:60]}" in row {row}' if str(cell).strip() else f"nothing in row {row}"
                     )
-                    raise unusable(f"{self.path.name}: {name}", found, "a number")
+                    raise unusable(f"{self.path.name}: {name}", observed, "a number")
                 values[k, j] = np.nan if number is None else number
         return values
 
@@ -162,8 +162,8 @@ class _Columns:
         self,
         known: Bool[np.ndarray, " n"],
         wrong: Float[np.ndarray, " m"] | Bool[np.ndarray, " m"],
-        found: str,
+        observed: str,
     ) -> None:
         if (wrong > NOT_ROTATION).any():
             row = self.rows[int(np.flatnonzero(known)[np.argmax(wrong > NOT_ROTATION)])][0]
-            raise unusable(f"{self.path.name}: row {row}", found, "a right-handed rotation")
+            raise unusable(f"{self.path.name}: row {row}", observed, "a right-handed rotation")

@@ -44,10 +44,10 @@ class BaseAndMat:
     other: Float[np.ndarray, "4 4"]
 
 
-def refused(source: str, found: str, expected: str, advice: str) -> TactileFailure:
+def refused(source: str, observed: str, expected: str, advice: str) -> TactileFailure:
     """The failure of a calibration: what was found, what was expected, what to do."""
     return TactileFailure(
-        TactileProblem.UNREADABLE_FRAMES, f"{source}: found {found}, expected {expected}. {advice}"
+        TactileProblem.UNREADABLE_FRAMES, f"{source}: found {observed}, expected {expected}. {advice}"
     )
 
 
@@ -99,9 +99,11 @@ def require_turns(base_from_flange: Float[np.ndarray, "n 4 4"], *, fewest: int, 
     vectors = (turns.mean().inv() * turns).as_rotvec(degrees=True)
     second = float(np.linalg.svd(vectors, compute_uv=False)[1] / np.sqrt(count))
     if second < LEAST_TURN_DEG:
-        found = f"flange rotations that differ by {second:.2g} degrees about a second axis (root mean square)"
+        observed = (
+            f"flange rotations that differ by {second:.2g} degrees about a second axis (root mean square)"
+        )
         advice = "Tilt the flange by 20 degrees or more about two axes between the poses."
-        raise refused(source, found, f"at least {LEAST_TURN_DEG:g}", advice)
+        raise refused(source, observed, f"at least {LEAST_TURN_DEG:g}", advice)
 
 
 def require_noise(
@@ -123,8 +125,8 @@ def require_noise(
         raise refused(source, f"{names[worst]} {apart} off the other poses", "poses that agree", say)
     mm, deg = (float(np.sqrt(np.mean(values**2))) for values in (shift_mm, turn_deg))
     if mm > MOST_SD_MM or deg > MOST_SD_DEG:
-        found = f"poses that disagree by {mm:.2g} mm and {deg:.2g} degrees (worst: {names[worst]})"
-        raise refused(source, found, f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees", advice)
+        observed = f"poses that disagree by {mm:.2g} mm and {deg:.2g} degrees (worst: {names[worst]})"
+        raise refused(source, observed, f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees", advice)
 
 
 def folds(count: int) -> list[Int[np.ndarray, " _"]]:

@@ -138,10 +138,10 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     poses = np.array([view.base_from_flange for view in moving]).reshape(-1, 4, 4)
     require_turns(poses, fewest=FEWEST_POSES, source=source)
     if camera_on_flange == bool(still):
-        found = "rows without a pose" if still else "no row without a pose"
+        observed = "rows without a pose" if still else "no row without a pose"
         expected = "none with a camera on the flange" if still else "a photo of the mat at its place"
         advice = "Rows without a pose belong to a camera at rest: see docs/guide.md, Robot poses."
-        raise refused(source, found, expected, advice)
+        raise refused(source, observed, expected, advice)
     advice = "Check that each row names its own photo, and that neither mat nor camera moved."
     try:
         frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
@@ -154,8 +154,8 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
         require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
     except TactileFailure as failure:
         if mistake := _mistake(moving, poses, camera_on_flange=camera_on_flange):
-            found, expected = f"{mistake} in the table", "the flange's poses in the base's frame"
-            raise refused(source, found, expected, "Correct the columns and run again.") from failure
+            observed, expected = f"{mistake} in the table", "the flange's poses in the base's frame"
+            raise refused(source, observed, expected, "Correct the columns and run again.") from failure
         raise
     free = 3 * len(moving) - 6
     covariance = (
@@ -194,9 +194,9 @@ def _start(
     """Both frames by the closed form, and the mat's place before a camera at rest; refuses what misses."""
     frames, miss_mm = _closed_form(moving, np.linalg.inv(poses) if camera_on_flange else poses)
     if not miss_mm < MOST_START_MM:
-        found = f"poses that miss the mat's corners in the photos by {miss_mm:.3g} mm"
+        observed = f"poses that miss the mat's corners in the photos by {miss_mm:.3g} mm"
         expected = f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees"
-        raise refused(source, found, expected, advice)
+        raise refused(source, observed, expected, advice)
     return (*frames, frames[0] @ still[0].camera_from_mat) if still else frames
 
 
@@ -214,7 +214,7 @@ def _closed_form(
         np.einsum("nab,ncd->acbd", turned, turns).reshape(9, 9), full_matrices=False
     )
     mat_from_known, camera_from_known = (
-        _nearest_rotation(one.reshape(3, 3, order="F")) for one in (right[0], left[:, 0])
+        _nearest_rotation(vector.reshape(3, 3, order="F")) for vector in (right[0], left[:, 0])
     )
     design = np.concatenate([turns, np.broadcast_to(-np.eye(3), turns.shape)], axis=2).reshape(-1, 6)
     wanted = (known[:, :3, 3] @ camera_from_known.T - seen[:, :3, 3]).ravel()
@@ -342,14 +342,14 @@ def _noise_of(equations: _Equations, start: Float[np.ndarray, "2"]) -> Float[np.
     def minus_likelihood(logs: Float[np.ndarray, "2"]) -> float:
         return equations.solved(np.exp(logs))[2]
 
-    found = minimize(
+    best = minimize(
         minus_likelihood,
         [float(np.log(sd)) for sd in start],
         method="L-BFGS-B",
         bounds=[(float(np.log(least)), float(np.log(1e4 * least))) for least in LEAST_NOISE],
         tol=1e-6,
     )
-    return np.asarray(np.exp(found.x))
+    return np.asarray(np.exp(best.x))
 
 
 def _moved(pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -87,9 +87,9 @@ def _at_frames(
         aperture = table.aperture_mm if table.aperture_mm is not None and len(poses) == len(frames) else None
         return np.broadcast_to(poses, (len(frames), 4, 4)), aperture
     if frames[0] < time_s[0] - CLOCK_SLACK_S or frames[-1] > time_s[-1] + CLOCK_SLACK_S:
-        found = f"times from {time_s[0]:g} to {time_s[-1]:g} s"
+        observed = f"times from {time_s[0]:g} to {time_s[-1]:g} s"
         expected = f"those of {source} ({frames[0]:g} to {frames[-1]:g} s) on the same clock"
-        raise unusable(f"{named}: time_s", found, expected)
+        raise unusable(f"{named}: time_s", observed, expected)
     when = np.clip(frames, time_s[0], time_s[-1])
     flange = np.tile(np.eye(4), (len(frames), 1, 1))
     flange[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(poses[:, :3, :3]))(when).as_matrix()
@@ -119,9 +119,9 @@ def _spread(
 
 def _elsewhere(source: str, pad: str, middle: Float[np.ndarray, "3"]) -> TactileFailure:
     x, y, z = middle
-    found = f"a pad at x {x:.0f}, y {y:.0f}, z {z:.0f} mm on the mat"
+    observed = f"a pad at x {x:.0f}, y {y:.0f}, z {z:.0f} mm on the mat"
     expected = (
         f"within {FARTHEST_MM:g} mm of its middle and above it. Check the units, the pads' poses on the "
         "flange, and that the mat lies where it was calibrated"
     )
-    return unusable(f"{source}: pads/{pad}", found, expected)
+    return unusable(f"{source}: pads/{pad}", observed, expected)

@@ -46,18 +46,18 @@ def touched_mat(
     require_turns(base_from_flange, fewest=FEWEST_TOUCHES, source=source)
     spread_mm = np.linalg.svd(corners_mm - corners_mm.mean(axis=0), compute_uv=False)[1] / len(names) ** 0.5
     if spread_mm < LEAST_SPREAD_MM:
-        found = f"corners that spread by {spread_mm:.2g} mm along the narrow side (root mean square)"
+        observed = f"corners that spread by {spread_mm:.2g} mm along the narrow side (root mean square)"
         advice = "Touch corners on all sides of the mat."
-        raise refused(source, found, f"at least {LEAST_SPREAD_MM:g} mm", advice)
+        raise refused(source, observed, f"at least {LEAST_SPREAD_MM:g} mm", advice)
     frame, tip = _start(base_from_flange, corners_mm, source)
     frame, tip, inverse, miss = _fitted(base_from_flange, corners_mm, frame, tip)
     advice = "Check the numbers of tags and corners: corner 0 is the tag's top left, then clockwise."
     require_noise(names, miss, np.zeros_like(miss), source=source, advice=advice)
     heights = (np.linalg.inv(frame) @ base_from_flange)[:, 2, 3]
     if np.median(heights) < 0:
-        found = "a flange below the mat"
+        observed = "a flange below the mat"
         raise refused(
-            source, found, "one above it during the touches: is the order of corners mirrored", advice
+            source, observed, "one above it during the touches: is the order of corners mirrored", advice
         )
     free = miss.size - 9
     sd_mm = float(np.sqrt(np.sum(miss**2) / free))
@@ -90,9 +90,9 @@ def _start(
     tip, origin, x, y = np.linalg.lstsq(design, -poses[:, :3, 3].ravel(), rcond=None)[0].reshape(4, 3)
     scale = float(np.sqrt(np.linalg.norm(x) * np.linalg.norm(y)))
     if not 1 / MOST_SCALE < scale < MOST_SCALE:
-        found = f"distances that are {scale:.3g} times those on the mat"
+        observed = f"distances that are {scale:.3g} times those on the mat"
         advice = "Check the units (mm or m, in the names of the columns) and the numbers of tags and corners."
-        raise refused(source, found, "equal distances", advice)
+        raise refused(source, observed, "equal distances", advice)
     left, _, right = np.linalg.svd(np.column_stack([x, y]), full_matrices=False)
     plane = left @ right
     return rigid(np.column_stack([plane, np.cross(*plane.T)]), origin), tip

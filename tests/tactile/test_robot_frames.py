@@ -36,15 +36,15 @@ DRAWS = 40
 FLANGE_FROM_PAD = pose(20.0, -30.0, 150.0, 90.0, 10.0, 0.0)
 
 
-def motion(found: BaseAndMat) -> np.ndarray:
+def motion(calibration: BaseAndMat) -> np.ndarray:
     """Error of base_from_mat: rotation vector (rad) and shift (mm)."""
-    error = np.linalg.inv(found.base_from_mat) @ BASE_FROM_MAT
+    error = np.linalg.inv(calibration.base_from_mat) @ BASE_FROM_MAT
     return np.concatenate([Rotation.from_matrix(error[:3, :3]).as_rotvec(), error[:3, 3]])
 
 
-def distance(found: BaseAndMat) -> float:
+def distance(calibration: BaseAndMat) -> float:
     """Squared error in standard deviations: chi-square of 6 where the covariance is right."""
-    return float(motion(found) @ np.linalg.solve(found.covariance, motion(found)))
+    return float(motion(calibration) @ np.linalg.solve(calibration.covariance, motion(calibration)))
 
 
 def by_photos(views, *, camera_on_flange: bool = True) -> BaseAndMat:
@@ -61,28 +61,30 @@ def draws() -> list[BaseAndMat]:
 
 
 def test_without_noise_every_frame_is_exact():
-    found = by_photos(photographs(np.random.default_rng(0), scale=0.0)[0])
-    np.testing.assert_allclose(found.base_from_mat, BASE_FROM_MAT, atol=1e-6)
-    np.testing.assert_allclose(found.other, FLANGE_FROM_CAMERA, atol=1e-6)
+    calibration = by_photos(photographs(np.random.default_rng(0), scale=0.0)[0])
+    np.testing.assert_allclose(calibration.base_from_mat, BASE_FROM_MAT, atol=1e-6)
+    np.testing.assert_allclose(calibration.other, FLANGE_FROM_CAMERA, atol=1e-6)
     reported, corners, _ = touches(np.random.default_rng(0), scale=0.0)
-    found = by_touches(reported, corners)
-    np.testing.assert_allclose(found.base_from_mat, BASE_FROM_MAT, atol=1e-6)
-    np.testing.assert_allclose(found.other[:3, 3], FLANGE_FROM_TIP, atol=1e-6)
+    calibration = by_touches(reported, corners)
+    np.testing.assert_allclose(calibration.base_from_mat, BASE_FROM_MAT, atol=1e-6)
+    np.testing.assert_allclose(calibration.other[:3, 3], FLANGE_FROM_TIP, atol=1e-6)
 
 
 def test_the_region_of_90_percent_covers_the_mats_place_in_90_percent_of_draws(draws):
-    inside = np.mean([distance(found) < chi2.ppf(0.9, 6) for found in draws])
+    inside = np.mean([distance(calibration) < chi2.ppf(0.9, 6) for calibration in draws])
     assert 0.8 <= inside <= 0.98
 
 
 def test_the_noise_of_flange_and_corners_comes_back(draws):
-    assert np.median([found.flange_sd_mm for found in draws]) == pytest.approx(NOISE_MM, rel=0.1)
-    assert np.median([found.flange_sd_deg for found in draws]) == pytest.approx(NOISE_DEG, rel=0.1)
-    assert np.median([found.pixel_sd for found in draws]) == pytest.approx(NOISE_PX, rel=0.02)
+    assert np.median([calibration.flange_sd_mm for calibration in draws]) == pytest.approx(NOISE_MM, rel=0.1)
+    assert np.median([calibration.flange_sd_deg for calibration in draws]) == pytest.approx(
+        NOISE_DEG, rel=0.1
+    )
+    assert np.median([calibration.pixel_sd for calibration in draws]) == pytest.approx(NOISE_PX, rel=0.02)
 
 
 def test_poses_that_were_not_used_are_predicted_a_little_worse_than_those_used(draws):
-    heldout = np.median([found.heldout_deg for found in draws])
+    heldout = np.median([calibration.heldout_deg for calibration in draws])
     assert 1.0 * NOISE_DEG < heldout < 1.3 * NOISE_DEG
 
 
@@ -96,14 +98,14 @@ def a_recording(frames: int = 9) -> Recording:
     )  # fmt: skip
 
 
-def a_robot(found: BaseAndMat, pose_sd_mm: float = 0.0) -> Robot:
+def a_robot(calibration: BaseAndMat, pose_sd_mm: float = 0.0) -> Robot:
     gripper = Gripper(pads={"tip": FLANGE_FROM_PAD}, pose_aperture_mm=0.0, pose_sd_mm=pose_sd_mm)
     return Robot(
         gripper=gripper,
-        base_from_mat=found.base_from_mat,
-        covariance=found.covariance,
-        flange_sd_mm=found.flange_sd_mm,
-        flange_sd_deg=found.flange_sd_deg,
+        base_from_mat=calibration.base_from_mat,
+        covariance=calibration.covariance,
+        flange_sd_mm=calibration.flange_sd_mm,
+        flange_sd_deg=calibration.flange_sd_deg,
     )
 
 
@@ -124,9 +126,9 @@ MAT_FROM_PAD = pose(8.0, -25.0, 28.0, 90.0, 0.0, 15.0)
 def test_a_pads_place_is_within_its_stated_error_in_as_many_draws_as_it_should(draws):
     flange = BASE_FROM_MAT @ MAT_FROM_PAD @ np.linalg.inv(FLANGE_FROM_PAD)
     z = []
-    for seed, found in enumerate(draws):
+    for seed, calibration in enumerate(draws):
         table = a_table(noisy(flange, np.random.default_rng(1000 + seed))[None])
-        recording, (spread,) = placed(a_robot(found), table)
+        recording, (spread,) = placed(a_robot(calibration), table)
         z.append((recording.pads[0].pose[0, :3, 3] - MAT_FROM_PAD[:3, 3]) / spread.sd_mm)
         assert spread.sd_mm < 0.35
     assert 0.84 <= np.mean(np.abs(z) < 1.645) <= 0.96  # of 120
@@ -140,17 +142,17 @@ def test_the_gripper_drawings_spread_adds(draws):
 
 
 def test_touches_cover_the_mats_place():
-    found = [by_touches(*touches(np.random.default_rng(seed))[:2]) for seed in range(DRAWS)]
-    assert 0.8 <= np.mean([distance(calibration) < chi2.ppf(0.9, 6) for calibration in found]) <= 0.98
+    calibrations = [by_touches(*touches(np.random.default_rng(seed))[:2]) for seed in range(DRAWS)]
+    assert 0.8 <= np.mean([distance(calibration) < chi2.ppf(0.9, 6) for calibration in calibrations]) <= 0.98
 
 
 def test_a_camera_at_rest_and_a_carried_mat_cover_the_mats_place():
     draws = 12
-    found = [
+    calibrations = [
         by_photos(photographs_of_a_carried_mat(np.random.default_rng(seed), count=12), camera_on_flange=False)
         for seed in range(draws)
     ]
-    total = sum(distance(calibration) for calibration in found)
+    total = sum(distance(calibration) for calibration in calibrations)
     assert chi2.ppf(0.005, 6 * draws) < total < chi2.ppf(0.995, 6 * draws)
 
 
@@ -171,7 +173,7 @@ def scaled(factor: float):
     return of
 
 
-def one_shifted(poses: np.ndarray) -> np.ndarray:
+def single_shifted(poses: np.ndarray) -> np.ndarray:
     changed = poses.copy()
     changed[3, 0, 3] += 8.0
     return changed
@@ -191,7 +193,7 @@ def transposed(poses: np.ndarray) -> np.ndarray:
         (np.linalg.inv, "inverse poses"),
         (transposed, "inverse rotations"),
         (reordered, "quaternions in the order w, x, y, z"),
-        (one_shifted, r"03\.png .* off the other poses"),
+        (single_shifted, r"03\.png .* off the other poses"),
         (lambda poses: np.roll(poses, 1, axis=0), "each row names its own photo"),
         (lambda poses: np.broadcast_to(poses[:1], poses.shape), "rotations that differ by .* second axis"),
     ],
@@ -227,7 +229,7 @@ def test_a_camera_at_rest_needs_a_photo_of_the_mat_at_its_place_and_one_on_the_f
         (lambda poses, corners: (scaled(0.001)(poses), corners), "distances that are 0.001 times"),
         (lambda poses, corners: (poses, corners * [1, -1, 1]), "order of corners mirrored"),
         (lambda poses, corners: (poses, corners * [1, 0.1, 1]), "Touch corners on all sides"),
-        (lambda poses, corners: (one_shifted(poses), corners), "row 3 .* off the other poses"),
+        (lambda poses, corners: (single_shifted(poses), corners), "row 3 .* off the other poses"),
     ],
 )
 def test_a_mistake_in_touches_is_named(mistake, words):
