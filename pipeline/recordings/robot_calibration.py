@@ -62,7 +62,7 @@ def calibrate_robot(
     photos = () if table.photo is None else _photos(poses, table, printed, report)
     if table.photo is None and fixed_camera:
         raise BatchRefused([Problem(str(poses), "lists touches; remove --fixed-camera.")])
-    calibration = (
+    fitted = (
         _touched(poses, table, printed)
         if table.photo is None
         else _photographed(poses, table, photos, printed, camera_on_flange=not fixed_camera, report=report)
@@ -70,10 +70,12 @@ def calibrate_robot(
     inputs = [poses, mat, gripper, *(poses.parent / photo.name for photo in photos)]
     with scratch() as folder:
         draft = folder / out.name
-        draft.write_text(f"{WRITTEN_BY}\n{as_toml(_described(found, hand, inputs, today))}", encoding="utf-8")
+        draft.write_text(
+            f"{WRITTEN_BY}\n{as_toml(_described(fitted, hand, inputs, today))}", encoding="utf-8"
+        )
         read_robot(draft)
         put(out, draft.read_bytes())
-    return _in_words(calibration, hand)
+    return _in_words(fitted, hand)
 
 
 def _photos(poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]) -> tuple[Photo, ...]:
@@ -149,22 +151,22 @@ def _touches(table: FlangeTable) -> list[tuple[int, int]]:
 
 
 def _described(
-    calibration: BaseAndMat, gripper: Gripper, inputs: Sequence[Path], today: datetime.date
+    fitted: BaseAndMat, gripper: Gripper, inputs: Sequence[Path], today: datetime.date
 ) -> dict[str, Any]:
     """What the file holds."""
     return {
         "format": FORMAT,
         "version": VERSION,
         "made": today.isoformat(),
-        "poses": calibration.poses,
-        "base_from_mat": calibration.base_from_mat.tolist(),
-        "covariance": ((calibration.covariance + calibration.covariance.T) / 2).tolist(),
-        "flange_sd_mm": calibration.flange_sd_mm,
-        "flange_sd_deg": calibration.flange_sd_deg,
-        "heldout_mm": calibration.heldout_mm,
-        "heldout_deg": calibration.heldout_deg,
-        "pixel_sd": calibration.pixel_sd,
-        calibration.other_name: calibration.other.tolist(),
+        "poses": fitted.poses,
+        "base_from_mat": fitted.base_from_mat.tolist(),
+        "covariance": ((fitted.covariance + fitted.covariance.T) / 2).tolist(),
+        "flange_sd_mm": fitted.flange_sd_mm,
+        "flange_sd_deg": fitted.flange_sd_deg,
+        "heldout_mm": fitted.heldout_mm,
+        "heldout_deg": fitted.heldout_deg,
+        "pixel_sd": fitted.pixel_sd,
+        fitted.other_name: fitted.other.tolist(),
         "pose_aperture_mm": gripper.pose_aperture_mm,
         "pose_sd_mm": gripper.pose_sd_mm,
         "pads": {name: {"pose": pose.tolist()} for name, pose in gripper.pads.items()},
@@ -175,21 +177,21 @@ def _described(
     }
 
 
-def _in_words(calibration: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
-    """What the calibration found, and how well."""
-    turn = np.degrees(np.sqrt(np.trace(calibration.covariance[:3, :3]) / 3))
-    at_fruit = place_sd_mm(calibration.covariance, FRUIT_MM)
-    flange = flange_covariance(calibration.flange_sd_mm, calibration.flange_sd_deg)
+def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
+    """What the fitted found, and how well."""
+    turn = np.degrees(np.sqrt(np.trace(fitted.covariance[:3, :3]) / 3))
+    at_fruit = place_sd_mm(fitted.covariance, FRUIT_MM)
+    flange = flange_covariance(fitted.flange_sd_mm, fitted.flange_sd_deg)
     reach = max(place_sd_mm(flange, pose[:3, 3]) for pose in gripper.pads.values())
     total = float(np.linalg.norm([at_fruit, reach, gripper.pose_sd_mm]))
-    x, y, z = calibration.base_from_mat[:3, 3]
-    photos = f", corners of the photos {calibration.pixel_sd:.2g} px" if calibration.pixel_sd else ""
+    x, y, z = fitted.base_from_mat[:3, 3]
+    photos = f", corners of the photos {fitted.pixel_sd:.2g} px" if fitted.pixel_sd else ""
     lines = [
-        f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {calibration.poses} "
+        f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {fitted.poses} "
         "poses",
-        f"noise of one flange pose, per axis: {calibration.flange_sd_mm:.2g} mm and {calibration.flange_sd_deg:.2g} "
+        f"noise of one flange pose, per axis: {fitted.flange_sd_mm:.2g} mm and {fitted.flange_sd_deg:.2g} "
         f"degrees{photos}",
-        f"poses predicted from the others deviate by {calibration.heldout_mm:.2g} mm and {calibration.heldout_deg:.2g} "
+        f"poses predicted from the others deviate by {fitted.heldout_mm:.2g} mm and {fitted.heldout_deg:.2g} "
         "degrees (root mean square per axis)",
         f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "
         f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; "
