@@ -178,7 +178,7 @@ def _described(
 
 
 def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
-    """What the fitted found, and how well."""
+    """What the calibration found, and how well."""
     turn = np.degrees(np.sqrt(np.trace(fitted.covariance[:3, :3]) / 3))
     at_fruit = place_sd_mm(fitted.covariance, FRUIT_MM)
     flange = flange_covariance(fitted.flange_sd_mm, fitted.flange_sd_deg)
