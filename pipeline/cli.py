@@ -28,6 +28,7 @@ from pipeline.commands.history import history
 from pipeline.commands.mat import mat
 from pipeline.commands.new import new
 from pipeline.commands.report import report
+from pipeline.commands.robot import robot
 from pipeline.commands.sample import sample
 from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
@@ -86,6 +87,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     convert: "Convert gel frames, tables or other formats to a recording.",
     calibrate: "Calibrate a sensor, or measure a rig's compliance.",
     sensor: "Write the description of a commercial sensor.",
+    robot: "Find where the marker mat lies in a robot's base.",
     mat: "Write the marker mat (PDF to print) and its mat.json.",
     sample: "Write a synthetic batch with known answers.",
     schema: "Print the JSON schema of batch.toml, for editors.",

@@ -81,7 +81,7 @@ def _register_pad(
             TactileProblem.PADS_OFF_FRUIT,
             f"{source}: pads/{pad.name}/pose: found {found} the fruit's surface, expected within "
             f"{FARTHEST_SHARE * size_mm:.1f} mm. Poses and mesh use different frames: check the "
-            "hand-eye calibration, the units (mm) and the orientation of the fruit.",
+            "robot's calibration (drupe robot), the units (mm) and the orientation of the fruit.",
         )
     depth = np.where(on_skin, depth, shift)
     return PadRegistration(

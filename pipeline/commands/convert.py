@@ -58,7 +58,7 @@ def convert(
         typer.Argument(
             metavar="SOURCE",
             help="A raw grasp (a folder with grasp.toml), Tac3D arrays, an .h5 with images, a .npz, "
-            "or a table (.csv, .txt, .tsv, .xls, .xlsx).",
+            "or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The recording to write.")],
@@ -150,6 +150,18 @@ def convert(
             "subtracts the rig's compliance from the travel.",
         ),
     ] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The robot's description from drupe robot. It gives the recording its pad poses, in the "
+            "mat's frame.",
+        ),
+    ] = None,
+    flange: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A table of the flange's poses during the grasp, for --robot."),
+    ] = None,
     covariance: Annotated[
         bool,
         typer.Option(
@@ -174,6 +186,8 @@ def convert(
         from tactile.io.specimen import PressedSpecimen
         from tactile.tactile_failure import TactileFailure
 
+    if (robot is None) != (flange is None):
+        raise typer.BadParameter("--robot and --flange belong together; give both or none.")
     wanted = ConvertRequest(
         sensor=sensor,
         fruit_id=fruit,
@@ -193,6 +207,8 @@ def convert(
         trace=trace_words(columns, units, sheet, run),
         all_runs=run == ALL_RUNS,
         rig=rig,
+        robot=robot,
+        flange=flange,
         covariance=covariance,
     )
     try:

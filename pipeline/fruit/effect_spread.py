@@ -100,7 +100,14 @@ def _modulus(
     surface = fruit.shape.vertices, fruit.shape.faces
     of_the_jaws = jaw_faults(effects, rig)
     placed = [
-        place_grasp(g.path, *surface, name=g.name, faults=of_the_jaws, plane_strain_MPa=g.plane_strain_MPa)
+        place_grasp(
+            g.path,
+            *surface,
+            name=g.name,
+            faults=of_the_jaws,
+            plane_strain_MPa=g.plane_strain_MPa,
+            mat_from_fruit=fruit.shape.mat_from_fruit,
+        )
         for g in fruit.placed
     ]
     return fruit_modulus(

@@ -27,7 +27,7 @@ class FruitShape:
     """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
 
     `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
-    that is known.
+    that is known. `mat_from_fruit`: the fruit frame in the mat's; None without a mat.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -37,6 +37,7 @@ class FruitShape:
     warnings: tuple[str, ...]
     views: Int[np.ndarray, " n"] | None = None
     sd_mm: Float[np.ndarray, " n"] | None = None
+    mat_from_fruit: Float[np.ndarray, "4 4"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +69,13 @@ def fruit_shape(task: FruitTask) -> FruitShape:
         record = record.model_copy(update={"stance": OrientationRecord(**said)})
         if not task.folder.pit_ply.is_file():
             doubts = [*doubts, *orientation_warnings(orientation)]
-    return replace(shape, warnings=(*shape.warnings, *doubts), record=record)
+    known = on_mat or record.source == "fruit.ply"  # a ready mesh is in the frame of the poses
+    return replace(
+        shape,
+        warnings=(*shape.warnings, *doubts),
+        record=record,
+        mat_from_fruit=shape.mesh_from_fruit if known else None,
+    )
 
 
 def _fruit_shape(task: FruitTask) -> FruitShape:

@@ -170,6 +170,7 @@ def _placed(
                     name=name,
                     faults=jaw_faults(task.settings.mismatch, rig),
                     sd_mm=shape.sd_mm,
+                    mat_from_fruit=shape.mat_from_fruit,
                     checked=replace(checked, rig=rig),
                     admit=partial(admitted, owner, log, strangers, name=name, field=field),
                 )

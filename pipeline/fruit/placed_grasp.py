@@ -87,6 +87,7 @@ def place_grasp(
     checked: Checked | None = None,
     admit: Callable[[Recording], Sequence[Finding]] | None = None,
     plane_strain_MPa: float | None = None,
+    mat_from_fruit: Float[np.ndarray, "4 4"] | None = None,
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
@@ -94,14 +95,15 @@ def place_grasp(
     known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
     `checked`: whether its fields are held against each other and the mesh, and with what. `admit` is asked
     first whether the recording is this fruit's (pipeline.fruit.recording_owner), and raises where it is not.
-    `plane_strain_MPa`: of the flesh, for a plain jaw's contact. Raises TactileFailure; implausible-recording
+    `plane_strain_MPa`: of the flesh, for a plain jaw's contact. `mat_from_fruit`: where the fruit stands, for
+    poses in the mat's frame. Raises TactileFailure; implausible-recording
     where the checks refuse it.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
     recorded = read_recording(path)
     findings = () if admit is None else tuple(admit(recorded))
-    recording = corrected(recorded, faults, source=source)
+    recording = corrected(_in_fruit_frame(recorded, mat_from_fruit, source), faults, source=source)
     _refuse_no_pose(recording, source)
     if checked is not None:
         findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
@@ -176,6 +178,23 @@ def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
     if said and corrected_for:
         said += "; [[mismatch]] in batch.toml corrected it before, so check those numbers too"
     return said
+
+
+def _in_fruit_frame(
+    recording: Recording, mat_from_fruit: Float[np.ndarray, "4 4"] | None, source: str
+) -> Recording:
+    """The recording with its pads' poses in the fruit frame; refuses the mat's frame without a mat."""
+    if recording.pose_frame == "fruit":
+        return recording
+    if mat_from_fruit is None:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_RECORDING,
+            f"{source}: attribute pose_frame: found poses in the frame of the mat, expected photos of the "
+            "fruit on that mat. Put its mat.json beside batch.toml.",
+        )
+    fruit_from_mat = np.linalg.inv(mat_from_fruit)
+    pads = tuple(replace(pad, pose=fruit_from_mat @ pad.pose) for pad in recording.pads)
+    return replace(recording, pads=pads, pose_frame="fruit")
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:

@@ -56,6 +56,7 @@ def with_plain_jaws(
                     name=grasp.name,
                     faults=jaw_faults(task.settings.mismatch, rig),
                     sd_mm=fruit.shape.sd_mm,
+                    mat_from_fruit=fruit.shape.mat_from_fruit,
                     plane_strain_MPa=plane_strain_MPa,
                 ),
                 findings=grasp.findings,

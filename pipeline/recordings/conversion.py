@@ -26,18 +26,21 @@ from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
+from tactile.io.flange_table import read_flange_table
 from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
 from tactile.io.rig_file import read_rig
+from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.io.tac3d_arrays import write_source
 from tactile.io.trace_columns import TraceWords
 from tactile.rig.rig_correction import without_rig
+from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
@@ -67,6 +70,8 @@ FRAMES_ALONE = (
 )
 
 
+POSES_LACKING = ("written as no motion", "no aperture and no pose")
+"""What the readers' notes say of missing poses, which a robot supplies."""
 ANY_RATIO = 0.45
 """Poisson's, to see whether a geometry has a law at all; `drupe explain` takes that of the flesh."""
 
@@ -84,6 +89,8 @@ class ConvertRequest:
     trace: TraceWords = field(default_factory=TraceWords)
     all_runs: bool = False
     rig: Path | None = None
+    robot: Path | None = None
+    flange: Path | None = None
     covariance: bool = False
 
 
@@ -130,6 +137,7 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     _require_writable(source, out, wanted)
     with ExitStack() as stack:
         converted, sensors = _read(source, wanted, report, stack)
+    converted = _with_poses(converted, source, wanted)
     with scratch() as folder:
         draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
@@ -173,7 +181,8 @@ def _prior(category: str) -> PitPrior | None:
 
 def _require_writable(source: Path, out: Path, wanted: ConvertRequest) -> None:
     """Raises BatchRefused where `out` is one of the inputs or a file that drupe convert did not write."""
-    inputs = [path for path in (source, wanted.sensor, wanted.rig) if path is not None]
+    named = source, wanted.sensor, wanted.rig, wanted.robot, wanted.flange
+    inputs = [path for path in named if path is not None]
     require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
     require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
 
@@ -246,7 +255,9 @@ def _of_any_kind(
         raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
         return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if kind in (".h5", ".hdf5"):
-        read_recording(source)
+        recording = read_recording(source)
+        if wanted.robot is not None:
+            return Converted(recording=recording, notes=recording.notes), []
         raise BatchRefused([Problem(str(source), "is a recording already and needs no conversion.")])
     said = wanted.trace
     if kind in TABLES and (
@@ -287,6 +298,25 @@ def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:
         return found
     corrected = without_rig(found.recording, read_rig(rig).machine, source=source.name, named=rig.name)
     return Converted(recording=corrected.recording, notes=(*found.notes, *corrected.notes))
+
+
+def _with_poses(found: Converted, source: Path, wanted: ConvertRequest) -> Converted:
+    """The recording with its pads' poses from a robot's, where a robot is named."""
+    if wanted.robot is None or wanted.flange is None:
+        return found
+    robot, table = read_robot(wanted.robot), read_flange_table(wanted.flange)
+    recording, spreads = with_robot_poses(
+        found.recording, robot, table, source=source.name, named=wanted.flange.name
+    )
+    notes = [note for note in found.notes if not any(words in note for words in POSES_LACKING)]
+    notes += [
+        f"pads/{pad.name}: standard deviation of its place, per axis: {pad.sd_mm:.2g} mm "
+        f"({pad.calibration_mm:.2g} calibration, {pad.flange_mm:.2g} flange, {pad.gripper_mm:.2g} gripper)."
+        for pad in spreads
+    ]
+    worst = max(pad.sd_mm for pad in spreads)
+    notes.append(f"Write pose_sd_mm = {worst:.2g} under [sensor] in batch.toml.")
+    return replace(found, recording=recording, notes=tuple(notes))
 
 
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:

@@ -65,6 +65,7 @@ PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
 Support: TypeAlias = Literal["free", "base"]
+PoseFrame: TypeAlias = Literal["fruit", "mat"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +159,8 @@ class Recording:
     force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
     off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
     nothing. `notes`: what its reader took otherwise than the file has it, without full stops. `corrections`:
-    what the logger did and reading put right; they are not written.
+    what the logger did and reading put right; they are not written. `pose_frame`: what the pads' poses lead
+    to, the fruit frame or the mat's (from a robot), which grading shifts to the fruit.
     """
 
     fruit_id: str
@@ -174,6 +176,7 @@ class Recording:
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
     notes: tuple[str, ...] = ()
     corrections: tuple[LoggerCorrection, ...] = ()
+    pose_frame: PoseFrame = "fruit"
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:
@@ -206,6 +209,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
             **_rig_fields(root, frames),
             notes=(REVERSED,) if turned else (),
+            pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, images=images, scale_sd=scale_sd)
                 for name in PADS_OF_LOADING[loading]
@@ -230,6 +234,8 @@ def write_recording(path: Path, recording: Recording) -> None:
                 "sensor": recording.sensor,
             }
         )
+        if recording.pose_frame != "fruit":
+            file.attrs["pose_frame"] = recording.pose_frame
         file["time_s"] = np.asarray(recording.time_s, dtype=np.float64)
         file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
         if recording.wrench_N is not None:

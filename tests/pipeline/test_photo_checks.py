@@ -149,3 +149,21 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
     assert webp.startswith("photos/: 100.webp is not used: drupe does not read WebP pictures")
     assert link.startswith("photos/: 101.jpg is not used: it is a link to nothing")
     assert "as before." in rest
+
+
+def test_a_photographed_fruit_knows_its_place_on_the_mat_alone(batch):
+    directions, faces = ball(3)
+    place = np.eye(4)
+    place[:3, 3] = 3.0, -2.0, 0.4
+    mesh = KeptMesh(
+        vertices=28.0 * directions, faces=faces, mesh_from_fruit=place, views=None, sd_mm=None,
+        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), scale_sd=0.001, surface_sd_mm=0.1,
+        quality={"views_used": 0}, warnings=(),
+    )  # fmt: skip
+    with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
+        task = fruit_task(open_batch(batch), "N01", Results(batch / "results"))
+        task.results.claim()
+        np.testing.assert_array_equal(fruit_shape(task).mat_from_fruit, place)
+        (batch / "mat.json").unlink()
+        task = fruit_task(open_batch(batch), "N01", Results(batch / "results"))
+        assert fruit_shape(task).mat_from_fruit is None

@@ -41,7 +41,7 @@ SPEC = EffectSpec(
     words=EffectWords(
         short="one pad is not where the gripper's calibration says",
         meaning="A pad sits shifted or tilted against its recorded place.",
-        advice="Repeat the hand-eye calibration. Apply the effect to the recordings made so far.",
+        advice="Repeat the calibration (drupe robot). Apply the effect to the recordings made so far.",
     ),
     parameters=(
         PAD,

@@ -1,0 +1,209 @@
+"""`drupe robot`: photos or touches of the mat become the mat's place in the robot's base."""
+
+import datetime
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.batch.opening import read_mat
+from pipeline.batch.scratch import scratch
+from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.plain_file import read_bytes, text_or_empty
+from pipeline.files.whole_file import put
+from pipeline.problem import BatchRefused, Problem
+from pipeline.recordings.sensor_calibration import as_toml
+from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
+from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
+from recon.cameras.printed_mat import Mat, detect_tags
+from tactile.io.flange_table import FlangeTable, read_flange_table
+from tactile.io.pictures import unusable
+from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
+from tactile.io.toml_table import MOST_BYTES as MOST_TEXT
+from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm
+from tactile.robot.hand_eye import Lens, MatView, hand_eye
+from tactile.robot.touched_mat import touched_mat
+
+WRITTEN_BY = "# robot, written by drupe robot"
+"""First line of every robot's description, by which a later run knows its own."""
+FRUIT_MM = np.array([0.0, 0.0, 30.0])
+"""A typical place of the pads on the mat, mm: half the height of a fruit above its middle."""
+
+
+def calibrate_robot(
+    poses: Path,
+    out: Path,
+    *,
+    mat: Path,
+    gripper: Path,
+    fixed_camera: bool,
+    today: datetime.date,
+    report: Callable[[str], None],
+) -> tuple[str, ...]:
+    """Write `out`, the robot's description, from a table of flange poses; return in words what it holds.
+
+    Photos that the table names lie in its folder. Raises TactileFailure and ReconFailure for tables, photos
+    and poses that cannot be used; BatchRefused where `out` is an input or not a file of drupe robot.
+    """
+    if out.suffix.lower() != ".toml":
+        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
+    require_file_apart(out, inputs=(poses, mat, gripper), folders=())
+    require_new_or_ours(out, _is_robot, "a robot that drupe robot wrote")
+    table, printed, hand = read_flange_table(poses), read_mat(mat), read_gripper(gripper)
+    if (table.photo is None) == (table.touched is None):
+        raise unusable(
+            poses.name,
+            "no photos or touches" if table.photo is None else "both photos and touches",
+            "a column photo, or the columns tag and corner",
+        )
+    photos = () if table.photo is None else _photos(poses, table, printed, report)
+    if table.photo is None and fixed_camera:
+        raise BatchRefused([Problem(str(poses), "lists touches; remove --fixed-camera.")])
+    fitted = (
+        _touched(poses, table, printed)
+        if table.photo is None
+        else _photographed(poses, table, photos, printed, camera_on_flange=not fixed_camera, report=report)
+    )
+    inputs = [poses, mat, gripper, *(poses.parent / photo.name for photo in photos)]
+    with scratch() as folder:
+        draft = folder / out.name
+        draft.write_text(
+            f"{WRITTEN_BY}\n{as_toml(_described(fitted, hand, inputs, today))}", encoding="utf-8"
+        )
+        read_robot(draft)
+        put(out, draft.read_bytes())
+    return _in_words(fitted, hand)
+
+
+def _photos(poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]) -> tuple[Photo, ...]:
+    """The photos that the table names, with the mat's tags in them."""
+    names = table.photo or ()
+    for row, name in zip(table.row, names, strict=True):
+        if not name or Path(name).name != name:
+            expected = f"the name of a photo in the folder of {poses.name}, without a path"
+            raise unusable(f"{poses.name}: photo", f'"{name[:60]}" in row {row}', expected)
+        if names.count(name) > 1:
+            raise unusable(f"{poses.name}: photo", f'"{name[:60]}" twice', "one row for each photo")
+    if len(names) > MOST_PHOTOS:
+        raise unusable(poses.name, f"{len(names)} photos", f"at most {MOST_PHOTOS}")
+    made = []
+    for name in names:
+        photo = read_photo(poses.parent / name)
+        made.append(replace(photo, tags=detect_tags(photo.image, mat)))
+    report(f"{len(made)} photos with {sum(len(photo.tags[0]) for photo in made if photo.tags)} tags")
+    return tuple(made)
+
+
+def _photographed(
+    poses: Path,
+    table: FlangeTable,
+    photos: Sequence[Photo],
+    mat: Mat,
+    *,
+    camera_on_flange: bool,
+    report: Callable[[str], None],
+) -> BaseAndMat:
+    placed = cameras_from_mat(photos, mat)
+    left_out = [photo.name for k, photo in enumerate(photos) if k not in set(placed.used.tolist())]
+    if left_out:
+        report(f"left out, with too few clear tags: {', '.join(left_out)}")
+    views = []
+    for camera, k in zip(placed.cameras, placed.used.tolist(), strict=True):
+        tags, corners_px = photos[k].tags or detect_tags(photos[k].image, mat)
+        corners_mm = np.concatenate([mat.corners_mm[tag] for tag in tags.tolist()])
+        seen_px = corners_px.reshape(-1, 2)
+        near = np.linalg.norm(camera.project(corners_mm) - seen_px, axis=1) < LONGEST_ERROR_PX
+        pose = table.base_from_flange[k] if table.known[k] else None
+        views.append(
+            MatView(
+                name=f"row {table.row[k]} ({photos[k].name})",
+                corners_mm=corners_mm[near],
+                corners_px=seen_px[near],
+                camera_from_mat=camera.cam_from_world,
+                base_from_flange=pose,
+            )
+        )
+    first = placed.cameras[0]
+    x, y = first.middle_px
+    lens = Lens(focal_px=first.focal_px, middle_px=(float(x), float(y)), k1=first.k1)
+    return hand_eye(views, lens, camera_on_flange=camera_on_flange, source=poses.name)
+
+
+def _touched(poses: Path, table: FlangeTable, mat: Mat) -> BaseAndMat:
+    corners = []
+    for row, (tag, corner) in zip(table.row, _touches(table), strict=True):
+        if tag not in mat.corners_mm or corner not in range(4):
+            expected = "a tag of the mat, and 0 to 3: top left first, then clockwise"
+            raise unusable(f"{poses.name}: row {row}", f"tag {tag}, corner {corner}", expected)
+        corners.append(mat.corners_mm[tag][corner])
+    if not table.known.all():
+        row = table.row[int(np.argmin(table.known))]
+        raise unusable(f"{poses.name}: row {row}", "no pose", "a flange pose for each touch")
+    names = [f"row {row}" for row in table.row]
+    return touched_mat(names, table.base_from_flange, np.array(corners), source=poses.name)
+
+
+def _touches(table: FlangeTable) -> list[tuple[int, int]]:
+    return [] if table.touched is None else [(int(tag), int(corner)) for tag, corner in table.touched]
+
+
+def _described(
+    fitted: BaseAndMat, gripper: Gripper, inputs: Sequence[Path], today: datetime.date
+) -> dict[str, Any]:
+    """What the file holds."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "made": today.isoformat(),
+        "poses": fitted.poses,
+        "base_from_mat": fitted.base_from_mat.tolist(),
+        "covariance": ((fitted.covariance + fitted.covariance.T) / 2).tolist(),
+        "flange_sd_mm": fitted.flange_sd_mm,
+        "flange_sd_deg": fitted.flange_sd_deg,
+        "heldout_mm": fitted.heldout_mm,
+        "heldout_deg": fitted.heldout_deg,
+        "pixel_sd": fitted.pixel_sd,
+        fitted.other_name: fitted.other.tolist(),
+        "pose_aperture_mm": gripper.pose_aperture_mm,
+        "pose_sd_mm": gripper.pose_sd_mm,
+        "pads": {name: {"pose": pose.tolist()} for name, pose in gripper.pads.items()},
+        "inputs": [
+            {"name": path.name, "sha256": hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()}
+            for path in inputs
+        ],
+    }
+
+
+def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
+    """What the calibration found, and how well."""
+    turn = np.degrees(np.sqrt(np.trace(fitted.covariance[:3, :3]) / 3))
+    at_fruit = place_sd_mm(fitted.covariance, FRUIT_MM)
+    flange = flange_covariance(fitted.flange_sd_mm, fitted.flange_sd_deg)
+    reach = max(place_sd_mm(flange, pose[:3, 3]) for pose in gripper.pads.values())
+    total = float(np.linalg.norm([at_fruit, reach, gripper.pose_sd_mm]))
+    x, y, z = fitted.base_from_mat[:3, 3]
+    photos = f", corners of the photos {fitted.pixel_sd:.2g} px" if fitted.pixel_sd else ""
+    lines = [
+        f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {fitted.poses} "
+        "poses",
+        f"noise of one flange pose, per axis: {fitted.flange_sd_mm:.2g} mm and {fitted.flange_sd_deg:.2g} "
+        f"degrees{photos}",
+        f"poses predicted from the others deviate by {fitted.heldout_mm:.2g} mm and {fitted.heldout_deg:.2g} "
+        "degrees (root mean square per axis)",
+        f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "
+        f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; "
+        f"{gripper.pose_sd_mm:.2g} mm from the gripper's drawing)",
+        f"write pose_sd_mm = {total:.2g} under [sensor] in batch.toml",
+    ]
+    if gripper.pose_sd_mm == 0:
+        lines.append(
+            "the gripper's description has no pose_sd_mm, so the pads' places on the flange count as exact"
+        )
+    return tuple(lines)
+
+
+def _is_robot(path: Path) -> bool:
+    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

@@ -1,0 +1,380 @@
+"""Pictures of the mat and the flange's poses tell where the mat lies in the robot's base.
+
+With the camera on the flange and the mat at rest, camera_from_mat = inv(flange_from_camera) @
+inv(base_from_flange) @ base_from_mat. With the camera at rest and the mat on the flange, camera_from_mat =
+inv(base_from_camera) @ base_from_flange @ flange_from_mat; pictures of the mat at its place then give
+base_from_mat. Both are A' B W with B known: a closed form for A and W starts a least-squares fit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from tactile.robot.base_and_mat import (
+    MOST_SD_DEG,
+    MOST_SD_MM,
+    BaseAndMat,
+    cross_matrix,
+    folds,
+    refused,
+    require_noise,
+    require_turns,
+    rigid,
+    small_motion,
+)
+from tactile.tactile_failure import TactileFailure
+
+FEWEST_POSES = 8
+"""Poses with a picture: 48 equations for 12 unknowns leave enough to measure the noise. Set by hand."""
+MOST_START_MM = 20.0
+"""Root mean square miss (mm) of the mat's corners after the closed form, beyond which no fit begins: ten
+times MOST_SD_MM, because the closed form does not weight its equations."""
+MOST_STEPS, CONVERGED = 20, 1e-4
+"""Steps of the fit, and the square of the last one in standard deviations; good poses take four."""
+FIRST_NOISE = (np.radians(0.1), 0.3)
+"""rad and mm of a flange pose in the first fit: usual arms."""
+LEAST_NOISE = (np.radians(1e-3), 5e-3)
+"""rad, mm: no robot is better, and a smaller value makes the weights singular."""
+LEAST_PX = 0.02
+"""px: no corner is found better."""
+WAYS: dict[str, Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]]] = {
+    "inverse poses (the base in the flange's frame; or is --fixed-camera right?)": np.linalg.inv,
+    "positions in m under a name in mm": lambda poses: _scaled(poses, 1000.0),
+    "positions in mm under a name in m": lambda poses: _scaled(poses, 0.001),
+    "quaternions in the order w, x, y, z": lambda poses: _reordered(poses),
+    "inverse rotations": lambda poses: _turned_back(poses),
+}
+"""Mistakes in a table of poses, and what undoes each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatView:
+    """A picture's corners of the mat (mm, px), the mat's pose before the camera as a start, and the flange's
+    pose; None where the mat lay at its place before a camera at rest.
+    """
+
+    name: str
+    corners_mm: Float[np.ndarray, "n 3"]
+    corners_px: Float[np.ndarray, "n 2"]
+    camera_from_mat: Float[np.ndarray, "4 4"]
+    base_from_flange: Float[np.ndarray, "4 4"] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lens:
+    """A pinhole with one radial term k1, as the pictures alone give it: px, px, 1."""
+
+    focal_px: float
+    middle_px: tuple[float, float]
+    k1: float
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Frames A, W and, with pictures of the mat at its place, Y; the lens (f, k1, cx, cy)."""
+
+    frames: tuple[Float[np.ndarray, "4 4"], ...]
+    lens: Float[np.ndarray, "4"]
+
+    def moved(self, step: Float[np.ndarray, " p"]) -> "_Fit":
+        """The fit after small motions (rad, mm) of each frame in its own axes, and a change of the lens."""
+        parts = step[:-4].reshape(-1, 6)
+        frames = tuple(frame @ small_motion(part) for frame, part in zip(self.frames, parts, strict=True))
+        return _Fit(frames, self.lens + step[-4:])
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """All corners' equations about a fit, each picture's compressed to what a triangular factor keeps.
+
+    Of picture i: y = X step + T off + noise of `px`, with `off` the flange's own error (rad, mm), T (6, 6).
+    `rest`, `rest_y`: the equations without an error of the flange.
+    """
+
+    T: Float[np.ndarray, "n 6 6"]
+    X: Float[np.ndarray, "n 6 p"]
+    y: Float[np.ndarray, "n 6"]
+    rest: Float[np.ndarray, "r p"]
+    rest_y: Float[np.ndarray, " r"]
+    px: float
+
+    def without(self, part: Int[np.ndarray, " _"]) -> "_Equations":
+        """The equations without some pictures; the rest, which shows lens and tilt, stays."""
+        keep = np.delete(np.arange(len(self.y)), part)
+        return replace(self, T=self.T[keep], X=self.X[keep], y=self.y[keep])
+
+    def solved(
+        self, noise: Float[np.ndarray, "2"]
+    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], float]:
+        """The step by generalised least squares, its covariance, and twice the restricted log likelihood
+        (Patterson and Thompson 1971, Biometrika 58:545), negative, of the flange's noise (rad, mm).
+        """
+        root = self.T * np.repeat(noise, 3)
+        spread = root @ np.swapaxes(root, 1, 2) + self.px**2 * np.eye(6)
+        lower = np.linalg.cholesky(spread)
+        white = np.linalg.solve(lower, np.concatenate([self.X, self.y[..., None]], axis=2))
+        X = np.concatenate([white[..., :-1].reshape(-1, self.X.shape[2]), self.rest / self.px])
+        y = np.concatenate([white[..., -1].ravel(), self.rest_y / self.px])
+        basis, size, right = np.linalg.svd(X, full_matrices=False)
+        step = right.T @ ((basis.T @ y) / size)
+        logs = 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum() + 2 * np.log(size).sum()
+        return step, (right.T / size**2) @ right, float(logs + np.sum((y - X @ step) ** 2))
+
+
+def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, source: str) -> BaseAndMat:
+    """base_from_mat by maximum likelihood over all corners (px), both frames and the lens.
+
+    Each flange pose has an unknown error of its own, normal with one spread for turns and one for places. It
+    is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that
+    the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree
+    with the pictures; it names the mistake where undoing one makes them agree.
+    """
+    moving = [view for view in views if view.base_from_flange is not None]
+    still = [view for view in views if view.base_from_flange is None]
+    poses = np.array([view.base_from_flange for view in moving]).reshape(-1, 4, 4)
+    require_turns(poses, fewest=FEWEST_POSES, source=source)
+    if camera_on_flange == bool(still):
+        observed = "rows without a pose" if still else "no row without a pose"
+        expected = "none with a camera on the flange" if still else "a photo of the mat at its place"
+        advice = "Rows without a pose belong to a camera at rest: see docs/guide.md, Robot poses."
+        raise refused(source, observed, expected, advice)
+    advice = "Check that each row names its own photo, and that neither mat nor camera moved."
+    try:
+        frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
+        start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))
+        fit, equations, noise = _fitted(
+            moving, still, start, camera_on_flange=camera_on_flange, source=source, advice=advice
+        )
+        off = np.linalg.solve(equations.T, equations.y[..., None])[..., 0]
+        names = [view.name for view in moving]
+        require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
+    except TactileFailure as failure:
+        if mistake := _mistake(moving, poses, camera_on_flange=camera_on_flange):
+            observed, expected = f"{mistake} in the table", "the flange's poses in the base's frame"
+            raise refused(source, observed, expected, "Correct the columns and run again.") from failure
+        raise
+    free = 3 * len(moving) - 6
+    covariance = (
+        equations.solved(noise)[1] * free / (free - 2)
+    )  # the variance of Student's t over the normal's
+    ahead = []
+    for part in folds(len(moving)):
+        step = equations.without(part).solved(noise)[0]
+        misses = equations.y[part] - equations.X[part] @ step
+        ahead.append(np.linalg.solve(equations.T[part], misses[..., None])[..., 0])
+    heldout = np.sqrt(np.mean(np.concatenate(ahead).reshape(-1, 2, 3) ** 2, axis=(0, 2)))
+    last = 6 * (len(fit.frames) - 1)
+    return BaseAndMat(
+        base_from_mat=fit.frames[-1],
+        covariance=covariance[last : last + 6, last : last + 6],
+        flange_sd_mm=float(noise[1]),
+        flange_sd_deg=float(np.degrees(noise[0])),
+        heldout_mm=float(heldout[1]),
+        heldout_deg=float(np.degrees(heldout[0])),
+        pixel_sd=equations.px,
+        poses=len(moving),
+        other_name="flange_from_camera" if camera_on_flange else "base_from_camera",
+        other=fit.frames[0],
+    )
+
+
+def _start(
+    moving: Sequence[MatView],
+    still: Sequence[MatView],
+    poses: Float[np.ndarray, "n 4 4"],
+    *,
+    camera_on_flange: bool,
+    source: str,
+    advice: str,
+) -> tuple[Float[np.ndarray, "4 4"], ...]:
+    """Both frames by the closed form, and the mat's place before a camera at rest; refuses what misses."""
+    frames, miss_mm = _closed_form(moving, np.linalg.inv(poses) if camera_on_flange else poses)
+    if not miss_mm < MOST_START_MM:
+        observed = f"poses that miss the mat's corners in the photos by {miss_mm:.3g} mm"
+        expected = f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees"
+        raise refused(source, observed, expected, advice)
+    return (*frames, frames[0] @ still[0].camera_from_mat) if still else frames
+
+
+def _closed_form(
+    views: Sequence[MatView], known: Float[np.ndarray, "n 4 4"]
+) -> tuple[tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "4 4"]], float]:
+    """A and W of camera_from_mat = inv(A) @ known @ W, and the corners' root mean square miss (mm).
+
+    Rotations from the dominant singular vectors of the sum of Kronecker products, then shifts by linear least
+    squares (Shah 2013, J. Mech. Robot. 5:031007).
+    """
+    seen = np.array([view.camera_from_mat for view in views])
+    turns, turned = seen[:, :3, :3], known[:, :3, :3]
+    left, _, right = np.linalg.svd(
+        np.einsum("nab,ncd->acbd", turned, turns).reshape(9, 9), full_matrices=False
+    )
+    mat_from_known, camera_from_known = (
+        _nearest_rotation(vector.reshape(3, 3, order="F")) for vector in (right[0], left[:, 0])
+    )
+    design = np.concatenate([turns, np.broadcast_to(-np.eye(3), turns.shape)], axis=2).reshape(-1, 6)
+    wanted = (known[:, :3, 3] @ camera_from_known.T - seen[:, :3, 3]).ravel()
+    shifts = np.linalg.lstsq(design, wanted, rcond=None)[0]
+    A = np.linalg.inv(rigid(camera_from_known, shifts[3:]))
+    W = np.linalg.inv(rigid(mat_from_known, shifts[:3]))
+    misses = [
+        np.sum(
+            (_moved(np.linalg.inv(A) @ k @ W, v.corners_mm) - _moved(v.camera_from_mat, v.corners_mm)) ** 2, 1
+        )
+        for k, v in zip(known, views, strict=True)
+    ]
+    return (A, W), float(np.sqrt(np.mean(np.concatenate(misses))))
+
+
+def _mistake(
+    views: Sequence[MatView], poses: Float[np.ndarray, "n 4 4"], *, camera_on_flange: bool
+) -> str | None:
+    """Which of the known mistakes, undone, makes poses and pictures agree ten times better; None: none."""
+
+    def miss_mm(read: Float[np.ndarray, "n 4 4"]) -> float:
+        return _closed_form(views, np.linalg.inv(read) if camera_on_flange else read)[1]
+
+    undone = {name: miss_mm(undo(poses)) for name, undo in WAYS.items()}
+    best = min(undone, key=lambda name: undone[name])
+    return best if undone[best] < min(MOST_START_MM, miss_mm(poses) / 10) else None
+
+
+def _fitted(
+    moving: Sequence[MatView],
+    still: Sequence[MatView],
+    fit: _Fit,
+    *,
+    camera_on_flange: bool,
+    source: str,
+    advice: str,
+) -> tuple[_Fit, _Equations, Float[np.ndarray, "2"]]:
+    """The fit, its equations and the flange's noise (rad, mm), by Gauss and Newton's steps; the noise is
+    estimated again before each step.
+    """
+    noise = np.array(FIRST_NOISE)
+    for _ in range(MOST_STEPS):
+        equations = _equations(moving, still, fit, camera_on_flange=camera_on_flange)
+        noise = _noise_of(equations, noise)
+        step, covariance, _ = equations.solved(noise)
+        if step @ np.linalg.solve(covariance, step) < CONVERGED:
+            return fit, equations, noise
+        fit = fit.moved(step)
+    raise refused(source, "poses and photos to which no fit converges", "poses that agree", advice)
+
+
+def _linear(
+    view: MatView, fit: _Fit, camera_on_flange: bool
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"], Float[np.ndarray, "m p"]]:
+    """Of one picture: seen less predicted pixels, and the prediction's slopes by a motion of the flange in
+    its axes (0 where the mat lies at its place) and by a step of the fit.
+    """
+    camera = np.linalg.inv(fit.frames[0])
+    mat_frame = 2 if view.base_from_flange is None else 1
+    after = fit.frames[mat_frame]
+    if view.base_from_flange is not None and camera_on_flange:
+        after = np.linalg.inv(view.base_from_flange) @ after
+    elif view.base_from_flange is not None:
+        camera = camera @ view.base_from_flange
+    at_flange = _moved(after, view.corners_mm)
+    local = _moved(camera, at_flange)
+    xy, z = local[:, :2] / local[:, 2:], local[:, 2:, None]
+    focal, k1, *middle = fit.lens
+    square = np.sum(xy**2, axis=1, keepdims=True)
+    bent = (1 + k1 * square) * xy
+    miss = view.corners_px - focal * bent - middle
+    by_xy = focal * ((1 + k1 * square)[..., None] * np.eye(2) + 2 * k1 * xy[:, :, None] * xy[:, None, :])
+    by_local = by_xy @ np.concatenate([np.broadcast_to(np.eye(2), (len(xy), 2, 2)), -xy[..., None]], 2) / z
+    by_fit = np.zeros((len(xy), 2, 6 * len(fit.frames) + 4))
+    by_fit[..., :6] = -by_local @ _motions(local)
+    by_fit[..., 6 * mat_frame : 6 * mat_frame + 6] = (
+        by_local @ (camera @ after)[:3, :3] @ _motions(view.corners_mm)
+    )
+    by_fit[..., -4], by_fit[..., -3] = bent, focal * square * xy
+    by_fit[:, [0, 1], [-2, -1]] = 1.0
+    by_flange = by_local @ camera[:3, :3] @ _motions(at_flange) * (view.base_from_flange is not None)
+    return miss.ravel(), by_flange.reshape(-1, 6), by_fit.reshape(2 * len(xy), -1)
+
+
+def _motions(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
+    """Change of each point with a turn (rad) and a shift (mm)."""
+    return np.concatenate([-cross_matrix(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
+
+
+def _pixel_sd(lines: Sequence[tuple[Float[np.ndarray, " _m"], Float[np.ndarray, "_m 6"]]]) -> float:
+    """A corner's noise (px): the squares that no motion of a picture removes."""
+    squares = [np.sum((m - s @ np.linalg.lstsq(s, m, rcond=None)[0]) ** 2) for m, s in lines]
+    free = sum(len(miss) - 6 for miss, _ in lines) - 4
+    return max(float(np.sqrt(sum(squares) / free)), LEAST_PX)
+
+
+def _equations(
+    moving: Sequence[MatView], still: Sequence[MatView], fit: _Fit, *, camera_on_flange: bool
+) -> _Equations:
+    """The corners' equations about `fit`."""
+    lines = [_linear(view, fit, camera_on_flange) for view in moving]
+    R = [_triangle(np.column_stack([by_flange, by_fit, miss])) for miss, by_flange, by_fit in lines]
+    top = np.array([factor[:6] for factor in R])
+    at_rest = [_linear(view, fit, camera_on_flange) for view in still]
+    still_rows = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]
+    rest = _triangle(np.concatenate([*(factor[6:, 6:] for factor in R), *still_rows]))
+    return _Equations(
+        T=top[:, :, :6],
+        X=top[:, :, 6:-1],
+        y=top[:, :, -1],
+        rest=rest[:, :-1],
+        rest_y=rest[:, -1],
+        px=_pixel_sd([(miss, by_flange) for miss, by_flange, _ in lines]),
+    )
+
+
+def _triangle(matrix: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "l k"]:
+    """R of the QR factors: the same least-squares problem in fewer rows."""
+    return np.asarray(np.linalg.qr(matrix)[1])
+
+
+def _noise_of(equations: _Equations, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    """The flange's noise per axis (rad, mm) of greatest restricted likelihood."""
+
+    def minus_likelihood(logs: Float[np.ndarray, "2"]) -> float:
+        return equations.solved(np.exp(logs))[2]
+
+    best = minimize(
+        minus_likelihood,
+        [float(np.log(sd)) for sd in start],
+        method="L-BFGS-B",
+        bounds=[(float(np.log(least)), float(np.log(1e4 * least))) for least in LEAST_NOISE],
+        tol=1e-6,
+    )
+    return np.asarray(np.exp(best.x))
+
+
+def _moved(pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Of a matrix whose sign is free: a singular vector's is."""
+    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    return np.asarray(left @ right)
+
+
+def _scaled(poses: Float[np.ndarray, "n 4 4"], factor: float) -> Float[np.ndarray, "n 4 4"]:
+    return np.concatenate([np.concatenate([poses[:, :3, :3], factor * poses[:, :3, 3:]], 2), poses[:, 3:]], 1)
+
+
+def _reordered(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
+    """Poses whose quaternion (x, y, z, w) was w, x, y, z."""
+    x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat().T
+    changed = poses.copy()
+    changed[:, :3, :3] = Rotation.from_quat(np.stack([y, z, w, x], axis=1)).as_matrix()
+    return changed
+
+
+def _turned_back(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
+    changed = poses.copy()
+    changed[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
+    return changed
