@@ -3,7 +3,7 @@
     python benchmarks/paper.py [--only TEXT] [--csv FILE]
 
 Zhao, Ding, Zhao, Hu, Ma, "Core-Agnostic Compliance Perception for Rigid-Deformable Coupled Objects using
-Vision-Based Tactile Sensing". The truth is CalculiX's, from forward/ (calculix_cases.py makes it anew); all
+Vision-Based Tactile Sensing". The truth is CalculiX's, from forward/; all
 errors are of E against its 0.1 MPa, in percent. "ours" is the least-squares modulus, "energy" the
 strain-energy ratio. Where two are compared, the number is the change between them.
 
@@ -20,9 +20,8 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from calculix_mesh import Core
 from paper_data import HERE, Forward, between_plates, forward, grasp_history
-from paper_shapes import box, core_surface
+from paper_shapes import Core, box, core_surface
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.finite_response import with_finite_strain

@@ -1,9 +1,57 @@
 """Closed triangle surfaces of the specimens of paper.py: boxes, balls, polyhedra."""
 
+from dataclasses import dataclass
+
 import numpy as np
-from calculix_mesh import Core, polyhedron
 
 Surface = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A rigid core; `size_mm` is a ball's radius or a cube's edge; polyhedra have the volume of that cube."""
+
+    shape: str
+    size_mm: float
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def polyhedron(core: Core) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and outward triangles of a cube, a tetrahedron or a star of the core cube's volume.
+
+    Tetrahedron: two opposite edges level, along x (above) and y (below). Star: Kepler's stella octangula,
+    two tetrahedra through each other, its eight points towards the corners of a cube.
+    """
+    volume = core.size_mm**3
+    cube = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    if core.shape == "cube":
+        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        faces = [(a, b, c) for a, b, c, d in quads] + [(a, c, d) for a, b, c, d in quads]
+        corners, scale = cube, (volume / 8) ** (1 / 3)
+    elif core.shape == "tetrahedron":
+        r = np.sqrt(2)
+        corners = np.array([(r, 0, 1), (-r, 0, 1), (0, r, -1), (0, -r, -1)])
+        faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+        scale = (volume / (8 / 3)) ** (1 / 3)
+    elif core.shape == "star":
+        tips = cube
+        hubs = np.array([(s * (k == 0), s * (k == 1), s * (k == 2)) for k in range(3) for s in (-1, 1)])
+        corners = np.vstack([tips, hubs])
+        faces = []
+        for t, tip in enumerate(tips):
+            near = [8 + 2 * k + int(tip[k] > 0) for k in range(3)]
+            faces += [(t, near[i], near[(i + 1) % 3]) for i in range(3)]
+        scale = (volume / 4) ** (1 / 3)
+    else:
+        raise ValueError(f"found the core shape {core.shape}, expected cube, tetrahedron or star")
+    corners = scale * corners
+    turned = [
+        face
+        if np.dot(np.cross(*(corners[list(face[1:])] - corners[face[0]])), corners[list(face)].sum(0)) > 0
+        else face[::-1]
+        for face in faces
+    ]
+    return corners + np.array(core.centre_mm), np.array(turned)
 
 
 def box(low_mm: np.ndarray, high_mm: np.ndarray, *, cell_mm: float = 2.5) -> Surface:
