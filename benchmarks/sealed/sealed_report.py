@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from baseline_table import baseline_table
+from other_methods import method_table
 from psychometric import fitted_curve
 from scipy.stats import kstest
 from sealed_scores import KIN, Scored, inside, parameter_rows, scored, share, signal_over_noise
@@ -22,12 +22,7 @@ TENTHS = 10
 """Bins of the p-values of sound cases."""
 
 
-def report(
-    rows: Sequence[Mapping[str, Any]],
-    labels: Mapping[str, Any],
-    *,
-    bank: Sequence[Mapping[str, Any]] = (),
-) -> list[str]:
+def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[str]:
     """Every table, of each alteration of the cases by itself."""
     lines: list[str] = []
     for ablation in dict.fromkeys(str(row["ablation"]) for row in rows):
@@ -41,7 +36,7 @@ def report(
             *(f"  {row['case']}: {row['failure']}" for row in lost),
             "states of the code: " + ", ".join(sorted({str(row["code"]) for row in own if "code" in row})),
             *tables(cases),
-            *(baseline_table(cases, lost=len(lost), bank=bank) if ablation == "whole" else []),
+            *(method_table(cases, lost=len(lost)) if ablation == "whole" and cases else []),
             "",
         ]
     return lines
@@ -202,7 +197,7 @@ def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> 
                 "kind": one.kind,
                 "truth": one.physics or one.truth,
                 "category": one.label["category"],
-                "law": one.label["law"],
+                "law": one.label.get("law", ""),
                 "E_true_MPa": one.label["E_MPa"],
                 "E_grade_MPa": one.row["E_before"]["value"],
                 "E_grade_low_MPa": graded_low,
