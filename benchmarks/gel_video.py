@@ -4,8 +4,8 @@
 
 FOLDER holds `<fruit>/<trial>/camera_<k>.avi`, a `slip.txt` beside the clips of a trial labelled "slip" (the
 data set of github.com/amitparag/Incipient-Slip-Detection, BSD-2-Clause). No clip starts unloaded: markers are
-followed from the clip's first frame, loaded or not. The picture shows their motion from the empty gel: the mean
-of the last frames of a clip of the same camera whose fruit was dropped.
+followed from the clip's first frame, loaded or not. The picture shows their motion from the empty gel. That
+gel is the mean of the last frames of a clip of the same camera whose fruit was dropped.
 """
 
 import argparse

@@ -84,7 +84,6 @@ def explained(
         row["cpu_s"] = round(time.process_time() - busy, 1)
         problem = kept.case
         if problem is not None and kept.information is not None:
-            problem.facts["variance"] = {one.factor: one.share for one in found.variance}
             row |= of_problem(problem)
             row["bounds"] = amplitude_bounds(kept.information, problem, E_MPa=found.before.value)
     except REFUSED as failure:
@@ -144,11 +143,6 @@ def of_problem(problem: ReducedCase) -> dict[str, Any]:
     return {
         "chi2": linear.null.chi2,
         "chi2_usual": problem.count * LEFT_USUALLY,
-        "features": {
-            "gains": gains_of(linear),
-            "statistics": problem.statistics(linear),
-            "variance": problem.facts["variance"],
-        },
         "catalogue": sorted(gains_of(linear)),
     }
 

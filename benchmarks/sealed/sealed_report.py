@@ -15,8 +15,6 @@ PLAIN_SIGNAL = 10.0
 """Signal over noise from which an effect is plain."""
 PROBABILITIES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Bins of the reliability diagram, for probabilities of names."""
-NOISE_SHARES = (0.0, 0.012, 0.018, 0.024, 0.03, 1.0)
-"""Bins of the sensors' noise over the response."""
 KINDS = ("all", "sound", "single", "pair", "outside")
 TENTHS = 10
 """Bins of the p-values of sound cases."""
@@ -57,7 +55,6 @@ def tables(cases: Sequence[Scored]) -> list[str]:
             share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
             for law in sorted({str(one.label.get("law")) for one in sound})
         ),
-        *by_noise([one for one in sound if one.label.get("law") == "linear"]),
         share("single effects detected", [one.detected for one in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
         share("  named first, all", [one.named_first for one in singles]),
@@ -76,22 +73,6 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         "",
         *curves(singles),
     ]  # fmt: skip
-
-
-def by_noise(sound: Sequence[Scored]) -> list[str]:
-    """By the sensors' noise over the response: false alarms, and what the plain model leaves beyond it in
-    recordings left out, root mean square over the response."""
-    heldout = [(one.detected, one.row["heldout"]) for one in sound if one.row.get("heldout")]
-    lines = []
-    for low, high in pairwise(NOISE_SHARES):
-        own = [(detected, rms) for detected, rms in heldout if low <= rms["noise"] < high]
-        if own:
-            left = np.sqrt(max(np.median([rms["before"] ** 2 - rms["noise"] ** 2 for _, rms in own]), 0.0))
-            words = f"  linear flesh, noise {low:g} to {high:g} of the response"
-            lines.append(
-                share(words, [detected for detected, _ in own]) + f"; beyond noise {left:.3f} (median)"
-            )
-    return lines
 
 
 def _one_of_two(one: Scored) -> bool:

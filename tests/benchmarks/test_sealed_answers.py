@@ -36,7 +36,6 @@ def explained():
     with pytest.MonkeyPatch.context() as patch, captured() as kept:
         patch.setattr(procedure, "EFFECTS", SHORT)
         found = procedure.explain(case, graded=GradedCase(modulus=PLAIN))
-    kept.case.facts["variance"] = {one.factor: one.share for one in found.variance}
     return found, kept
 
 
