@@ -127,12 +127,12 @@ def print_tables(rows: pd.DataFrame) -> None:
         f"{'quantity':18s}{'draws':>6s}{'90 % hold':>13s}{'z':>7s}{'mean z':>8s}"
         f"{'rms error':>11s}{'prior':>9s}"
     )
-    for quantity, one in rows[rows["cause"] == "all"].groupby("quantity", sort=False):
-        error, known = one["found"] - one["truth"], one["prior_sd"].any()
-        z, held = error / one["sd"], np.mean(error.abs() < NINETY * one["sd"])
+    for quantity, group in rows[rows["cause"] == "all"].groupby("quantity", sort=False):
+        error, known = group["found"] - group["truth"], group["prior_sd"].any()
+        z, held = error / group["sd"], np.mean(error.abs() < NINETY * group["sd"])
         spread = np.sqrt(LEVEL * (1 - LEVEL) / len(z))
-        of_prior = f"{_rms(one['truth']):9.4f}" if known else f"{'':9s}"
-        relative = error if known else error / one["truth"]
+        of_prior = f"{_rms(group['truth']):9.4f}" if known else f"{'':9s}"
+        relative = error if known else error / group["truth"]
         print(
             f"{quantity:18s}{len(z):6d}{100 * held:7.1f} ± {100 * spread:3.1f}{_rms(z):7.2f}{z.mean():8.2f}"
             f"{_rms(relative):11.4f}{of_prior}"
@@ -140,11 +140,11 @@ def print_tables(rows: pd.DataFrame) -> None:
     print(
         f"\n{'cause alone':18s}{'draws':>6s}{'found, %':>10s}{'stated, %':>11s}{'ratio':>7s}{'mean, %':>9s}"
     )
-    for name, one in rows[rows["cause"] != "all"].groupby("cause", sort=False):
-        change, part = _rms(one["found"]), _rms(one["sd"])
+    for name, group in rows[rows["cause"] != "all"].groupby("cause", sort=False):
+        change, part = _rms(group["found"]), _rms(group["sd"])
         print(
-            f"{name:18s}{len(one):6d}{100 * change:10.3f}{100 * part:11.3f}"
-            f"{change / part:7.2f}{100 * one['found'].mean():9.3f}"
+            f"{name:18s}{len(group):6d}{100 * change:10.3f}{100 * part:11.3f}"
+            f"{change / part:7.2f}{100 * group['found'].mean():9.3f}"
         )
 
 

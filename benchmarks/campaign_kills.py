@@ -182,12 +182,12 @@ def processes(mark: str) -> list[psutil.Process]:
 
 def of_fruit(mark: str) -> list[int]:
     """Processes that work on fruit: neither the command nor the tracker of its shared resources."""
-    found = []
+    workers = []
     for process in processes(mark):
         with suppress(psutil.Error):
             if "spawn_main" in " ".join(process.cmdline()):
-                found.append(process.pid)
-    return found
+                workers.append(process.pid)
+    return workers
 
 
 def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:

@@ -103,16 +103,23 @@ def stated(**settings: str | float) -> Change:
     return lambda fruit, other, rng: replace(fruit, **settings)
 
 
-def _with_frames(one: Recording, k: np.ndarray | slice, *, log: bool = True, time: bool = True) -> Recording:
+def _with_frames(
+    recording: Recording, k: np.ndarray | slice, *, log: bool = True, time: bool = True
+) -> Recording:
     """These frames of the gels; with `log` of the jaws' log and poses too, with `time` of the clock."""
     fields = (*BOTH, "pose") if log else BOTH
     gels = tuple(
         replace(pad, **{name: getattr(pad, name)[k] for name in fields})
-        for pad in one.pads
+        for pad in recording.pads
         if isinstance(pad, GelPad)
     )
-    aperture_mm = one.aperture_mm[k] if log else one.aperture_mm
-    return replace(one, pads=gels, aperture_mm=aperture_mm, time_s=one.time_s[k] if time else one.time_s)
+    aperture_mm = recording.aperture_mm[k] if log else recording.aperture_mm
+    return replace(
+        recording,
+        pads=gels,
+        aperture_mm=aperture_mm,
+        time_s=recording.time_s[k] if time else recording.time_s,
+    )
 
 
 def frames(order: Callable[[int, np.random.Generator], np.ndarray], *, log: bool) -> Change:

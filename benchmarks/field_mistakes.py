@@ -84,15 +84,15 @@ def checked(fruit: Fruit) -> list[Answer]:
     said += [
         Answer(kind=one.kind, sentence=one.sentence) for one in category_doubts(fruit) if one.kind is not None
     ]
-    for one in findings_of(fruit):
+    for finding in findings_of(fruit):
         said.append(
             Answer(
-                kind=one.kind,
-                sentence=one.sentence,
-                field=one.field,
-                detail=one.detail,
-                refused=one.refused,
-                remark=one.remark,
+                kind=finding.kind,
+                sentence=finding.sentence,
+                field=finding.field,
+                detail=finding.detail,
+                refused=finding.refused,
+                remark=finding.remark,
             )
         )
     return sorted(said, key=lambda one: one.remark)
@@ -254,9 +254,9 @@ def sound(fruits: Sequence[Fruit]) -> None:
             findings = findings_of(replace(fruit, recordings=(recording,)))
             count += 1
             wrong += bool(findings)
-            for one in findings:
-                how = "refused" if one.refused else "said"
-                sys.stdout.write(f"{fruit.name} ({how}): {one.sentence}\n")
+            for finding in findings:
+                how = "refused" if finding.refused else "said"
+                sys.stdout.write(f"{fruit.name} ({how}): {finding.sentence}\n")
     sys.stdout.write(f"{count} recordings of {len(fruits)} fruit, {wrong} with a sentence\n")
 
 
