@@ -284,7 +284,7 @@ def main() -> None:
                 fields, seconds = measured(kind, known, np.random.default_rng(5), distance=wanted.distance)
                 print(fields.hyperparameters)
                 rows.append(row(kind, fields, known, seconds))
-                print(pd.Series(rows[-1]).to_string(float_format="%.3f"), flush=True)
+                print(pd.DataFrame(rows[-1:]).T.to_string(header=False, float_format="%.3f"), flush=True)
     if wanted.out is not None:
         pd.DataFrame(rows).to_csv(wanted.out, index=False, float_format="%.4g")
 

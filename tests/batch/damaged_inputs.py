@@ -14,6 +14,7 @@ from damaged_recordings import NPY, recordings
 from damaged_traces import FORMAT, TRACE, changes
 from file_damage import (
     ANY,
+    DIGITS,
     FACTORS,
     LINKS,
     NESTED,
@@ -42,7 +43,7 @@ def _text(format: str, path: str, kind: str, *, command: str = "check", numbers:
         for seed in range(3):
             yield make(kind=f"line {what}", change=line_changed(what), seed=seed)
     for k in range(numbers):
-        for new in NUMBERS:
+        for new in (*NUMBERS, *DIGITS):
             yield make(kind=f"number {new[:9]}", change=number_changed(k * 3 + 1, new))
         for factor in FACTORS:
             yield make(kind=f"number times {factor:g}", change=number_changed(k * 3 + 1, factor))

@@ -120,8 +120,8 @@ TEXT: dict[str, Change] = {
     "5 MB of one line": with_bytes(lambda d: d + b"x" * 5_000_000),
     "escape sequences": with_bytes(lambda d: d.replace(b'"', b'"\x1b[31m', 2)),
 }
-WORDS = ("nan", "inf", "-inf", '"text"', "true", "[1]", "")
-NUMBERS = (*WORDS, "-1", "0", "1e300", "1e-300", "1" * 5000, "1" * 400)
+NUMBERS = ("nan", "inf", "-inf", "-1", "0", "1e300", "1e-300", '"text"', "true", "[1]", "")
+DIGITS = ("1" * 5000, "1" * 400)
 FACTORS = (10.0, 0.1, 1000.0, 0.001, -1.0)
 
 
