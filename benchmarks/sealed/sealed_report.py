@@ -53,7 +53,7 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         share("false alarms in sound cases", [one.detected for one in sound]),
         *(
             share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
-            for law in sorted({str(one.label.get("law")) for one in sound})
+            for law in sorted({one.label["law"] for one in sound if "law" in one.label})
         ),
         share("single effects detected", [one.detected for one in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
