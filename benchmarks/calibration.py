@@ -14,14 +14,14 @@ Rows are written as they come; --only-print prints the tables of a file.
 """
 
 import argparse
-import csv
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from sys import path
 
 import numpy as np
+import pandas as pd
 
 from fem.estimation.error_budget import PIT_PLACE, REGISTRATION, TACTILE, ErrorBudget
 from fem.estimation.joint_inference import joint_modulus
@@ -47,19 +47,9 @@ KNOWN = ErrorBudget(
 )
 
 
-@dataclass(frozen=True)
-class Row:
-    """One error: of a quantity in a draw with everything off, or of ln E with one cause off."""
-
-    cause: str
-    fruit: int
-    draw: int
-    grasp: int
-    quantity: str
-    truth: float
-    found: float
-    sd: float
-    prior_sd: float
+COLUMNS = ["cause", "fruit", "draw", "grasp", "quantity", "truth", "found", "sd", "prior_sd"]
+"""Of a row, one error: of a quantity in a draw with everything off, or of ln E with one cause off."""
+Row = tuple[str, int, int, int, str, float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -104,13 +94,12 @@ def of_fruit(fruit: int, args: argparse.Namespace, budget: ErrorBudget, draws: i
         E_MPa, off = drawn_modulus_MPa(rng), drawn_off(rng, budget)
         found = estimator.both(world.solved(off), E_MPa=E_MPa, rng=rng, budget=budget)
         for k, one in enumerate(found.grasps):
-            yield Row("all", fruit, draw, k, ALONE, E_MPa, one.E_MPa, one.E_sd_MPa, 0.0)
+            yield "all", fruit, draw, k, ALONE, E_MPa, one.E_MPa, one.E_sd_MPa, 0.0
         whole = found.modulus
-        yield Row("all", fruit, draw, -1, TOGETHER, E_MPa, whole.E_MPa, whole.E_sd_MPa, 0.0)
+        yield "all", fruit, draw, -1, TOGETHER, E_MPa, whole.E_MPa, whole.E_sd_MPa, 0.0
         place = np.append(whole.pit.offset_mm, whole.pit.ln_size)
-        for row in zip(PIT, off.pit, place, whole.pit.sd, prior_sd, strict=True):
-            name, *values = row
-            yield Row("all", fruit, draw, -1, name, *map(float, values))
+        for name, *values in zip(PIT, off.pit, place, whole.pit.sd, prior_sd, strict=True):
+            yield "all", fruit, draw, -1, name, *map(float, values)
 
 
 def split(
@@ -129,52 +118,38 @@ def split(
                 known = joint_modulus([one.evidence], budget=cause.budget, infer_pit=False)
                 part = known.parts_sd_MPa[cause.part] / known.E_MPa
                 change = float(np.log(one.E_MPa / right[k].E_MPa))
-                yield Row(name, fruit, draw, k, "ln E", 0.0, change, part, 0.0)
+                yield name, fruit, draw, k, "ln E", 0.0, change, part, 0.0
 
 
-def print_tables(rows: Sequence[Row]) -> None:
+def print_tables(rows: pd.DataFrame) -> None:
     """Both."""
     print(
         f"{'quantity':18s}{'draws':>6s}{'90 % hold':>13s}{'z':>7s}{'mean z':>8s}"
         f"{'rms error':>11s}{'prior':>9s}"
     )
-    whole = [row for row in rows if row.cause == "all"]
-    for quantity in dict.fromkeys(row.quantity for row in whole):
-        chosen = [row for row in whole if row.quantity == quantity]
-        truth, found, sd, prior = (
-            np.array([getattr(row, name) for row in chosen]) for name in ("truth", "found", "sd", "prior_sd")
-        )
-        error = found - truth
-        z, held = error / sd, np.mean(np.abs(error) < NINETY * sd)
+    for quantity, group in rows[rows["cause"] == "all"].groupby("quantity", sort=False):
+        error, known = group["found"] - group["truth"], group["prior_sd"].any()
+        z, held = error / group["sd"], np.mean(error.abs() < NINETY * group["sd"])
         spread = np.sqrt(LEVEL * (1 - LEVEL) / len(z))
-        of_prior = f"{_rms(truth):9.4f}" if prior.any() else f"{'':9s}"
-        scale = 1.0 if prior.any() else truth
+        of_prior = f"{_rms(group['truth']):9.4f}" if known else f"{'':9s}"
+        relative = error if known else error / group["truth"]
         print(
             f"{quantity:18s}{len(z):6d}{100 * held:7.1f} ± {100 * spread:3.1f}{_rms(z):7.2f}{z.mean():8.2f}"
-            f"{_rms(error / scale):11.4f}{of_prior}"
+            f"{_rms(relative):11.4f}{of_prior}"
         )
     print(
         f"\n{'cause alone':18s}{'draws':>6s}{'found, %':>10s}{'stated, %':>11s}{'ratio':>7s}{'mean, %':>9s}"
     )
-    for name in dict.fromkeys(row.cause for row in rows if row.cause != "all"):
-        change, part = np.array([(row.found, row.sd) for row in rows if row.cause == name]).T
+    for name, group in rows[rows["cause"] != "all"].groupby("cause", sort=False):
+        change, part = _rms(group["found"]), _rms(group["sd"])
         print(
-            f"{name:18s}{len(part):6d}{100 * _rms(change):10.3f}{100 * _rms(part):11.3f}"
-            f"{_rms(change) / _rms(part):7.2f}{100 * change.mean():9.3f}"
+            f"{name:18s}{len(group):6d}{100 * change:10.3f}{100 * part:11.3f}"
+            f"{change / part:7.2f}{100 * group['found'].mean():9.3f}"
         )
 
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def rows_in(file: Path) -> list[Row]:
-    """A file's rows."""
-    with file.open(newline="") as lines:
-        return [
-            Row(*(one.type(line[one.name]) for one in fields(Row)))  # type: ignore[operator]
-            for line in csv.DictReader(lines)
-        ]
 
 
 def main() -> None:
@@ -193,15 +168,11 @@ def main() -> None:
     args = parser.parse_args()
     if not args.only_print:
         budget = ErrorBudget(pit_offset_sd_mm=args.pit_offset_sd, pit_size_sd=args.pit_size_sd)
-        with args.csv.open("w", newline="") as lines:
-            writer = csv.DictWriter(lines, [one.name for one in fields(Row)])
-            writer.writeheader()
-            for fruit, draws in enumerate(np.diff(np.linspace(0, args.draws, args.fruit + 1).astype(int))):
-                for row in of_fruit(fruit, args, budget, int(draws)):
-                    writer.writerow(asdict(row))
-                    lines.flush()
-                print(f"fruit {fruit + 1}: {time.process_time():.0f} CPU s", flush=True)
-    print_tables(rows_in(args.csv))
+        for fruit, draws in enumerate(np.diff(np.linspace(0, args.draws, args.fruit + 1).astype(int))):
+            table = pd.DataFrame(of_fruit(fruit, args, budget, int(draws)), columns=COLUMNS)
+            table.to_csv(args.csv, mode="a" if fruit else "w", header=not fruit, index=False)
+            print(f"fruit {fruit + 1}: {time.process_time():.0f} CPU s", flush=True)
+    print_tables(pd.read_csv(args.csv))
 
 
 if __name__ == "__main__":

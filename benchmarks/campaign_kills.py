@@ -8,9 +8,6 @@ what they were, no process and no temporary file is left; a killed process costs
 and the same command again gives the results of the undisturbed run: the same files, outcomes and ranking, E
 within 1 % (the mesher does not repeat to the bit). A kill that met nobody is drawn again.
 
-Early interrupts, limits of address space and half-open connections have results of their own
-(campaign_service.py). `--only-service` runs these alone.
-
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
 
@@ -28,10 +25,11 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
+import psutil
 import trimesh
-from campaign_service import service_trials
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -117,13 +115,6 @@ class Campaign:
         self.require(not left, f"processes left: {left}")
         self.require(hashes(self.batch) == self.inputs, "the inputs changed")
 
-    def require_watched(self, out: Path) -> None:
-        """Endings as undisturbed, but for fruit without a recording, for which `drupe watch` waits."""
-        ended = {row["fruit_id"]: row["outcome"] for row in results(out)[1]}
-        every = {row["fruit_id"]: row["outcome"] for row in self.expected[1]}
-        expected = {name: outcome for name, outcome in every.items() if outcome != "no-grasp"}
-        self.require(ended == expected, f"ended as {ended}, expected {expected}")
-
     def require_repaired(self, out: str | Path) -> None:
         """The same command again gives what the undisturbed run gave, and leaves no file of its own."""
         status = self.wait(self.start(out))
@@ -179,30 +170,24 @@ def same(one: list[dict[str, str]], other: list[dict[str, str]]) -> bool:
     return all(a and b and abs(float(a) / float(b) - 1) < SAME_E for a, b in pairs)
 
 
-def processes(mark: str) -> list[int]:
+def processes(mark: str) -> list[psutil.Process]:
     """Live processes that carry the mark in their environment."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        try:
-            marked = f"{MARK}={mark}".encode() in (place / "environ").read_bytes().split(b"\0")
-            if marked and (place / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
-                found.append(int(place.name))
-        except OSError:
-            continue
-    return found
+    marked = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if process.status() != psutil.STATUS_ZOMBIE and process.environ().get(MARK) == mark:
+                marked.append(process)
+    return marked
 
 
 def of_fruit(mark: str) -> list[int]:
     """Processes that work on fruit: neither the command nor the tracker of its shared resources."""
-    found = []
-    for pid in processes(mark):
-        try:
-            command = Path(f"/proc/{pid}/cmdline").read_bytes()
-        except OSError:
-            continue
-        if b"spawn_main" in command:
-            found.append(pid)
-    return found
+    workers = []
+    for process in processes(mark):
+        with suppress(psutil.Error):
+            if "spawn_main" in " ".join(process.cmdline()):
+                workers.append(process.pid)
+    return workers
 
 
 def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
@@ -348,7 +333,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=20261122)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/drupe-campaign"))
     parser.add_argument("--only-kills", action="store_true", help="no tmpfs, doubled runs or clocks")
-    parser.add_argument("--only-service", action="store_true", help="interrupts, limits, connections alone")
     parser.add_argument("--quick", action="store_true", help="one fruit, without a recording: seconds a run")
     arguments = parser.parse_args()
     campaign = Campaign(arguments.folder, arguments.seed, quick=arguments.quick)
@@ -359,12 +343,10 @@ def main() -> int:
         ("process", signal.SIGSEGV),
     ]
     trials: list[tuple[str, Callable[[], str]]] = []
-    for i in range(0 if arguments.only_service else arguments.kills):
+    for i in range(arguments.kills):
         whom, number = kinds[i % len(kinds)]
         trials.append((f"{number.name} to a {whom}", lambda w=whom, n=number: killed(campaign, w, n)))
-    if arguments.only_service or not arguments.only_kills:
-        trials += service_trials(campaign)
-    if not arguments.only_kills and not arguments.only_service:
+    if not arguments.only_kills:
         trials.append(("two runs at once", lambda: doubled(campaign)))
         trials += [
             (f"clock set by {by_s / 3600:+.0f} h", lambda b=by_s: another_time(campaign, b))
@@ -381,8 +363,7 @@ def main() -> int:
             counted[what, str(fault), "DOES NOT HOLD"] += 1
         print(f"{sum(counted.values())} of {len(trials)}: {what}", file=sys.stderr)
     try:
-        writes = () if arguments.only_service else full_at_every_write(campaign)
-        counted.update((what, how, "holds") for what, _, how in writes)
+        counted.update((what, how, "holds") for what, _, how in full_at_every_write(campaign))
     except Fault as fault:
         faults += 1
         counted["disk full in-process", str(fault), "DOES NOT HOLD"] += 1

@@ -35,14 +35,33 @@ def pads(change: Callable[[GelPad, np.random.Generator], GelPad], *, only: int |
     return each(all_pads)
 
 
-def force(times: float | np.ndarray, *, only: int | None = None) -> Change:
+FORCE, DISPLACEMENT = ("force_N",), ("displacement_mm",)
+BOTH = (*FORCE, *DISPLACEMENT)
+FIELDS = {"force": FORCE, "displacement": DISPLACEMENT, "both": BOTH, "rest": ("rest_mm",)}
+"""A pad's arrays, by the word for them."""
+Values = Callable[[np.ndarray], np.ndarray]
+
+
+def arrays(
+    make: Callable[[GelPad, np.random.Generator], Values], fields: Sequence[str], *, only: int | None = None
+) -> Change:
+    """These arrays of every pad, each by the function that `make` gives for the pad."""
+
+    def changed(pad: GelPad, rng: np.random.Generator) -> GelPad:
+        change = make(pad, rng)
+        return replace(pad, **{name: change(getattr(pad, name)) for name in fields})
+
+    return pads(changed, only=only)
+
+
+def force(times: float, *, only: int | None = None) -> Change:
     """Forces times a factor."""
-    return pads(lambda pad, rng: replace(pad, force_N=pad.force_N * times), only=only)
+    return arrays(lambda pad, rng: lambda values: values * times, FORCE, only=only)
 
 
-def shift(times: float | np.ndarray, *, only: int | None = None) -> Change:
+def shift(times: float, *, only: int | None = None) -> Change:
     """Displacements times a factor."""
-    return pads(lambda pad, rng: replace(pad, displacement_mm=pad.displacement_mm * times), only=only)
+    return arrays(lambda pad, rng: lambda values: values * times, DISPLACEMENT, only=only)
 
 
 def gel(kn: float, kt: float | None = None) -> Change:
@@ -84,55 +103,42 @@ def stated(**settings: str | float) -> Change:
     return lambda fruit, other, rng: replace(fruit, **settings)
 
 
+def _with_frames(
+    recording: Recording, k: np.ndarray | slice, *, log: bool = True, time: bool = True
+) -> Recording:
+    """These frames of the gels; with `log` of the jaws' log and poses too, with `time` of the clock."""
+    fields = (*BOTH, "pose") if log else BOTH
+    gels = tuple(
+        replace(pad, **{name: getattr(pad, name)[k] for name in fields})
+        for pad in recording.pads
+        if isinstance(pad, GelPad)
+    )
+    aperture_mm = recording.aperture_mm[k] if log else recording.aperture_mm
+    return replace(
+        recording,
+        pads=gels,
+        aperture_mm=aperture_mm,
+        time_s=recording.time_s[k] if time else recording.time_s,
+    )
+
+
 def frames(order: Callable[[int, np.random.Generator], np.ndarray], *, log: bool) -> Change:
     """Gel frames in another order; with `log` the jaws' log and poses too."""
-
-    def change(one: Recording, rng: np.random.Generator) -> Recording:
-        k = order(len(one.time_s), rng)
-        gels = tuple(
-            replace(
-                pad,
-                displacement_mm=pad.displacement_mm[k],
-                force_N=pad.force_N[k],
-                pose=pad.pose[k] if log else pad.pose,
-            )
-            for pad in one.pads
-            if isinstance(pad, GelPad)
-        )
-        return replace(one, pads=gels, aperture_mm=one.aperture_mm[k] if log else one.aperture_mm)
-
-    return each(change)
+    return each(lambda one, rng: _with_frames(one, order(len(one.time_s), rng), log=log, time=False))
 
 
 def late(field: str, count: int) -> Change:
     """A field's frames come `count` later."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
-        def moved(values: np.ndarray) -> np.ndarray:
-            return values[np.clip(np.arange(len(values)) - count, 0, len(values) - 1)]
+    def moved(values: np.ndarray) -> np.ndarray:
+        return values[np.clip(np.arange(len(values)) - count, 0, len(values) - 1)]
 
-        if field == "both":
-            return replace(pad, force_N=moved(pad.force_N), displacement_mm=moved(pad.displacement_mm))
-        if field == "force":
-            return replace(pad, force_N=moved(pad.force_N))
-        return replace(pad, displacement_mm=moved(pad.displacement_mm))
-
-    return pads(change)
+    return arrays(lambda pad, rng: moved, FIELDS[field])
 
 
 def cut(keep: Callable[[Recording], np.ndarray]) -> Change:
     """Only some frames are there."""
-
-    def change(one: Recording, rng: np.random.Generator) -> Recording:
-        k = keep(one)
-        gels = tuple(
-            replace(pad, displacement_mm=pad.displacement_mm[k], force_N=pad.force_N[k], pose=pad.pose[k])
-            for pad in one.pads
-            if isinstance(pad, GelPad)
-        )
-        return replace(one, time_s=one.time_s[k], aperture_mm=one.aperture_mm[k], pads=gels)
-
-    return each(change)
+    return each(lambda one, rng: _with_frames(one, keep(one)))
 
 
 def _total(one: Recording) -> np.ndarray:
@@ -157,45 +163,31 @@ def some(n: int, share: float, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(rng.random(n) < share)
 
 
-def dead(share: float, way: str, fields: str = "both") -> Change:
+def dead(share: float, way: str, field: str = "both") -> Change:
     """Markers that are zero throughout, zero or frozen from the middle on; in displacement, force or both."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> Values:
         who = some(len(pad.rest_mm), share, rng)
 
         def spoilt(values: np.ndarray) -> np.ndarray:
             out = values.copy()
-            middle = len(out) // 2
-            if way == "zero":
-                out[:, who] = 0.0
-            elif way == "zero-late":
-                out[middle:, who] = 0.0
-            else:
-                out[middle:, who] = out[middle, who]
+            start = 0 if way == "zero" else len(out) // 2
+            out[start:, who] = out[start, who] if way == "frozen" else 0.0
             return out
 
-        return replace(
-            pad,
-            force_N=spoilt(pad.force_N) if fields != "displacement" else pad.force_N,
-            displacement_mm=spoilt(pad.displacement_mm) if fields != "force" else pad.displacement_mm,
-        )
+        return spoilt
 
-    return pads(change)
+    return arrays(of_pad, FIELDS[field])
 
 
 def without_markers(choose: Callable[[GelPad, np.random.Generator], np.ndarray]) -> Change:
     """Markers missing from all arrays; `choose` says which go."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
-        k = ~choose(pad, rng)
-        return replace(
-            pad,
-            rest_mm=pad.rest_mm[k],
-            force_N=pad.force_N[:, k],
-            displacement_mm=pad.displacement_mm[:, k],
-        )
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> Values:
+        kept = np.flatnonzero(~choose(pad, rng))
+        return lambda values: values.take(kept, axis=-2)
 
-    return pads(change)
+    return arrays(of_pad, ("rest_mm", *BOTH))
 
 
 def hole(pad: GelPad, rng: np.random.Generator) -> np.ndarray:
@@ -208,80 +200,70 @@ def hole(pad: GelPad, rng: np.random.Generator) -> np.ndarray:
 def permuted(field: str) -> Change:
     """A field's markers in chance order."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> Values:
         k = rng.permutation(len(pad.rest_mm))
-        if field == "rest":
-            return replace(pad, rest_mm=pad.rest_mm[k])
-        if field == "force":
-            return replace(pad, force_N=pad.force_N[:, k])
-        return replace(pad, displacement_mm=pad.displacement_mm[:, k])
+        return lambda values: values.take(k, axis=-2)
 
-    return pads(change)
+    return arrays(of_pad, FIELDS[field])
+
+
+def normal(change: Values) -> Values:
+    """A change of the components along z alone."""
+
+    def changed(values: np.ndarray) -> np.ndarray:
+        out = values.copy()
+        out[:, :, 2] = change(out[:, :, 2])
+        return out
+
+    return changed
 
 
 def clipped(field: str, share: float) -> Change:
-    """Normal values cannot exceed a share of their peak."""
-
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
-        if field == "force":
-            top = share * pad.force_N[:, :, 2].max()
-            out = pad.force_N.copy()
-            out[:, :, 2] = np.minimum(out[:, :, 2], top)
-            return replace(pad, force_N=out)
-        top = share * pad.displacement_mm[:, :, 2].min()
-        out = pad.displacement_mm.copy()
-        out[:, :, 2] = np.maximum(out[:, :, 2], top)
-        return replace(pad, displacement_mm=out)
-
-    return pads(change)
+    """Normal values cannot exceed a share of their peak: forces press upwards, displacements downwards."""
+    sign = 1.0 if field == "force" else -1.0
+    limited = normal(lambda z: sign * np.minimum(sign * z, share * (sign * z).max()))
+    return arrays(lambda pad, rng: limited, FIELDS[field])
 
 
 def noisy(times: float) -> Change:
     """More noise of the kind that quiet frames show."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> Values:
         def more(values: np.ndarray) -> np.ndarray:
             sd = float(values[:6].std(axis=0).mean())
             return np.asarray(values + times * sd * rng.normal(size=values.shape))
 
-        return replace(pad, force_N=more(pad.force_N), displacement_mm=more(pad.displacement_mm))
+        return more
 
-    return pads(change)
+    return arrays(of_pad, BOTH)
 
 
-def offset(newton: float) -> Change:
+def offset(share: float) -> Change:
     """A constant normal force at every marker, as without a tare (share of the peak)."""
-
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
-        out = pad.force_N.copy()
-        out[:, :, 2] += newton * out[:, :, 2].max()
-        return replace(pad, force_N=out)
-
-    return pads(change)
+    return arrays(lambda pad, rng: normal(lambda z: z + share * z.max()), FORCE)
 
 
 def rounded(levels: int) -> Change:
     """Forces in so many steps up to the peak."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
-        step = pad.force_N[:, :, 2].max() / levels
-        return replace(pad, force_N=np.round(pad.force_N / step) * step)
+    def stepped(values: np.ndarray) -> np.ndarray:
+        step = values[:, :, 2].max() / levels
+        return np.round(values / step) * step
 
-    return pads(change)
+    return arrays(lambda pad, rng: stepped, FORCE)
 
 
 def zero_frames(count: int) -> Change:
     """Frames lost in the contact and filled with zeros."""
 
-    def change(pad: GelPad, rng: np.random.Generator) -> GelPad:
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> Values:
         total = pad.force_N[:, :, 2].sum(axis=1)
         loaded = np.flatnonzero(total > 0.4 * total.max())
-        k = loaded[len(loaded) // 2 : len(loaded) // 2 + count]
-        force, moved = pad.force_N.copy(), pad.displacement_mm.copy()
-        force[k], moved[k] = 0.0, 0.0
-        return replace(pad, force_N=force, displacement_mm=moved)
+        first = len(loaded) // 2
+        lost = np.isin(np.arange(len(total)), loaded[first : first + count])
+        return lambda values: np.where(lost[:, None, None], 0.0, values)
 
-    return pads(change)
+    return arrays(of_pad, BOTH)
 
 
 def pose(change: Callable[[np.ndarray], np.ndarray], *, only: int | None = None) -> Change:
@@ -338,10 +320,6 @@ def in_order(values: np.ndarray, order: Sequence[int]) -> np.ndarray:
     return np.asarray(values[..., list(order)])
 
 
-def _sized(pad: GelPad, n: int) -> GelPad:
-    return replace(pad, pose=pad.pose[:n], force_N=pad.force_N[:n], displacement_mm=pad.displacement_mm[:n])
-
-
 def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Another fruit's recordings under this one's name."""
     return replace(fruit, recordings=tuple(replace(one, fruit_id=fruit.name) for one in other.recordings))
@@ -352,12 +330,9 @@ def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     changed = []
     for mine, theirs in zip(fruit.recordings, other.recordings, strict=False):
         n = min(len(mine.time_s), len(theirs.time_s))
-        gels = tuple(
-            replace(_sized(a, n), pose=b.pose[:n])
-            for a, b in zip(mine.pads, theirs.pads, strict=True)
-            if isinstance(a, GelPad) and isinstance(b, GelPad)
-        )
-        changed.append(replace(mine, time_s=mine.time_s[:n], aperture_mm=mine.aperture_mm[:n], pads=gels))
+        short = _with_frames(mine, slice(n))
+        gels = tuple(replace(a, pose=b.pose[:n]) for a, b in zip(short.pads, theirs.pads, strict=True))
+        changed.append(replace(short, pads=gels))
     return replace(fruit, recordings=tuple(changed))
 
 
@@ -397,6 +372,5 @@ def pit(change: Callable[[np.ndarray], np.ndarray]) -> Change:
 
 
 def _category_pit(fruit: Fruit) -> tuple[np.ndarray, np.ndarray]:
-
     vertices, faces = place_pit(fruit.vertices, fruit.faces, load_prior(fruit.category))
     return np.asarray(vertices), np.asarray(faces)

@@ -6,7 +6,10 @@ from typing import Literal
 
 import numpy as np
 from field_changes import (
+    DISPLACEMENT,
+    FORCE,
     Change,
+    arrays,
     both,
     clipped,
     cut,
@@ -108,6 +111,10 @@ MIRROR = np.diag([-1.0, 1, 1])
 
 A_UNIT_OF_FORCE = {FindingKind.FORCE_UNIT, FindingKind.FORCE_OR_STIFFNESS_UNIT}
 A_UNIT_OF_STIFFNESS = {FindingKind.STIFFNESS_UNIT, FindingKind.FORCE_OR_STIFFNESS_UNIT}
+GAIN, OVER_EDGE = {FindingKind.GAIN}, {FindingKind.OVER_EDGE}
+MISSING, DEAD = {FindingKind.MARKERS_MISSING}, {FindingKind.DEAD_MARKERS}
+NOT_OF_SENSOR = {FindingKind.STIFFNESS_NOT_OF_SENSOR}
+ASIDE = {FindingKind.ASIDE, FindingKind.PRINT_ASIDE}
 CLIPPING = {FindingKind.CLIPPED, FindingKind.SATURATION}
 PLACES = {FindingKind.WIDTH, FindingKind.ASIDE, FindingKind.PRINT_ASIDE}
 OF_A_TURNED_MESH = PLACES | {FindingKind.PADS_EXCHANGED}
@@ -120,52 +127,28 @@ OF_OTHER_POSES = PLACES | {
 }
 OF_ANOTHER_FRUIT = PLACES | {FindingKind.PADS_EXCHANGED, FindingKind.MESH_TURNED}
 MISTAKES: tuple[Mistake, ...] = (
-    Mistake(
-        name="force in grams",
-        change=force(101.97),
-        kinds=A_UNIT_OF_FORCE,
-        among={FindingKind.GAIN},
-        unit="grams",
-    ),
-    Mistake(
-        name="force in kN",
-        change=force(1e-3),
-        kinds=A_UNIT_OF_FORCE,
-        among={FindingKind.GAIN},
-        unit="kilonewtons",
-    ),
-    Mistake(
-        name="force in mN",
-        change=force(1e3),
-        kinds=A_UNIT_OF_FORCE,
-        among={FindingKind.GAIN},
-        unit="millinewtons",
-    ),
-    Mistake(
-        name="force in pounds",
-        change=force(0.22481),
-        kinds=A_UNIT_OF_FORCE,
-        among={FindingKind.GAIN},
-        unit="pounds",
-    ),
-    Mistake(name="force x 1.3", change=force(1.3), kinds={FindingKind.FORCE_SCALE}, among={FindingKind.GAIN}),
+    Mistake(name="force in grams", change=force(101.97), kinds=A_UNIT_OF_FORCE, among=GAIN, unit="grams"),
+    Mistake(name="force in kN", change=force(1e-3), kinds=A_UNIT_OF_FORCE, among=GAIN, unit="kilonewtons"),
+    Mistake(name="force in mN", change=force(1e3), kinds=A_UNIT_OF_FORCE, among=GAIN, unit="millinewtons"),
+    Mistake(name="force in pounds", change=force(0.22481), kinds=A_UNIT_OF_FORCE, among=GAIN, unit="pounds"),
+    Mistake(name="force x 1.3", change=force(1.3), kinds={FindingKind.FORCE_SCALE}, among=GAIN),
     Mistake(name="force sign", change=force(-1.0), kinds={FindingKind.SIGN}, field="force"),
     Mistake(
         name="one pad's force in grams",
         change=force(101.97, only=0),
         kinds=A_UNIT_OF_FORCE,
-        among={FindingKind.GAIN},
+        among=GAIN,
         unit="grams",
     ),
     Mistake(
         name="one pad's force x 0.5",
         change=force(0.5, only=1),
         kinds={FindingKind.FORCE_SCALE},
-        among={FindingKind.GAIN},
+        among=GAIN,
     ),
     Mistake(
         name="force x and z exchanged",
-        change=pads(lambda p, r: replace(p, force_N=in_order(p.force_N, (2, 1, 0)))),
+        change=arrays(lambda p, r: lambda v: in_order(v, (2, 1, 0)), FORCE),
         kinds={FindingKind.AXES},
         field="force",
     ),
@@ -179,14 +162,14 @@ MISTAKES: tuple[Mistake, ...] = (
         name="displacement in metres",
         change=shift(1e-3),
         kinds={FindingKind.DISPLACEMENT_UNIT},
-        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
+        among=GAIN | {FindingKind.TOO_DEEP},
         unit="metres",
     ),
     Mistake(
         name="displacement in micrometres",
         change=shift(1e3),
         kinds={FindingKind.DISPLACEMENT_UNIT},
-        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
+        among=GAIN | {FindingKind.TOO_DEEP},
         unit="micrometres",
     ),
     Mistake(name="displacement sign", change=shift(-1.0), kinds={FindingKind.SIGN}, field="displacement"),
@@ -194,21 +177,17 @@ MISTAKES: tuple[Mistake, ...] = (
         name="displacement x 0.5",
         change=shift(0.5),
         kinds={FindingKind.DISPLACEMENT_SCALE},
-        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
+        among=GAIN | {FindingKind.TOO_DEEP},
     ),
     Mistake(
         name="displacement x and z exchanged",
-        change=pads(lambda p, r: replace(p, displacement_mm=in_order(p.displacement_mm, (2, 1, 0)))),
+        change=arrays(lambda p, r: lambda v: in_order(v, (2, 1, 0)), DISPLACEMENT),
         kinds={FindingKind.AXES},
         field="displacement",
     ),
     Mistake(
         name="displacement as increments",
-        change=pads(
-            lambda p, r: replace(
-                p, displacement_mm=np.diff(p.displacement_mm, axis=0, prepend=p.displacement_mm[:1])
-            )
-        ),
+        change=arrays(lambda p, r: lambda v: np.diff(v, axis=0, prepend=v[:1]), DISPLACEMENT),
         kinds={FindingKind.INCREMENTS},
     ),
     Mistake(
@@ -239,29 +218,20 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake(
         name="30 % of markers missing",
         change=without_markers(lambda p, r: some(len(p.rest_mm), 0.3, r)),
-        kinds={FindingKind.MARKERS_MISSING},
-        among={FindingKind.OVER_EDGE},
+        kinds=MISSING,
+        among=OVER_EDGE,
     ),
-    Mistake(
-        name="a hole in the markers",
-        change=without_markers(hole),
-        kinds={FindingKind.MARKERS_MISSING},
-        among={FindingKind.OVER_EDGE},
-    ),
+    Mistake(name="a hole in the markers", change=without_markers(hole), kinds=MISSING, among=OVER_EDGE),
     Mistake(
         name="half of the markers missing",
         change=without_markers(lambda p, r: p.rest_mm[:, 0] > 0.2),
-        kinds={FindingKind.MARKERS_MISSING},
-        among={FindingKind.OVER_EDGE},
+        kinds=MISSING,
+        among=OVER_EDGE,
     ),
-    Mistake(name="30 % zero throughout", change=dead(0.3, "zero"), kinds={FindingKind.DEAD_MARKERS}),
-    Mistake(
-        name="30 % zero from the middle", change=dead(0.3, "zero-late"), kinds={FindingKind.DEAD_MARKERS}
-    ),
-    Mistake(name="30 % frozen from the middle", change=dead(0.3, "frozen"), kinds={FindingKind.DEAD_MARKERS}),
-    Mistake(
-        name="10 % frozen in force", change=dead(0.1, "frozen", "force"), kinds={FindingKind.DEAD_MARKERS}
-    ),
+    Mistake(name="30 % zero throughout", change=dead(0.3, "zero"), kinds=DEAD),
+    Mistake(name="30 % zero from the middle", change=dead(0.3, "zero-late"), kinds=DEAD),
+    Mistake(name="30 % frozen from the middle", change=dead(0.3, "frozen"), kinds=DEAD),
+    Mistake(name="10 % frozen in force", change=dead(0.1, "frozen", "force"), kinds=DEAD),
     Mistake(name="noise x 10", change=noisy(10.0), kinds={FindingKind.NOISE}, harmless=True),
     Mistake(name="one frame of zeros", change=zero_frames(1), kinds={FindingKind.ZERO_FRAMES}),
     Mistake(name="three frames of zeros", change=zero_frames(3), kinds={FindingKind.ZERO_FRAMES}),
@@ -309,26 +279,12 @@ MISTAKES: tuple[Mistake, ...] = (
         change=gel(1e3),
         kinds=A_UNIT_OF_STIFFNESS,
         unit="kPa/mm (or MPa/m)",
-        among={FindingKind.GAIN},
+        among=GAIN,
         harmless=True,
     ),
-    Mistake(
-        name="stiffness of another gel",
-        change=gel(2.2),
-        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
-        among={FindingKind.GAIN},
-        harmless=True,
-    ),
-    Mistake(
-        name="stiffness and force x 2",
-        change=both(gel(2.0), force(2.0)),
-        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
-    ),
-    Mistake(
-        name="stiffness and force x 0.5",
-        change=both(gel(0.5), force(0.5)),
-        kinds={FindingKind.STIFFNESS_NOT_OF_SENSOR},
-    ),
+    Mistake(name="stiffness of another gel", change=gel(2.2), kinds=NOT_OF_SENSOR, among=GAIN, harmless=True),
+    Mistake(name="stiffness and force x 2", change=both(gel(2.0), force(2.0)), kinds=NOT_OF_SENSOR),
+    Mistake(name="stiffness and force x 0.5", change=both(gel(0.5), force(0.5)), kinds=NOT_OF_SENSOR),
     Mistake(name="picture scale 1.1", change=picture_scale(1.1), kinds={FindingKind.PITCH_NOT_OF_SENSOR}),
     Mistake(name="picture scale 0.9", change=picture_scale(0.9), kinds={FindingKind.PITCH_NOT_OF_SENSOR}),
     Mistake(
@@ -349,13 +305,13 @@ MISTAKES: tuple[Mistake, ...] = (
         kinds=set(),
         covered=True,
     ),
-    Mistake(name="force x 1.079", change=force(1.079), kinds=set(), among={FindingKind.GAIN}, covered=True),
-    Mistake(name="force x 0.927", change=force(0.927), kinds=set(), among={FindingKind.GAIN}, covered=True),
+    Mistake(name="force x 1.079", change=force(1.079), kinds=set(), among=GAIN, covered=True),
+    Mistake(name="force x 0.927", change=force(0.927), kinds=set(), among=GAIN, covered=True),
     Mistake(
         name="one pad's force x 1.079",
         change=force(1.079, only=0),
         kinds=set(),
-        among={FindingKind.GAIN},
+        among=GAIN,
         covered=True,
     ),
     Mistake(
@@ -382,7 +338,7 @@ MISTAKES: tuple[Mistake, ...] = (
         name="pads' signals exchanged",
         change=exchanged("signals"),
         kinds={FindingKind.PADS_EXCHANGED},
-        among={FindingKind.ASIDE, FindingKind.PRINT_ASIDE},
+        among=ASIDE,
         harmless=True,
     ),
     Mistake(
@@ -409,7 +365,7 @@ MISTAKES: tuple[Mistake, ...] = (
         name="mesh mirrored",
         change=mesh(middled(lambda v: v @ MIRROR), turn_faces=True),
         kinds=set(),
-        among={FindingKind.ASIDE, FindingKind.PRINT_ASIDE},
+        among=ASIDE,
         harmless=True,
     ),
     Mistake(

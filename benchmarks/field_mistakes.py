@@ -12,7 +12,6 @@ several* where its sentence lists the mistake among other causes (a gain: force,
 """
 
 import argparse
-import csv
 import re
 import sys
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from field_fruit import Fruit, cheap_fruit, fruits_in, partner
 from field_list import MISTAKES, Answer, Mistake, naming
 
@@ -34,6 +34,7 @@ from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.stages import grade_fruit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh
+from tactile.checks.finding import Finding
 from tactile.checks.of_recording import recording_findings
 from tactile.io.recording import write_recording
 
@@ -54,6 +55,22 @@ def category_doubts(fruit: Fruit) -> list[Doubt]:
     return doubts + of_category(np.ptp(fruit.vertices, axis=0).tolist(), prior, others=shipped_categories())
 
 
+def findings_of(fruit: Fruit) -> list[Finding]:
+    """What the checks say of its recordings, one after the other."""
+    E_range = E_range_MPa(fruit.category)
+    return [
+        finding
+        for recording in fruit.recordings
+        for finding in recording_findings(
+            recording,
+            fruit.vertices,
+            fruit.faces,
+            E_range_MPa=E_range,
+            gels=known_gels(recording.sensor, None),
+        )
+    ]
+
+
 def checked(fruit: Fruit) -> list[Answer]:
     """What the checks alone say of a given pit and of every recording; remarks last."""
     said: list[Answer] = []
@@ -67,25 +84,17 @@ def checked(fruit: Fruit) -> list[Answer]:
     said += [
         Answer(kind=one.kind, sentence=one.sentence) for one in category_doubts(fruit) if one.kind is not None
     ]
-    for recording in fruit.recordings:
-        found = recording_findings(
-            recording,
-            fruit.vertices,
-            fruit.faces,
-            E_range_MPa=E_range_MPa(fruit.category),
-            gels=known_gels(recording.sensor, None),
-        )
-        said += [
+    for finding in findings_of(fruit):
+        said.append(
             Answer(
-                kind=one.kind,
-                sentence=one.sentence,
-                field=one.field,
-                detail=one.detail,
-                refused=one.refused,
-                remark=one.remark,
+                kind=finding.kind,
+                sentence=finding.sentence,
+                field=finding.field,
+                detail=finding.detail,
+                refused=finding.refused,
+                remark=finding.remark,
             )
-            for one in found
-        ]
+        )
     return sorted(said, key=lambda one: one.remark)
 
 
@@ -234,28 +243,20 @@ def main() -> None:
         sys.stdout.flush()
         rows += own
     if options.csv:
-        with options.csv.open("w", newline="", encoding="utf-8") as file:
-            table = csv.DictWriter(file, fieldnames=list(rows[0]))
-            table.writeheader()
-            table.writerows(rows)
+        pd.DataFrame(rows).to_csv(options.csv, index=False)
 
 
 def sound(fruits: Sequence[Fruit]) -> None:
     """What the checks say of unchanged recordings."""
     count = wrong = 0
     for fruit in fruits:
-        for one in fruit.recordings:
-            found = recording_findings(
-                one,
-                fruit.vertices,
-                fruit.faces,
-                E_range_MPa=E_range_MPa(fruit.category),
-                gels=known_gels(one.sensor, None),
-            )
+        for recording in fruit.recordings:
+            findings = findings_of(replace(fruit, recordings=(recording,)))
             count += 1
-            wrong += bool(found)
-            for f in found:
-                sys.stdout.write(f"{fruit.name} ({'refused' if f.refused else 'said'}): {f.sentence}\n")
+            wrong += bool(findings)
+            for finding in findings:
+                how = "refused" if finding.refused else "said"
+                sys.stdout.write(f"{fruit.name} ({how}): {finding.sentence}\n")
     sys.stdout.write(f"{count} recordings of {len(fruits)} fruit, {wrong} with a sentence\n")
 
 

@@ -7,7 +7,6 @@ every recording as frames of two cameras with log.csv and grasp.toml), and the r
 """
 
 import argparse
-import csv
 import json
 import shutil
 import subprocess
@@ -15,7 +14,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import kendalltau
+import pandas as pd
 
 from samples.raw_frames import write_raw_grasp, write_sensor
 from tactile.io.recording import GelPad, read_recording
@@ -27,11 +26,8 @@ def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:
     for name in ("batch.toml", "mat.json"):
         if (batch / name).is_file():
             shutil.copy(batch / name, raw / name)
-    rows = list(csv.DictReader((batch / "fruits.csv").open(encoding="utf-8")))
-    with (raw / "fruits.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, rows[0].keys())
-        table.writeheader()
-        table.writerows(row for row in rows if row["fruit_id"] in fruits)
+    table = pd.read_csv(batch / "fruits.csv", dtype=str)
+    table[table["fruit_id"].isin(fruits)].to_csv(raw / "fruits.csv", index=False)
     for fruit in fruits:
         own = batch / "fruits" / fruit
         to = raw / "fruits" / fruit
@@ -53,12 +49,11 @@ def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:
                 write_raw_grasp(folder, recording, rng=rng, progress=print)
 
 
-def graded(batch: Path, out: Path, jobs: int) -> dict[str, float]:
+def graded(batch: Path, out: Path, jobs: int) -> pd.Series:
     """E of every fruit by `drupe grade`."""
     command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
     subprocess.run([*command, "--out", str(out), "--jobs", str(jobs)], check=False)
-    with (out / "ranking.csv").open(encoding="utf-8") as file:
-        return {row["fruit_id"]: float(row["E_MPa"] or "nan") for row in csv.DictReader(file)}
+    return pd.read_csv(out / "ranking.csv", dtype={"fruit_id": str}).set_index("fruit_id")["E_MPa"]
 
 
 def main() -> None:
@@ -74,19 +69,13 @@ def main() -> None:
     truth = json.loads((chosen.batch / "answers.json").read_text())["fruits"]
     fruits = chosen.fruits or sorted(truth)
     write_raw_batch(chosen.batch, chosen.work / "batch", fruits)
-    raw = graded(chosen.work / "batch", chosen.work / "from-frames", chosen.jobs)
-    fields = graded(chosen.batch, chosen.work / "from-fields", chosen.jobs)
-    print("fruit  truth_MPa  from_frames  error  from_fields  error")
-    for fruit in fruits:
-        true = truth[fruit]["E_MPa"]
-        errors = raw[fruit] / true - 1, fields[fruit] / true - 1
-        print(
-            f"{fruit} {true:10.4g} {raw[fruit]:12.4g} {errors[0]:+.3f} {fields[fruit]:12.4g} {errors[1]:+.3f}"
-        )
-    true = [truth[fruit]["E_MPa"] for fruit in fruits]
-    found = [raw[fruit] for fruit in fruits]
-    print(f"Kendall's tau {kendalltau(true, found).statistic:.3f}")
-    print(f"largest error {max(abs(f / t - 1) for f, t in zip(found, true, strict=True)):.3f}")
+    table = pd.DataFrame({"truth_MPa": {fruit: truth[fruit]["E_MPa"] for fruit in fruits}})
+    for name, batch in (("from_frames", chosen.work / "batch"), ("from_fields", chosen.batch)):
+        table[name] = graded(batch, chosen.work / name.replace("_", "-"), chosen.jobs)
+        table[f"error_{name}"] = table[name] / table["truth_MPa"] - 1
+    print(table.to_string(float_format="%.4g"))
+    print(f"Kendall's tau {table['truth_MPa'].corr(table['from_frames'], method='kendall'):.3f}")
+    print(f"largest error {table['error_from_frames'].abs().max():.3f}")
 
 
 if __name__ == "__main__":

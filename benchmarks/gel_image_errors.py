@@ -13,13 +13,13 @@ strength is chosen.
 """
 
 import argparse
-import csv
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
@@ -38,11 +38,6 @@ BALL_MM, CALIBRATION_BALL_MM, DEPTH_MM = 15.0, 6.0, 0.7
 LENS = (-0.12, 0.03, 0.001, -0.001, 0.0)
 GRID = marker_grid(13, 17, pitch_mm=(1.0, 1.0), first_mm=None)
 OUTLINE = GelOutline((26.0, 22.0))
-COLUMNS = (
-    "sensor", "frames", "plane_um_peak", "plane_um_all", "depth_um_peak", "depth_um_all",
-    "force_percent_peak", "force_percent_all", "correlation_peak", "correlation_all",
-    "within_2_sd_force", "frames_per_s",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -236,29 +231,22 @@ def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[s
     def correlation(one: np.ndarray, other: np.ndarray) -> float:
         return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
-    for t in range(len(size)):
-        if size[t] > 0:
-            print(
-                f"  {t:2d} force {total[t].round(3)} found {fields.force_N[t].sum(axis=0).round(3)} N, plane "
-                f"{rms(miss_u[t, :, :2]):.1f} depth {rms(miss_u[t, :, 2]):.1f} um, correlation "
-                f"{correlation(fields.force_N[t], true_f[t]):.3f}, stated plane "
-                f"{1e3 * rms(fields.displacement_sd_mm[t, :, :2]):.1f} depth "
-                f"{1e3 * rms(fields.displacement_sd_mm[t, :, 2]):.1f} um, touching {fields.touching[t].sum()}"
-            )
     touched = fields.force_N[loaded] != 0
     inside = (np.abs(fields.force_N - true_f) < 2 * fields.force_sd_N)[loaded][touched]
-    return dict(
-        zip(
-            COLUMNS,
-            (
-                kind, len(size), rms(miss_u[peak, :, :2]), rms(miss_u[..., :2]), rms(miss_u[peak, :, 2]),
-                rms(miss_u[..., 2]), 100 * miss_total[peak] / size[peak],
-                100 * rms(miss_total[loaded] / size[loaded]), correlation(fields.force_N[peak], true_f[peak]),
-                correlation(fields.force_N[loaded], true_f[loaded]), float(inside.mean()), 1.0 / seconds,
-            ),
-            strict=True,
-        )
-    )  # fmt: skip
+    return {
+        "sensor": kind,
+        "frames": len(size),
+        "plane_um_peak": rms(miss_u[peak, :, :2]),
+        "plane_um_all": rms(miss_u[..., :2]),
+        "depth_um_peak": rms(miss_u[peak, :, 2]),
+        "depth_um_all": rms(miss_u[..., 2]),
+        "force_percent_peak": 100 * miss_total[peak] / size[peak],
+        "force_percent_all": 100 * rms(miss_total[loaded] / size[loaded]),
+        "correlation_peak": correlation(fields.force_N[peak], true_f[peak]),
+        "correlation_all": correlation(fields.force_N[loaded], true_f[loaded]),
+        "within_2_sd_force": float(inside.mean()),
+        "frames_per_s": 1.0 / seconds,
+    }
 
 
 def print_draws(block: GelBlock, count: int, rng: np.random.Generator) -> None:
@@ -269,9 +257,8 @@ def print_draws(block: GelBlock, count: int, rng: np.random.Generator) -> None:
             fields, seconds = measured("markers-mono", press, np.random.default_rng(5), outline=outline)
             own.append(row("markers-mono", fields, press, seconds))
     for outline, own in rows.items():
-        for name in COLUMNS[2:-1]:
-            values = np.array([line[name] for line in own], dtype=float)
-            print(f"{outline}: {name} {values.min():.3g} median {np.median(values):.3g} {values.max():.3g}")
+        table = pd.DataFrame(own).iloc[:, 2:-1].agg(["min", "median", "max"]).T
+        print(f"{outline}:\n{table.to_string(float_format='%.3g')}")
 
 
 def main() -> None:
@@ -297,16 +284,9 @@ def main() -> None:
                 fields, seconds = measured(kind, known, np.random.default_rng(5), distance=wanted.distance)
                 print(fields.hyperparameters)
                 rows.append(row(kind, fields, known, seconds))
-                print(
-                    {k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}, flush=True
-                )
+                print(pd.DataFrame(rows[-1:]).T.to_string(header=False, float_format="%.3f"), flush=True)
     if wanted.out is not None:
-        with wanted.out.open("w", newline="") as file:
-            table = csv.DictWriter(file, COLUMNS)
-            table.writeheader()
-            table.writerows(
-                {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in line.items()} for line in rows
-            )
+        pd.DataFrame(rows).to_csv(wanted.out, index=False, float_format="%.4g")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Frames of real gel videos in which the tracked markers are off by a pitch of their lattice.
 
-    python benchmarks/gel_lattice_slips.py FOLDER --out CSV [--half even|odd] [--most N] [--pictures DIR]
+    python benchmarks/gel_lattice_slips.py FOLDER --out CSV [--half even|odd]
 
 FOLDER holds clips `camera_<k>.avi` at any depth (the data set of
 github.com/amitparag/Incipient-Slip-Detection, BSD-2-Clause); copies of a clip count once. Halves go by the
@@ -14,7 +14,6 @@ away from there.
 """
 
 import argparse
-import csv
 import hashlib
 import time
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from gel_video import frames_of
 
 from tactile.markers.marker_detection import spacing_of
@@ -81,7 +81,7 @@ def unloaded_motion(
     return motion, unloaded
 
 
-def judged(frames: list[np.ndarray]) -> tuple[Judged, np.ndarray, np.ndarray]:
+def judged(frames: list[np.ndarray]) -> Judged:
     """The clip followed from its first frame, and judged frame by frame."""
     reference = reference_of(frames[0], source="first frame")
     rest = reference.lattice.rest_px
@@ -104,7 +104,7 @@ def judged(frames: list[np.ndarray]) -> tuple[Judged, np.ndarray, np.ndarray]:
         elif (off & seen).any():
             partly.append(t)
     kept = float(np.isfinite(position[..., 0]).mean())
-    return Judged(len(frames), count, slipped, partly, uncertain, kept, seconds), rest, position
+    return Judged(len(frames), count, slipped, partly, uncertain, kept, seconds)
 
 
 def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
@@ -117,21 +117,6 @@ def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
             yield digest, path
 
 
-def picture(path: Path, frames: list[np.ndarray], rest: np.ndarray, position: np.ndarray, t: int) -> None:
-    """The frame before and this one, with each marker's line from its place in the first frame."""
-    shown = []
-    for k in (t - 1, t):
-        image = cv2.resize(frames[k], None, fx=2, fy=2)
-        for a, b in zip(rest, position[k], strict=True):
-            if np.isfinite(b[0]):
-                start, end = (tuple(int(v) for v in 2 * p + 1) for p in (a, b))
-                cv2.line(image, start, end, (0, 255, 255), 1, cv2.LINE_AA)
-                cv2.circle(image, end, 5, (255, 255, 255), 1, cv2.LINE_AA)
-        cv2.putText(image, f"frame {k}", (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
-        shown.append(image)
-    cv2.imwrite(str(path), np.hstack(shown))
-
-
 def main() -> None:
     """One row per clip, and sums."""
     parser = argparse.ArgumentParser(
@@ -140,19 +125,15 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--half", choices=("even", "odd"))
-    parser.add_argument("--most", type=int, default=10_000)
-    parser.add_argument("--pictures", type=Path)
     given = parser.parse_args()
     cv2.setNumThreads(1)
     rows = []
-    for k, (digest, path) in enumerate(clips_of(given.folder, given.half)):
-        if k >= given.most:
-            break
+    for digest, path in clips_of(given.folder, given.half):
         name = str(path.relative_to(given.folder).with_suffix(""))
         frames = list(frames_of(path))
         row: dict[str, object] = {"clip": name, "sha256": digest[:12]}
         try:
-            found, rest, position = judged(frames)
+            found = judged(frames)
         except TactileFailure as failure:
             rows.append(row | {"failure": str(failure)})
             print(name, failure, flush=True)
@@ -171,22 +152,14 @@ def main() -> None:
         rows.append(row)
         if found.slipped or found.partly or found.uncertain:
             print(row, flush=True)
-            if given.pictures is not None:
-                given.pictures.mkdir(parents=True, exist_ok=True)
-                at = (found.slipped or found.uncertain or found.partly)[0]
-                picture(given.pictures / f"{digest[:12]}-{at}.png", frames, rest, position, at)
-    with given.out.open("w", newline="") as file:
-        fields = ["clip", "sha256", "frames", "judged", "slipped", "first_slip", "partly", "uncertain",
-                  "kept", "frames_per_s", "failure"]  # fmt: skip
-        table = csv.DictWriter(file, fields, lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)
-    good = [row for row in rows if not row["failure"]]
-    total = {name: sum(int(row[name]) for row in good) for name in ("frames", "judged", "slipped", "partly")}
-    clips = {name: sum(bool(row[name]) for row in good) for name in ("slipped", "partly", "uncertain")}
+    table = pd.DataFrame(rows)
+    table.to_csv(given.out, index=False)
+    good = table[table["failure"] == ""]
+    total = good[["frames", "judged", "slipped", "partly"]].sum().astype(int).to_dict()
+    clips = (good[["slipped", "partly", "uncertain"]] > 0).sum().to_dict()
     print(
-        f"{len(rows)} clips, {len(rows) - len(good)} without an answer; {total}, in so many clips {clips}; "
-        f"markers kept {np.mean([row['kept'] for row in good]):.4f}"
+        f"{len(table)} clips, {len(table) - len(good)} without an answer; {total}, in so many clips {clips}; "
+        f"markers kept {good['kept'].mean():.4f}"
     )
 
 

@@ -14,11 +14,11 @@ that show a print, and held against the first frame; with the lens free, and wit
 """
 
 import argparse
-import csv
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from gel_lattice_slips import clips_of
 from gel_video import frames_of
 from scipy.spatial import cKDTree
@@ -109,8 +109,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    with LABELS.open() as file:
-        label = {row["sha256"]: row["first_frame"] for row in csv.DictReader(file)}
+    label = pd.read_csv(LABELS, dtype=str).set_index("sha256")["first_frame"].to_dict()
     rows: list[dict[str, object]] = []
     answers: dict[str, list[dict[str, np.ndarray] | None]] = {}
     clips, rng = 0, np.random.default_rng(22)
@@ -149,11 +148,7 @@ def main() -> None:
                 said_of.append(f"{part} {size:.3f} spacings ({PITCH_UM * size:.0f} um), over sd {over:.2f}")
         print("; ".join(said_of))
     if given.out is not None:
-        with given.out.open("w", newline="") as file:
-            fields = ["sha256", "label", "bulge", "shading", "evidence", "failure"]
-            table = csv.DictWriter(file, fields, lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows)
+        pd.DataFrame(rows).to_csv(given.out, index=False)
 
 
 if __name__ == "__main__":

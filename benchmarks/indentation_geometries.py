@@ -9,11 +9,11 @@ ten minutes.
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
@@ -60,32 +60,30 @@ def over_modulus(solid, strains, *, radius, height):
     return found
 
 
-def write_spheroids():
-    """Round rigid pits."""
-    with (TABLES / "compressed_spheroid.csv").open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["poisson_ratio", "pit_share", "along_over_across", "squeeze", "over_hertz"])
-        for nu in ROUND_RATIOS:
-            for pit in PITS:
-                for along in LONG:
-                    solid = spheroid(nu=nu, pit_share=pit, along=along, round_=34, out=10)
-                    ratio = over_hertz(solid, SQUEEZES, nu=nu, along=along)
-                    rows = zip(SQUEEZES, ratio, strict=True)
-                    table.writerows([nu, pit, along, x, f"{y:.5g}"] for x, y in rows)
-                    print(nu, pit, along, ratio.round(4), flush=True)
+def spheroids():
+    """Rows of the table of spheroids with round rigid pits."""
+    for nu in ROUND_RATIOS:
+        for pit in PITS:
+            for along in LONG:
+                solid = spheroid(nu=nu, pit_share=pit, along=along, round_=34, out=10)
+                ratio = over_hertz(solid, SQUEEZES, nu=nu, along=along)
+                print(nu, pit, along, ratio.round(4), flush=True)
+                yield from ([nu, pit, along, x, f"{y:.5g}"] for x, y in zip(SQUEEZES, ratio, strict=True))
 
 
-def write_cylinders():
-    """Bonded ones."""
-    with (TABLES / "bonded_cylinder.csv").open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["poisson_ratio", "height_over_diameter", "strain", "over_modulus"])
-        for nu in RATIOS:
-            for slender in SLENDER:
-                solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=16, up=12)
-                ratio = over_modulus(solid, STRAINS, radius=0.5, height=slender)
-                table.writerows([nu, slender, x, f"{y:.5g}"] for x, y in zip(STRAINS, ratio, strict=True))
-                print(nu, slender, ratio.round(4), flush=True)
+def cylinders():
+    """Rows of the table of bonded cylinders."""
+    for nu in RATIOS:
+        for slender in SLENDER:
+            solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=16, up=12)
+            ratio = over_modulus(solid, STRAINS, radius=0.5, height=slender)
+            print(nu, slender, ratio.round(4), flush=True)
+            yield from ([nu, slender, x, f"{y:.5g}"] for x, y in zip(STRAINS, ratio, strict=True))
+
+
+def write(path, columns, rows):
+    """A table as CSV."""
+    pd.DataFrame(rows, columns=columns.split()).to_csv(path, index=False)
 
 
 def checks():
@@ -137,11 +135,16 @@ if __name__ == "__main__":
     parser.add_argument("--write", action="store_true")
     if parser.parse_args().write:
         TABLES.mkdir(exist_ok=True)
-        write_spheroids()
-        write_cylinders()
-    with RESULTS.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["geometry", "truth", "squeeze_or_depth", "curve_over_truth"])
-        for geometry, truth, depth, over in checks():
-            table.writerow([geometry, truth, depth, f"{over:.4f}"])
-            print(f"{geometry:36} {truth:38} {depth:5.2f} {over:.4f}", flush=True)
+        write(
+            TABLES / "compressed_spheroid.csv",
+            "poisson_ratio pit_share along_over_across squeeze over_hertz",
+            spheroids(),
+        )
+        write(
+            TABLES / "bonded_cylinder.csv",
+            "poisson_ratio height_over_diameter strain over_modulus",
+            cylinders(),
+        )
+    rows = [[*row, f"{over:.4f}"] for *row, over in checks()]
+    write(RESULTS, "geometry truth squeeze_or_depth curve_over_truth", rows)
+    print(pd.DataFrame(rows).to_string(index=False, header=False))

@@ -3,7 +3,7 @@
     python benchmarks/paper.py [--only TEXT] [--csv FILE]
 
 Zhao, Ding, Zhao, Hu, Ma, "Core-Agnostic Compliance Perception for Rigid-Deformable Coupled Objects using
-Vision-Based Tactile Sensing". The truth is CalculiX's, from forward/ (calculix_cases.py makes it anew); all
+Vision-Based Tactile Sensing". The truth is CalculiX's, from forward/; all
 errors are of E against its 0.1 MPa, in percent. "ours" is the least-squares modulus, "energy" the
 strain-energy ratio. Where two are compared, the number is the change between them.
 
@@ -12,17 +12,16 @@ paper's contact nodes are those of its mesh, too); rows say so where they are 1 
 """
 
 import argparse
-import csv
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from calculix_mesh import Core
+import pandas as pd
 from paper_data import HERE, Forward, between_plates, forward, grasp_history
-from paper_shapes import box, core_surface
+from paper_shapes import Core, box, core_surface
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.finite_response import with_finite_strain
@@ -339,10 +338,8 @@ EXPERIMENTS = (limits, material, area, wrong_core, inferred_core, position, shap
 
 
 def _solved() -> dict[str, int]:
-    with (HERE / "solved.csv").open() as table:
-        return {"ball-between-plates": 31002} | {
-            line["case"]: int(line["dofs"]) for line in csv.DictReader(table)
-        }
+    solved = pd.read_csv(HERE / "solved.csv").set_index("case")["dofs"]
+    return {"ball-between-plates": 31002} | solved.to_dict()
 
 
 FORWARD_DOFS = _solved()
@@ -375,17 +372,7 @@ def main() -> None:
             )
     path = options.csv or (None if options.only else Path(__file__).parent / "results" / "paper.csv")
     if path is not None:
-        path.parent.mkdir(exist_ok=True)
-        with path.open("w", newline="") as out:
-            writer = csv.writer(out, lineterminator="\n")
-            writer.writerow([f.name for f in fields(PaperRow)])
-            for row in rows:
-                writer.writerow(
-                    [
-                        "" if v is None or v != v else f"{v:.3f}" if isinstance(v, float) else v
-                        for v in vars(row).values()
-                    ]
-                )
+        pd.DataFrame(rows).to_csv(path, index=False, float_format="%.3f")
 
 
 if __name__ == "__main__":

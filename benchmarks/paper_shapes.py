@@ -1,50 +1,64 @@
 """Closed triangle surfaces of the specimens of paper.py: boxes, balls, polyhedra."""
 
+from dataclasses import dataclass
+
 import numpy as np
-from calculix_mesh import Core, polyhedron
+import trimesh
 
 Surface = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A rigid core; `size_mm` is a ball's radius or a cube's edge; polyhedra have the volume of that cube."""
+
+    shape: str
+    size_mm: float
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def box(low_mm: np.ndarray, high_mm: np.ndarray, *, cell_mm: float = 2.5) -> Surface:
     """A box, its faces cut in squares of about cell_mm, those in two."""
     middle, half = (np.asarray(low_mm) + high_mm) / 2, (np.asarray(high_mm) - low_mm) / 2
-    corners, triangles = polyhedron(Core(shape="cube", size_mm=2.0))
-    vertices, faces = split(corners, triangles, times=int(np.ceil(np.log2(2 * half.max() / cell_mm))))
+    cube = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
+    vertices, faces = _split(cube, times=int(np.ceil(np.log2(2 * half.max() / cell_mm))))
     return middle + half * vertices, faces
 
 
 def core_surface(core: Core) -> Surface:
     """A ball of 5120 triangles, or a polyhedron with each face cut in 64."""
-    if core.shape != "ball":
-        return split(*polyhedron(core), times=3)
-    t = (1 + np.sqrt(5)) / 2
-    twelve = np.array([(0, s, u * t) for s in (-1, 1) for u in (-1, 1)])
-    corners = np.vstack([np.roll(twelve, k, axis=1) for k in range(3)])
-    apart = np.linalg.norm(corners[:, None] - corners[None], axis=2)
-    near = np.abs(apart - 2) < 1e-9
-    faces = np.array(
-        [
-            (i, j, k) if np.linalg.det(corners[[i, j, k]]) > 0 else (i, k, j)
-            for i in range(12)
-            for j in range(i + 1, 12)
-            for k in range(j + 1, 12)
-            if near[i, j] and near[j, k] and near[i, k]
-        ]
-    )
-    vertices, faces = split(corners, faces, times=4)
-    unit = vertices / np.linalg.norm(vertices, axis=1)[:, None]
-    return np.array(core.centre_mm) + core.size_mm * unit, faces
+    if core.shape == "ball":
+        surface = trimesh.creation.icosphere(subdivisions=4, radius=core.size_mm)
+        return np.array(core.centre_mm) + surface.vertices, np.array(surface.faces)
+    surface = _polyhedron(core.shape)
+    surface.apply_scale(core.size_mm / np.cbrt(surface.volume))
+    vertices, faces = _split(surface, times=3)
+    return np.array(core.centre_mm) + vertices, faces
 
 
-def split(vertices: np.ndarray, faces: np.ndarray, *, times: int) -> Surface:
+def _polyhedron(shape: str) -> trimesh.Trimesh:
+    """A cube, a tetrahedron or a star, of any size.
+
+    Tetrahedron: two opposite edges level, along x (above) and y (below). Star: Kepler's stella octangula,
+    an octahedron with a corner of the cube over each of its faces.
+    """
+    if shape == "cube":
+        return trimesh.creation.box(extents=(2.0, 2.0, 2.0))
+    if shape == "tetrahedron":
+        r = np.sqrt(2)
+        return trimesh.convex.convex_hull(np.array([(r, 0, 1), (-r, 0, 1), (0, r, -1), (0, -r, -1)]))
+    if shape == "star":
+        octahedron = trimesh.convex.convex_hull(np.concatenate([np.eye(3), -np.eye(3)]))
+        hubs, faces = octahedron.vertices, octahedron.faces
+        tips = len(hubs) + np.arange(len(faces))
+        sides = [np.column_stack([faces[:, k], faces[:, (k + 1) % 3], tips]) for k in range(3)]
+        corners = np.vstack([hubs, hubs[faces].sum(axis=1)])
+        return trimesh.Trimesh(corners, np.vstack(sides), process=False)
+    raise ValueError(f"found the core shape {shape}, expected ball, cube, tetrahedron or star")
+
+
+def _split(surface: trimesh.Trimesh, *, times: int) -> Surface:
     """Every triangle in four, so many times over."""
     for _ in range(times):
-        ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-        pairs, number = np.unique(ends, axis=0, return_inverse=True)
-        middle = len(vertices) + number.reshape(-1, 3)
-        vertices = np.vstack([vertices, vertices[pairs].mean(axis=1)])
-        a, b, c = faces.T
-        ab, bc, ca = middle.T
-        faces = np.vstack([np.column_stack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
-    return vertices, faces.astype(np.int64)
+        surface = surface.subdivide()
+    return np.array(surface.vertices), np.array(surface.faces)

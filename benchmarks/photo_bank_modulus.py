@@ -38,6 +38,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from recon.pit.priors import FOLDER
 from recon.surface.mesh_file import write_mesh
@@ -245,25 +246,9 @@ def main() -> int:
             print(line(rows[-1]), flush=True)
     if options.out is not None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
-        with options.out.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(
-                ["set", "kind", "truth_MPa", "E_MPa", "E_sd_MPa", "error_percent", "cpu_s", "warnings"]
-            )
-            for row in rows:
-                error = "" if row.error is None else f"{100 * row.error:.3f}"
-                table.writerow(
-                    [
-                        row.name,
-                        row.kind,
-                        row.truth_MPa,
-                        row.E_MPa,
-                        row.E_sd_MPa,
-                        error,
-                        round(row.cpu_s),
-                        row.said,
-                    ]
-                )
+        table = pd.DataFrame(rows).rename(columns={"name": "set", "said": "warnings"})
+        table["error_percent"] = 100 * (table["E_MPa"].astype(float) / table["truth_MPa"] - 1)
+        table.to_csv(options.out, index=False, float_format="%.6g")
     good = [row for row in rows if row.error is not None and abs(row.error) <= MOST_ERROR]
     print(f"{len(good)} of {len(options.sets)} fruit within {100 * MOST_ERROR:.0f} %")
     return int(len(good) < len(options.sets))

@@ -12,7 +12,6 @@ out do not count as warnings.
 """
 
 import argparse
-import csv
 import json
 import multiprocessing
 import resource
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 MISSED_RMS_MM, MISSED_VOLUME = 0.3, 0.02
 """RMS error and relative volume error from which on a mesh must not pass unsaid."""
@@ -115,17 +115,6 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def write_rows(out: Path, rows: list[dict[str, Any]]) -> None:
-    """Rows as CSV, floats to five digits; a column for every key that some row has."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    with out.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
-
-
 def main() -> int:
     """Prints a line a set and the table; writes the rows."""
     parser = argparse.ArgumentParser(
@@ -158,7 +147,8 @@ def main() -> int:
                 else row["refused"]
             )
             print(f"{row['set']} {verdict(row):13} {numbers}  {row.get('said', '')}", flush=True)
-    write_rows(options.out, rows)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(rows).to_csv(options.out, index=False, float_format="%.5g")
     print(table(rows))
     return 0
 

@@ -100,12 +100,6 @@ def signed_distance_mm(points: np.ndarray, vertices: np.ndarray, faces: np.ndarr
     return np.asarray(_scene(vertices, faces).compute_signed_distance(tensor).numpy(), float)
 
 
-def scale_error(truth: Truth, names: list[str], places: np.ndarray) -> float:
-    """Relative error of the scale: of the similarity from the true camera places to those found."""
-    T, _ = fitted_similarity(np.array([truth.places[n] for n in names]), places)
-    return float(np.cbrt(np.linalg.det(T[:3, :3]))) - 1
-
-
 def rigidly_on_truth(
     truth: Truth, names: list[str], places: np.ndarray, vertices: np.ndarray, faces: np.ndarray
 ) -> np.ndarray:

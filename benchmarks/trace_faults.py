@@ -1,6 +1,6 @@
 """Drawn traces of a press, sound or with what loggers do to them, and whether preparation puts them right.
 
-    python benchmarks/trace_faults.py [--first N] [--seeds N] [--kind NAME] [--list]
+    python benchmarks/trace_faults.py [--first N] [--seeds N] [--kind NAME]
 
 Each seed draws one press (law, rates, noise, offsets, sign, hold, unloading) and one fault, writes the table
 as a logger would, and reads it with `drupe convert`'s reader. The score: the stiffness by a fit of the known
@@ -10,19 +10,22 @@ correction. Of a sound press every row must come out as it was written. Even see
 
 import argparse
 import re
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from drawn_sound import SOUND
-from drawn_traces import FAULTS, Press, even_press, press
 from scipy.optimize import least_squares
 
 from tactile.io.load_cell import read_trace
 from tactile.io.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tactile"))
+from drawn_sound import SOUND
+from drawn_traces import FAULTS, Press, even_press, press
 
 LIMIT = 0.03
 CORRECTED = r"left out|used|removed|interpolated"

@@ -1,13 +1,12 @@
 """The simulator of truth against recordings of an independent one, frame by frame, without noise.
 
-    python benchmarks/truth_verification.py FOLDER [--body NAME...] [--grasp K...] [--cells N...] [--layers N]
+    python benchmarks/truth_verification.py FOLDER [--body NAME...] [--grasp K...]
 
 FOLDER holds bodies without mismatch: `truth.json` and `dense/grasp-K.h5` of each (its SOURCE.md has the
 formulas). The pads move as the recording says. For each grasp a table by phase and pad: rms difference of the
 markers' displacement along the normal and along each tangent (um, over markers above a tenth of the frame's
 peak pressure), of their force (percent of the largest), of the pad's total normal and shear force (percent of
-its normal force, over frames above a tenth of the peak, and in the frame of the greatest force). With several
-`--cells` a second table compares each mesh with the one before.
+its normal force, over frames above a tenth of the peak, and in the frame of the greatest force).
 """
 
 import argparse
@@ -22,12 +21,10 @@ from jaxtyping import Bool, Float
 
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
-from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import Hold
 from samples.mismatch.case_simulation import sound_body
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.gel_bed import POINTS
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import CASE, meshed_fruit
 from samples.mismatch.protocol import CLEARANCE_MM, Motion
@@ -72,46 +69,29 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--body", nargs="+", default=list(BODIES))
     parser.add_argument("--grasp", nargs="+", type=int, default=[2, 3, 1, 4])
-    parser.add_argument("--cells", nargs="+", type=int, default=[CASE.cells])
-    parser.add_argument("--layers", type=int, default=CASE.layers)
-    parser.add_argument("--steps", type=int, default=1, help="instants from frame to frame")
-    parser.add_argument(
-        "--points", type=int, default=POINTS, help="gel points along each side of a skin cell"
-    )
     asked = parser.parse_args()
     for body in asked.body:
         for number in asked.grasp:
-            verify(asked.folder / body, number, asked)
+            verify(asked.folder / body, number)
 
 
-def verify(folder: Path, number: int, asked: argparse.Namespace) -> None:
-    """Simulate one grasp on each mesh and print how it differs."""
+def verify(folder: Path, number: int) -> None:
+    """Simulate one grasp and print how it differs."""
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     theirs = read_recording(folder / "dense" / f"grasp-{number}.h5")
     grasp = as_recorded(theirs)
-    phase = phases(grasp.motion)
-    recorded = pads_of(theirs)
-    earlier = None
-    for cells in asked.cells:
-        start = time.process_time()
-        grading = BrickGrading(cells=cells, layers=asked.layers)
-        stands = meshed_fruit(as_drawn(truth, theirs), grasp, fineness=grading)
-        body = sound_body(stands)
-        meshed = time.process_time()
-        ours = grasped(
-            grasp, grip_of(stands, gel=stands.sensor.gel, points=asked.points), body, steps=asked.steps
-        )
-        spent = time.process_time()
-        print(
-            f"{folder.name} grasp {number}: {cells} along a side, {stands.flesh.unknowns} unknowns, "
-            f"{len(stands.dofs)} in the patches, {meshed - start:.0f} + {spent - meshed:.0f} CPU-s",
-            flush=True,
-        )  # fmt: skip
-        table(ours.pads, recorded, phase)
-        if earlier is not None:
-            print("  against the mesh before:")
-            table(ours.pads, earlier, phase)
-        earlier = ours.pads
+    start = time.process_time()
+    stands = meshed_fruit(as_drawn(truth, theirs), grasp, fineness=CASE)
+    body = sound_body(stands)
+    meshed = time.process_time()
+    ours = grasped(grasp, grip_of(stands, gel=stands.sensor.gel), body)
+    spent = time.process_time()
+    print(
+        f"{folder.name} grasp {number}: {stands.flesh.unknowns} unknowns, "
+        f"{len(stands.dofs)} in the patches, {meshed - start:.0f} + {spent - meshed:.0f} CPU-s",
+        flush=True,
+    )  # fmt: skip
+    table(ours.pads, pads_of(theirs), phases(grasp.motion))
 
 
 def as_drawn(truth: dict[str, Any], theirs: Recording) -> DrawnFruit:

@@ -12,21 +12,23 @@ from typing import Any
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.spatial.transform import Rotation
 
 from recon.cameras.printed_mat import Mat
-from samples.appearance import mat_texture, table_texture
+from samples.appearance import mat_texture, skin_colours, table_texture
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, box_mm
-from samples.looks import NECTARINE, Look
 from samples.renderer import denoiser, mitsuba, sensor, vertex_normals
 from samples.viewpoints import Viewpoint, rings
+
+NECTARINE = {"roughness": 0.38, "specular": 0.45, "clearcoat": 0.6, "clearcoat_gloss": 0.75}
+"""Of a skin, as shares of 1, as the renderer's "principled" surface has them (Burley 2012); by eye on shop
+fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoOptions:
-    """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels), how far away the
-    camera is, and the fruit's skin. `over_deg`: the fruit lies upside down, so tilted and so turned.
+    """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels), and how far away the
+    camera is.
     """
 
     width_px: int = 1280
@@ -36,8 +38,6 @@ class PhotoOptions:
     noise_levels: float = 0.8
     skin_cells: int = 160
     reach_mm: float = 315.0
-    look: Look = NECTARINE
-    over_deg: tuple[float, float] | None = None
 
 
 def write_photos(
@@ -139,20 +139,14 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     """The fruit's skin for the renderer, coloured by its ripeness."""
     sphere = even_sphere(options.skin_cells)
     points, triangles = fruit.skin.points_mm(sphere.directions), sphere.triangles()
-    if options.over_deg is not None:
-        points = laid_over(points, *options.over_deg)
-    look = options.look
-    colours = look.colours(
+    colours = skin_colours(
         sphere.directions, ripeness=fruit.ripeness, rng=np.random.default_rng([fruit.seed, 5])
     )
     coat = mi.load_dict(
         {
             "type": "principled",
             "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            "roughness": look.roughness,
-            "specular": look.specular,
-            "clearcoat": look.clearcoat,
-            "clearcoat_gloss": look.clearcoat_gloss,
+            **NECTARINE,
         }
     )
     properties = mi.Properties()
@@ -165,12 +159,6 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     values["vertex_normals"] = vertex_normals(points, triangles).astype(np.float32).ravel()
     values.update()
     return mesh
-
-
-def laid_over(points: Float[np.ndarray, "n 3"], tilt_deg: float, turn_deg: float) -> Float[np.ndarray, "n 3"]:
-    """The skin turned upside down about x, tilted from there, turned about z, its lowest point at z = 0."""
-    over = Rotation.from_euler("xz", [180.0 + tilt_deg, turn_deg], degrees=True).apply(points)
-    return np.asarray(over - [0.0, 0.0, over[:, 2].min()])
 
 
 def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:

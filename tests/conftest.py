@@ -42,6 +42,11 @@ jaxtyping.jaxtyped = array_annotations.only_with_arrays(jaxtyping.jaxtyped)
 install_import_hook(modules_with_arrays(), "array_annotations.check")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How many broken inputs `tests/batch/test_campaign.py` leaves out."""
+    parser.addoption("--every", type=int, default=15, help="run every N-th broken input (default 15)")
+
+
 def pytest_collection_finish() -> None:
     """Garbage is looked for from now on, less often than by default (700, 10, 10): modules stay, and are many
     objects. Set by hand; without looking for it at all four files of tests took 0 to 6 % less.

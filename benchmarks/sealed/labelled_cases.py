@@ -10,13 +10,11 @@ that are there are left alone. All flesh is simulated as Neo-Hookean. A case tak
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 from sealed_draw import LAWS, SOUND, SealedCase, drawn_cases, sound_draw, truth_of
 from sealed_proof import PROOF
 from sealed_simulation import simulated

@@ -33,10 +33,6 @@ class Curve:
         """Whether some are seen and some are not: else the half is where the prior and the cases leave it."""
         return 0 < self.seen < self.total
 
-    def share(self, stimulus: float) -> float:
-        """P at a stimulus above zero."""
-        return float(1 / (1 + np.exp(-self.steepness * np.log(stimulus / self.half))))
-
 
 def fitted_curve(stimuli: Sequence[float], seen: Sequence[bool]) -> Curve | None:
     """The curve of these cases; None for fewer than FEWEST with a stimulus above zero."""

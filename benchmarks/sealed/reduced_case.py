@@ -1,7 +1,7 @@
 """A case's linear problem, reduced to what selection needs of it: products of all columns, and little else.
 
-It is taken while a case is explained, replays the linear round without the fruit, and is what the baselines
-work on. Stored as a compressed .npz of a few hundred kB: lower triangles of the products, and words as JSON.
+It is taken while a case is explained, and replays the linear round without the fruit. Stored as a compressed
+.npz of a few hundred kB: lower triangles of the products, and words as JSON.
 """
 
 import json
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.estimation.sensitivity import mean_normal, tangents
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
@@ -26,19 +25,13 @@ from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.mismatch.thresholds import DETECTION_P
 
-PER_GRASP = 100
-"""Residuals of single markers in single frames kept of each grasp, drawn at random: as many in all as a
-Gaussian process fits in seconds (set by hand)."""
-SAMPLE = ("grasp", "pad", "x_mm", "y_mm", "load", "time_s", "residual_mm", "response_mm", "sd_mm")
-"""Columns of the samples: along the pad's normal; x and y along the skin from the patch's middle, load as a
-share of the greatest."""
 FORMAT = 2
 """Of the file; a reader refuses another."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedCase:
-    """Columns and signatures in words, products by recording as GramMatrix has them, samples of residuals.
+    """Columns and signatures in words, products by recording as GramMatrix has them.
 
     `columns`: dicts of name, sd, mean, positive, least and role ("plain", "nuisance", "discrepancy",
     "stand-in", "signature").
@@ -50,7 +43,6 @@ class ReducedCase:
     signatures: list[dict[str, Any]]
     rows: list[Int[np.ndarray, " _"]]
     products: list[Float[np.ndarray, "_ _"]]
-    samples: Float[np.ndarray, "s 9"]
     count: int
     facts: dict[str, Any]
 
@@ -153,7 +145,6 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
         signatures=signatures,
         rows=list(linear.products.rows),
         products=list(linear.products.products),
-        samples=_samples(forward, recorded, linear),
         count=sum(one.own.shape[1] for one in recorded),
         facts={
             "compliance": forward.compliance,
@@ -161,43 +152,6 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
             "gains": gains_of(linear),
         },
     )
-
-
-def _samples(
-    forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound
-) -> Float[np.ndarray, "s 9"]:
-    """Residuals of the plain model along the pads' normals at markers and frames drawn at random."""
-    rng = np.random.default_rng(0)
-    found = []
-    for k, one in enumerate(recorded):
-        recording = one.recording
-        residual = linear.products.marker_residual(k, linear.null)
-        response = one.markers.residual(forward.compliance * recording.tracks.unit_displacement)
-        frames, markers = np.nonzero(recording.tracks.episode >= 0)
-        if not len(frames):
-            continue
-        chosen = np.sort(rng.choice(len(frames), min(PER_GRASP, len(frames)), replace=False))
-        for frame, marker in zip(frames[chosen], markers[chosen], strict=True):
-            pad = int(recording.pad_of_marker[marker])
-            normals = recording.links[pad].place.normal
-            place = recording.tracks.place_mm
-            middle = place[recording.pad_of_marker == pad].mean(axis=0)
-            normal = mean_normal(normals)
-            x, y = tangents(normals) @ (place[marker] - middle)
-            found.append(
-                (
-                    k,
-                    pad,
-                    x,
-                    y,
-                    recording.load[frame],
-                    recording.time_s[frame],
-                    residual[frame, marker] @ normal,
-                    response[frame, marker] @ normal,
-                    np.broadcast_to(recording.tracks.sd_mm, residual.shape[1])[marker],
-                )
-            )
-    return np.array(found, dtype=float).reshape(-1, len(SAMPLE))
 
 
 def store(path: Path, case: ReducedCase) -> None:
@@ -209,7 +163,7 @@ def store(path: Path, case: ReducedCase) -> None:
         "count": case.count,
         "facts": case.facts,
     }
-    arrays: dict[str, Any] = {"samples": case.samples.astype(np.float32)}
+    arrays: dict[str, Any] = {}
     for k, (rows, products) in enumerate(zip(case.rows, case.products, strict=True)):
         arrays[f"rows_{k}"] = rows.astype(np.int16)
         arrays[f"products_{k}"] = products[np.tril_indices(len(products))]
@@ -230,4 +184,4 @@ def stored(path: Path) -> ReducedCase:
             half = np.zeros((len(rows[-1]) + 1,) * 2)
             half[np.tril_indices(len(half))] = file[f"products_{len(products)}"]
             products.append(half + half.T - np.diag(np.diag(half)))
-        return ReducedCase(rows=rows, products=products, samples=file["samples"].astype(float), **words)
+        return ReducedCase(rows=rows, products=products, **words)

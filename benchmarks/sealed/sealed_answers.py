@@ -2,49 +2,56 @@
 
 A row of the answers is one JSON line: verdict, ranking with probabilities and parameters, p, E before and
 after with 90 % intervals, what is held out, cost, and what the score needs without the case's files
-(features, Cramer-Rao bounds, baselines). Rows are added one at a time, by several runs and machines.
+(gains, Cramer-Rao bounds). Rows are added one at a time, by several runs and machines.
 """
 
+import json
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from baseline_answers import baselines_of
 from cramer_rao import amplitude_bounds, information_of
-from mismatch import BROKEN, REFUSED, ROOMS
 from mismatch_altered import altered
 from parameter_errors import NINETY
 from reduced_case import ReducedCase, gains_of, reduced
-from weighed_residual import weighed_squares
 
+from fem.fem_failure import FemFailure
 from fem.mismatch import procedure
 from fem.mismatch.result import Candidate, Explanation, Modulus
 from fem.mismatch.thresholds import LEFT_USUALLY
 from pipeline.batch.cache import code_version
+from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import finding
 from pipeline.fruit.stage_log import StageLog
+from pipeline.problem import BatchRefused
+from recon.recon_failure import ReconFailure
+from tactile.tactile_failure import TactileFailure
+
+REFUSED = (BatchRefused, FruitEnded, ReconFailure, TactileFailure, FemFailure)
+BROKEN = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError, AttributeError)
+"""A defect in one case must not cost the others; it is counted as a case without an answer."""
+ROOMS = ("fem", "tactile", "recon", "pipeline")
 
 
 @dataclass
 class Captured:
-    """What goes by while a case is explained: its first linear round and the information in it, its proof."""
+    """What goes by while a case is explained: its first linear round and the information in it."""
 
     case: ReducedCase | None = None
     information: np.ndarray | None = None
-    weighed: dict[str, float] = field(default_factory=dict)
 
 
 @contextmanager
 def captured() -> Iterator[Captured]:
     """While it holds, the finder's linear problem is kept."""
     found = Captured()
-    screened, held_out = procedure.screened, procedure.held_out
+    screened = procedure.screened
 
     def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
         linear = screened(forward, recorded, effects, **more)
@@ -53,11 +60,7 @@ def captured() -> Iterator[Captured]:
             found.information = information_of(forward, linear)
         return linear
 
-    def proof(forward: Any, recorded: Any, before: Any, after: Any) -> Any:
-        found.weighed = {"before": weighed_squares(*before), "after": weighed_squares(*after)}
-        return held_out(forward, recorded, before, after)
-
-    with patch.object(procedure, "screened", screening), patch.object(procedure, "held_out", proof):
+    with patch.object(procedure, "screened", screening):
         yield found
 
 
@@ -81,8 +84,7 @@ def explained(
         row["cpu_s"] = round(time.process_time() - busy, 1)
         problem = kept.case
         if problem is not None and kept.information is not None:
-            problem.facts["variance"] = {one.factor: one.share for one in found.variance}
-            row |= of_problem(problem, found) | {"weighed": kept.weighed}
+            row |= of_problem(problem)
             row["bounds"] = amplitude_bounds(kept.information, problem, E_MPa=found.before.value)
     except REFUSED as failure:
         row["failure"] = " ".join(str(failure).split())
@@ -135,17 +137,38 @@ def _modulus(one: Modulus) -> dict[str, Any]:
     }
 
 
-def of_problem(problem: ReducedCase, found: Explanation) -> dict[str, Any]:
-    """What the score takes from the linear problem; baselines answer from it too."""
+def of_problem(problem: ReducedCase) -> dict[str, Any]:
+    """What the score takes from the linear problem."""
     linear = problem.linear()
     return {
         "chi2": linear.null.chi2,
         "chi2_usual": problem.count * LEFT_USUALLY,
-        "features": {
-            "gains": gains_of(linear),
-            "statistics": problem.statistics(linear),
-            "variance": problem.facts["variance"],
-        },
         "catalogue": sorted(gains_of(linear)),
-        "baselines": baselines_of(problem, E=found.before),
     }
+
+
+def rows_in(path: Path) -> list[dict[str, Any]]:
+    """Answers so far; of two to the same case and alteration the first counts.
+
+    Half a line, which a run that was killed leaves, is no answer.
+    """
+    known: dict[tuple[str, str], dict[str, Any]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        with suppress(json.JSONDecodeError):
+            row = json.loads(line)
+            known.setdefault((row["case"], row["ablation"]), row)
+    return list(known.values())
+
+
+def keep_line(path: Path, row: dict[str, Any]) -> None:
+    """Added at the end, on a line of its own whatever the last run left."""
+    with path.open("a+") as file:
+        file.seek(0)
+        before = file.read()
+        file.write(("" if before.endswith("\n") or not before else "\n") + json.dumps(row) + "\n")
+
+
+def line_of(row: dict[str, Any]) -> str:
+    """One answer in a line."""
+    said = row.get("failure") or f"{' | '.join(row['verdict'])}, p {row['p']:.2g}"
+    return f"{row['case']} {row['ablation']}: {said}, {row['cpu_s']:.0f} s CPU"

@@ -4,8 +4,7 @@
     python benchmarks/sealed/sealed_proof.py answer --salt FILE [--first K] [--count N] [--cases DIR] [--keep]
                                                      [--ablation NAME ...] [--reduced DIR] [--jobs N]
     python benchmarks/sealed/sealed_proof.py reveal --salt FILE
-    python benchmarks/sealed/sealed_proof.py check [--csv FILE] [--figures DIR] [--bank JSONL]
-                                                     [--salt FILE --unrevealed]
+    python benchmarks/sealed/sealed_proof.py check [--csv FILE] [--salt FILE --unrevealed]
 
 README.md beside this file says in which order, and what is committed when. `answer` goes on where it was;
 rows that are there are left alone. `check --unrevealed` scores what is answered so far with labels that only
@@ -18,17 +17,13 @@ import shutil
 import sys
 import tempfile
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-
-sys.path.append(str(Path(__file__).resolve().parents[1]))
-from mismatch import keep_line
 from mismatch_altered import ABLATIONS, LEFT_OUT
 from reduced_case import store
-from sealed_answers import explained
+from sealed_answers import explained, keep_line, line_of, rows_in
 from sealed_draw import SealedCase, drawn_cases, label_of
 from sealed_report import case_table, report
 from sealed_simulation import simulated
@@ -64,19 +59,6 @@ def draw(proof: Path, salt: str) -> None:
     path.write_text(json.dumps({"samples": code_version(("samples",))[:12], "seals": seals}, indent=1) + "\n")
 
 
-def rows_in(path: Path) -> list[dict[str, Any]]:
-    """Answers so far; of two to the same case and alteration the first counts.
-
-    Half a line, which a run that was killed leaves, is no answer.
-    """
-    known: dict[tuple[str, str], dict[str, Any]] = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-        with suppress(json.JSONDecodeError):
-            row = json.loads(line)
-            known.setdefault((row["case"], row["ablation"]), row)
-    return list(known.values())
-
-
 def answer(chosen: argparse.Namespace, salt: str) -> None:
     """Simulate and explain what has no answer yet, a case at a time."""
     seals = json.loads((chosen.proof / MANIFEST).read_text(encoding="utf-8"))["seals"]
@@ -97,8 +79,7 @@ def answer(chosen: argparse.Namespace, salt: str) -> None:
                 )
             for row in _rows_of(case, folder, left, chosen):
                 keep_line(path, row)
-                said = row.get("failure") or f"{' | '.join(row['verdict'])}, p {row['p']:.2g}"
-                print(f"{row['case']} {row['ablation']}: {said}, {row['cpu_s']:.0f} s CPU", flush=True)
+                print(line_of(row), flush=True)
             if not chosen.keep:
                 shutil.rmtree(folder, ignore_errors=True)
 
@@ -168,14 +149,9 @@ def check(chosen: argparse.Namespace) -> int:
     print(
         "\n".join([*said, *broken, f"{len(labels) - len(broken)} of {len(labels)} labels are as sealed", ""])
     )
-    bank = [json.loads(line) for line in chosen.bank.read_text().splitlines()] if chosen.bank else []
-    print("\n".join(report(rows, labels, bank=bank)))
+    print("\n".join(report(rows, labels)))
     if chosen.csv is not None:
         pd.DataFrame(case_table(rows, labels)).to_csv(chosen.csv, index=False, float_format="%.6g")
-    if chosen.figures is not None:
-        from sealed_figures import draw_figures  # Matplotlib, which nothing else here needs
-
-        draw_figures(chosen.figures, rows, labels)
     return int(bool(broken) or ordered is False)
 
 
@@ -194,9 +170,7 @@ def main() -> None:
     parser.add_argument("--ablation", nargs="+", choices=ABLATIONS, default=["whole"])
     parser.add_argument("--reduced", type=Path, default=None, help="store each case's linear problem here")
     parser.add_argument("--jobs", type=int, default=2, help="threads of an explanation")
-    parser.add_argument("--bank", type=Path, default=None, help="JSONL of bank_features.py, for the forest")
     parser.add_argument("--csv", type=Path, default=None, help="file for one line per case")
-    parser.add_argument("--figures", type=Path, default=None, help="folder for the diagrams")
     parser.add_argument("--unrevealed", action="store_true")
     chosen = parser.parse_args()
     if chosen.do == "check":

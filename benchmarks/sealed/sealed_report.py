@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from baseline_table import baseline_table
+from other_methods import method_table
 from psychometric import fitted_curve
 from scipy.stats import kstest
 from sealed_scores import KIN, Scored, inside, parameter_rows, scored, share, signal_over_noise
@@ -15,19 +15,12 @@ PLAIN_SIGNAL = 10.0
 """Signal over noise from which an effect is plain."""
 PROBABILITIES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Bins of the reliability diagram, for probabilities of names."""
-NOISE_SHARES = (0.0, 0.012, 0.018, 0.024, 0.03, 1.0)
-"""Bins of the sensors' noise over the response."""
 KINDS = ("all", "sound", "single", "pair", "outside")
 TENTHS = 10
 """Bins of the p-values of sound cases."""
 
 
-def report(
-    rows: Sequence[Mapping[str, Any]],
-    labels: Mapping[str, Any],
-    *,
-    bank: Sequence[Mapping[str, Any]] = (),
-) -> list[str]:
+def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[str]:
     """Every table, of each alteration of the cases by itself."""
     lines: list[str] = []
     for ablation in dict.fromkeys(str(row["ablation"]) for row in rows):
@@ -41,7 +34,7 @@ def report(
             *(f"  {row['case']}: {row['failure']}" for row in lost),
             "states of the code: " + ", ".join(sorted({str(row["code"]) for row in own if "code" in row})),
             *tables(cases),
-            *(baseline_table(cases, lost=len(lost), bank=bank) if ablation == "whole" else []),
+            *(method_table(cases, lost=len(lost)) if ablation == "whole" and cases else []),
             "",
         ]
     return lines
@@ -60,9 +53,8 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         share("false alarms in sound cases", [one.detected for one in sound]),
         *(
             share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
-            for law in sorted({str(one.label.get("law")) for one in sound})
+            for law in sorted({one.label["law"] for one in sound if "law" in one.label})
         ),
-        *by_noise([one for one in sound if one.label.get("law") == "linear"]),
         share("single effects detected", [one.detected for one in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
         share("  named first, all", [one.named_first for one in singles]),
@@ -81,22 +73,6 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         "",
         *curves(singles),
     ]  # fmt: skip
-
-
-def by_noise(sound: Sequence[Scored]) -> list[str]:
-    """By the sensors' noise over the response: false alarms, and what the plain model leaves beyond it in
-    recordings left out, root mean square over the response."""
-    heldout = [(one.detected, one.row["heldout"]) for one in sound if one.row.get("heldout")]
-    lines = []
-    for low, high in pairwise(NOISE_SHARES):
-        own = [(detected, rms) for detected, rms in heldout if low <= rms["noise"] < high]
-        if own:
-            left = np.sqrt(max(np.median([rms["before"] ** 2 - rms["noise"] ** 2 for _, rms in own]), 0.0))
-            words = f"  linear flesh, noise {low:g} to {high:g} of the response"
-            lines.append(
-                share(words, [detected for detected, _ in own]) + f"; beyond noise {left:.3f} (median)"
-            )
-    return lines
 
 
 def _one_of_two(one: Scored) -> bool:
@@ -202,7 +178,7 @@ def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> 
                 "kind": one.kind,
                 "truth": one.physics or one.truth,
                 "category": one.label["category"],
-                "law": one.label["law"],
+                "law": one.label.get("law", ""),
                 "E_true_MPa": one.label["E_MPa"],
                 "E_grade_MPa": one.row["E_before"]["value"],
                 "E_grade_low_MPa": graded_low,

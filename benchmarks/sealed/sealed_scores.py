@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from mismatch_altered import LEFT_OUT
 from parameter_errors import parameter_errors
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from fem.mismatch.result import NONE, UNKNOWN
 
@@ -75,7 +75,7 @@ def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
     truth = label["attempts"][int(row["attempt"])]
     kind, name, physics = str(label["kind"]), str(truth["effect"]), ""
     if kind == "outside":
-        physics = str(truth["parameters"]["physics"])
+        physics = str(truth["parameters"].get("physics", ""))
         inside = IN_CATALOGUE.get(physics, physics)
         if inside in row.get("catalogue", ()):
             kind, name = "single", inside
@@ -106,9 +106,8 @@ def signal_over_noise(row: Mapping[str, Any]) -> float:
 
 def interval(count: int, total: int) -> tuple[float, float]:
     """Exact interval of a share (Clopper and Pearson)."""
-    tail = (1 - NINETY_FIVE) / 2
-    low = 0.0 if count == 0 else float(beta.ppf(tail, count, total - count + 1))
-    return low, 1.0 if count == total else float(beta.ppf(1 - tail, count + 1, total - count))
+    shares = binomtest(count, total).proportion_ci(NINETY_FIVE, method="exact")
+    return float(shares.low), float(shares.high)
 
 
 def share(title: str, truths: Sequence[bool]) -> str:

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator, MutableMapping
 from pipeline.batch.records import FruitRecord
 
 LEVEL = 1
-"""Of zlib: 4.4 KiB for a record of two grasps in 0.6 ms; level 6 saves a tenth of it and takes twice as long
-(benchmarks/many_fruit.py records)."""
+"""Of zlib: 4.4 KiB for a record of two grasps in 0.6 ms; level 6 saves a tenth of it in twice the time."""
 
 
 class PackedRecords(MutableMapping[str, FruitRecord]):

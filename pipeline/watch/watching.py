@@ -24,7 +24,7 @@ SHARE = 0.05
 """Of the time that looking may take: after a look that took t, t over this is waited."""
 AS_MANY = 10
 """Fruit that are only read again in the time in which a single one is taken in: 20 ms and 0.2 s
-(benchmarks/many_fruit.py watch)."""
+(measured with 2000 fruit)."""
 AGAIN_S = 10.0
 """Seconds after which a batch that was refused is tried again though nothing in it has changed: the cause may
 lie elsewhere (another run that writes there, a full disk)."""

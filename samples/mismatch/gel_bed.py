@@ -20,7 +20,7 @@ from samples.sample_failure import NotInEquilibrium
 
 POINTS = 4
 """Gel points along each side of a skin cell: 3 or 6 change markers by less than 0.1 um and a pad's force by
-less than 0.02 % (benchmarks/truth_convergence.py)."""
+less than 0.02 %."""
 CLOSE_MM, SPACE_MM = 0.1, 1.0
 """Only gel points this near to skin this low look up."""
 

@@ -5,16 +5,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, triple
-from samples.kinds import Proportions
 
 # half of a blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneKind(Proportions):
-    """With the spread of the height over the width, evenly to both sides."""
+class SceneKind:
+    """A kind of fruit: middle half axes (x suture, y cheeks, z stem), how deep its hollows are, its pit.
 
+    Depths are shares of the mean half axis, widths are angles in radians. `pit_over_box` are the pit's
+    semi-axes over the half box, `height_spread` the spread of the height over the width. All are assumed, by
+    eye on shop fruit.
+    """
+
+    half_axes_mm: tuple[float, float, float]
+    size_sd: float
+    stem_depth: float
+    stem_width: float
+    blossom_depth: float
+    groove_depth: float
+    groove_width: float
+    lopsided_sd: float
+    pit_over_box: tuple[float, float, float]
     height_spread: float
 
 
@@ -45,7 +58,7 @@ KINDS = {
         pit_over_box=(0.44, 0.36, 0.46),
     ),
 }  # fmt: skip
-"""By name, in the units that Proportions says (assumed, by eye on shop fruit)."""
+"""By name, in the units that SceneKind says (assumed, by eye on shop fruit)."""
 
 
 def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[str, SampleFruit]:

@@ -1,8 +1,8 @@
 """Batches of cast specimens of PDMS: balls in a grasp and a cube under a press, with rigid cores and without.
 
-How they move and what the pads feel is CalculiX's: tests/data/phantom-ball-calculix.csv, made by
-benchmarks/calculix_phantom.py, and benchmarks/forward, made by benchmarks/calculix_cases.py. Both are linear
-and of another modulus; their forces are scaled to E_MPA. Gels are stiff against PDMS: pads keep their shape.
+How they move and what the pads feel is CalculiX's: tests/data/phantom-ball-calculix.csv and
+benchmarks/forward. Both are linear and of another modulus; their forces are scaled to E_MPA. Gels are stiff
+against PDMS: pads keep their shape.
 """
 
 import csv

@@ -9,7 +9,7 @@ SEALED = Path(__file__).parents[2] / "benchmarks" / "sealed"
 
 def put_on_path() -> None:
     """Lets tests import the scripts of the proof as they import each other."""
-    for folder in (SEALED, SEALED.parent, SEALED / "baselines"):
+    for folder in (SEALED, SEALED.parent):
         if str(folder) not in sys.path:
             sys.path.append(str(folder))
 

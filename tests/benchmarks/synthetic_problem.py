@@ -44,7 +44,6 @@ def problem(
         signatures=signatures,
         rows=rows,
         products=products,
-        samples=rng.normal(size=(80, 9)),
         count=recordings * numbers,
         facts={"compliance": 2.0, "compliance_ratio": 1.0, "variance": {}, "gains": {}},
     )

@@ -6,7 +6,6 @@ from sealed_truths import label, put_on_path, row
 
 put_on_path()
 from psychometric import fitted_curve  # noqa: E402
-from sealed_figures import draw_figures  # noqa: E402
 from sealed_report import report  # noqa: E402
 from sealed_scores import interval, parameter_rows, scored, signal_over_noise  # noqa: E402
 
@@ -107,7 +106,6 @@ def test_a_curve_finds_the_half_of_the_law_that_drew_its_cases():
     curve = fitted_curve(x.tolist(), seen.tolist())
     assert curve.half == pytest.approx(0.3, rel=0.2)
     assert curve.steepness == pytest.approx(2.5, rel=0.25)
-    assert curve.share(0.3) == pytest.approx(0.5, abs=0.1)
 
 
 def test_a_curve_of_cases_all_seen_is_finite_and_marked():
@@ -115,10 +113,3 @@ def test_a_curve_of_cases_all_seen_is_finite_and_marked():
     assert np.isfinite(curve.half)
     assert not curve.bracketed
     assert curve.half < 1.0
-
-
-def test_diagrams_are_drawn(tmp_path):
-    draw_figures(tmp_path, [own for _, own in CASES.values()], LABELS)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "psychometric-whole.png", "psychometric-whole.svg", "reliability-whole.png", "reliability-whole.svg",
-    ]  # fmt: skip

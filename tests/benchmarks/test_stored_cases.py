@@ -1,7 +1,7 @@
 """Stored linear problems replay through the selection code to the verdict of when they were written.
 
-Cases are of ../data/mismatch-open, of a contact simulation that is not ours; written by
-`python benchmarks/sealed/bank_features.py FOLDER... --rows JSONL --stored tests/benchmarks/cases`.
+Cases are the first labelled cases of an external contact simulation. `git show
+4ce97fb9:benchmarks/sealed/bank_features.py` wrote them.
 """
 
 from pathlib import Path

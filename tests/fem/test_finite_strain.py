@@ -282,7 +282,7 @@ def test_another_poisson_ratio_than_the_solids_is_refused(free):
 
 @pytest.mark.slow
 def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
-    """benchmarks/cube_calculix.py, hexahedra of another program; linear flesh would be 10 % off."""
+    """Hexahedra of another program; linear flesh would be 10 % off."""
     truth = np.loadtxt("tests/data/cube-around-ball-calculix.csv", delimiter=",")
     corner = np.array([[x, y, z] for x in (0, 20.0) for y in (0, 20.0) for z in (0, 20.0)])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

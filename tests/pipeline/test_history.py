@@ -4,22 +4,19 @@ import csv
 import json
 import math
 import sqlite3
-import sys
 from dataclasses import asdict, replace
 from datetime import UTC, date, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from campaign_history import LOTS, REVISIONS, counted_after, lot_cell
 from graded_results import graded, results_of
+from revised_batches import LOTS, REVISIONS, revised
 from scipy.stats import linregress
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import FruitRecord
 from pipeline.history.history_store import history_store
+from pipeline.history.history_table import history_csv
 from pipeline.history.lot_history import history_entry
 from pipeline.history.scale_conversion import NotFitted, fitted_conversion
 from pipeline.history.softening import DAY_SD, reached, softening_of
@@ -617,11 +614,19 @@ def test_no_cell_of_the_table_starts_a_formula(drupe, tmp_path, lot):
 
 
 @pytest.mark.parametrize("revision", REVISIONS)
-def test_the_campaigns_revisions_count_what_they_state(tmp_path, revision):
-    found, expected = counted_after(stored_batch(day_of(tmp_path / "b" / "results", DAY)), revision)
-    assert found == expected
+def test_of_results_and_their_revision_each_fruit_counts_once_as_the_latest_have_it(tmp_path, revision):
+    batch = stored_batch(day_of(tmp_path / "b" / "results", DAY))
+    later, expected = revised(batch, revision)
+    with history_store(None) as store:
+        for results in (batch, later, batch):
+            store.add(results)
+        counted = [fruit for kept in store.batches() for fruit in kept.fruit]
+    assert all(fruit in counted for fruit in later.fruit)
+    assert len(counted) == expected
 
 
 @pytest.mark.parametrize("lot", LOTS)
-def test_the_campaigns_lots_have_the_cells_that_they_state(tmp_path, lot):
-    assert lot_cell(stored_batch(day_of(tmp_path / "b" / "results", DAY)), lot) == LOTS[lot]
+def test_a_lot_that_is_a_formula_has_a_cell_that_is_none(tmp_path, lot):
+    batch = stored_batch(day_of(tmp_path / "b" / "results", DAY))
+    row = next(csv.DictReader(history_csv([replace(batch, lot=lot)], {}).splitlines()))
+    assert row["lot"] == LOTS[lot]

@@ -2,16 +2,13 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 from unittest import mock
 
 import cv2
+import heic_files
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-import heic_files
 
 import pipeline.fruit.fruit_shape
 from pipeline.batch.layout import Results

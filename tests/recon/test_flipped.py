@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from dull_fruit import CHERRY, PLUM, skin_of_kind
 from scipy.spatial.transform import Rotation
 
 from recon import underside
@@ -19,7 +20,6 @@ from recon.surface.flipped import ScannedSide, both_sides
 from recon.triangle_mesh import vertex_normals, volume_mm3
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
-from samples.kinds import fruit_of_kind
 
 NOISE_MM, GUESS_MM = 0.05, 0.6
 
@@ -52,12 +52,12 @@ def laid_over(vertices: np.ndarray, tilt_deg: float, turn_deg: float) -> tuple[n
     return over - [0.0, 0.0, over[:, 2].min()], turn
 
 
-@pytest.mark.parametrize(
-    ("kind", "seed", "tilt", "turn"), [("plum", 3, 12.0, 250.0), ("cherry", 10, -8.0, 95.0)]
-)
-def test_the_underside_comes_from_the_fruit_laid_over(kind: str, seed: int, tilt: float, turn: float) -> None:
+@pytest.mark.parametrize(("kind", "seed", "tilt", "turn"), [(PLUM, 3, 12.0, 250.0), (CHERRY, 10, -8.0, 95.0)])
+def test_the_underside_comes_from_the_fruit_laid_over(
+    kind: tuple, seed: int, tilt: float, turn: float
+) -> None:
     rng = np.random.default_rng(4)
-    true, faces = skin_mesh(fruit_of_kind(kind, seed=seed).skin, cells=24)
+    true, faces = skin_mesh(skin_of_kind(kind, seed=seed), cells=24)
     over, rotation = laid_over(true, tilt, turn)
     upright = photographed(true, faces, rng)
     found = both_sides(upright, photographed(over, faces, rng))
@@ -77,8 +77,8 @@ def test_the_underside_comes_from_the_fruit_laid_over(kind: str, seed: int, tilt
 
 def test_another_fruit_and_another_scale_are_refused() -> None:
     rng = np.random.default_rng(5)
-    plum, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=20)
-    other, _ = laid_over(skin_mesh(fruit_of_kind("plum", seed=8).skin, cells=20)[0], 3.0, 40.0)
+    plum, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=20)
+    other, _ = laid_over(skin_mesh(skin_of_kind(PLUM, seed=8), cells=20)[0], 3.0, 40.0)
     upright = photographed(plum, faces, rng)
     with pytest.raises(ReconFailure, match="another fruit") as refused:
         both_sides(upright, photographed(other, faces, rng))
@@ -93,7 +93,7 @@ def test_another_fruit_and_another_scale_are_refused() -> None:
 
 def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
     rng = np.random.default_rng(6)
-    d, faces = skin_mesh(replace(fruit_of_kind("plum", seed=3).skin, cubic=np.zeros((3, 3, 3))), cells=20)
+    d, faces = skin_mesh(replace(skin_of_kind(PLUM, seed=3), cubic=np.zeros((3, 3, 3))), cells=20)
     d = d / np.linalg.norm(d, axis=1, keepdims=True)
     belt = np.exp(-((d[:, 2] + 0.9) ** 2) / 0.02)  # the underside alone tells one half turn from the other
     egg = d * (20.0 + 1.5 * d[:, :1] ** 2 + 2.5 * (belt * d[:, 0])[:, None])
@@ -109,7 +109,7 @@ def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
 
 
 def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_path: Path) -> None:
-    plum, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=12)
+    plum, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
     upright = Reconstruction(
         vertices=plum, faces=faces, scale_sd=0.001, surface_sd_mm=0.1, quality=NOTHING_KNOWN, warnings=("a",),
         seconds={}, frame="mat",
@@ -149,7 +149,7 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rng = np.random.default_rng(4)
-    true, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=24)
+    true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=24)
     over, _ = laid_over(true, 12.0, 250.0)
     high = float(np.ptp(true[:, 2])), float(np.ptp(over[:, 2]))
     upright = reconstruction(photographed(true, faces, rng), faces, high[0])
@@ -174,7 +174,7 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
 def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    true, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=12)
+    true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
     side = ScannedSide.of(true, faces, around(30.0))
     upright = reconstruction(side, faces, 30.0)
     few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))

@@ -2,22 +2,10 @@
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import h5py
 import numpy as np
-from campaign_changes import Change, put, with_bytes
-
-
-def hdf5_changed(change: Callable[[h5py.File], None]) -> Change:
-    """The file's own copy, changed through HDF5."""
-
-    def done(path: Path, _: np.random.Generator) -> None:
-        put(path, path.read_bytes())
-        with h5py.File(path, "r+") as file:
-            change(file)
-
-    return done
+from file_damage import Change, with_array, with_bytes, with_hdf5
 
 
 def _field(name: str, make: Callable[[np.ndarray], object]) -> Change:
@@ -26,7 +14,7 @@ def _field(name: str, make: Callable[[np.ndarray], object]) -> Change:
         del file[name]
         file[name] = make(values)
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
 def _lies(name: str, how: str) -> Change:
@@ -57,7 +45,7 @@ def _lies(name: str, how: str) -> Change:
         elif how == "objects":
             file.create_dataset(name, data=[file.ref] * 3, dtype=h5py.ref_dtype)
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
 def _set(values: np.ndarray, number: float) -> np.ndarray:
@@ -74,7 +62,7 @@ def _attribute(place: str, name: str, value: object) -> Change:
         else:
             held[name] = value
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
 def recordings() -> dict[str, Change]:
@@ -94,7 +82,7 @@ def recordings() -> dict[str, Change]:
         said[f"{name}: empty"] = _field(name, lambda v: v[:0])
         said[f"{name}: backwards"] = _field(name, lambda v: v[::-1])
         said[f"{name}: a scalar"] = _field(name, lambda _: 1.0)
-        said[f"{name}: removed"] = hdf5_changed(lambda file, n=name: file.__delitem__(n))
+        said[f"{name}: removed"] = with_hdf5(lambda file, n=name: file.__delitem__(n))
         for how in ("moved", "external", "raw", "claimed", "chunk", "virtual", "group", "text", "objects"):
             said[f"{name}: {how}"] = _lies(name, how)
     pads = [
@@ -119,19 +107,10 @@ def recordings() -> dict[str, Change]:
     return said
 
 
-def _arrays(change: Callable[[np.ndarray], np.ndarray]) -> Change:
-    def done(path: Path, _: np.random.Generator) -> None:
-        values = change(np.load(path))
-        path.unlink()
-        np.save(path, values, allow_pickle=True)
-
-    return done
-
-
 NPY: dict[str, Change] = {
     "10^12 values claimed": with_bytes(lambda d: d.replace(b"(20,", b"(999999999999,")),
-    "nan": _arrays(lambda v: v * np.nan),
-    "1e300": _arrays(lambda v: v * 1e300 + 1e300),
-    "a frame less": _arrays(lambda v: v[:-1]),
-    "objects": _arrays(lambda _: np.array([{}] * 20, object)),
+    "nan": with_array(lambda v: v * np.nan),
+    "1e300": with_array(lambda v: v * 1e300 + 1e300),
+    "a frame less": with_array(lambda v: v[:-1]),
+    "objects": with_array(lambda _: np.array([{}] * 20, object)),
 }

@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import trimesh
-from campaign_changes import Change, put, with_bytes
+from file_damage import Change, put, with_bytes, with_hdf5
 
 from recon.surface.mesh_file import mesh_bytes, read_mesh
 
@@ -50,15 +50,6 @@ def _copied(to: str) -> Change:
         path.with_name(to).write_bytes(path.read_bytes())
 
     return change
-
-
-def _h5(change: Callable[[h5py.File], None]) -> Change:
-    def done(path: Path, _: np.random.Generator) -> None:
-        put(path, path.read_bytes())
-        with h5py.File(path, "r+") as file:
-            change(file)
-
-    return done
 
 
 def _named() -> Iterator[Row]:
@@ -312,8 +303,8 @@ def _left_open(path: Path, _: np.random.Generator) -> None:
 
 
 def _recordings() -> Iterator[Row]:
-    yield "MATLAB's dimensions", RECORDING, _h5(_reversed), SAME
-    yield "MATLAB's vectors", RECORDING, _h5(partial(_reversed, names=("time_s", "aperture_mm"))), SAME
+    yield "MATLAB's dimensions", RECORDING, with_hdf5(_reversed), SAME
+    yield "MATLAB's vectors", RECORDING, with_hdf5(partial(_reversed, names=("time_s", "aperture_mm"))), SAME
     for name, shape in (
         ("displacement_mm", r"\(3, 25, 20\)"),
         ("rest_mm", r"\(3, 25\)"),
@@ -323,20 +314,20 @@ def _recordings() -> Iterator[Row]:
         yield (
             f"{name} reversed alone",
             RECORDING,
-            _h5(partial(_reversed, names=(field,))),
+            with_hdf5(partial(_reversed, names=(field,))),
             (rf"{field}: found shape {shape}, expected shape .*reversed, as MATLAB writes them"),
         )
     yield (
         "epoch seconds in 32 bits",
         RECORDING,
-        _h5(_epoch_in_32_bits),
+        with_hdf5(_epoch_in_32_bits),
         (r"time_s: found equal times .* in 32 bits, .*float32 has steps of 128 s there.*write float64"),
     )
     for number, name in ((32015, "Zstandard"), (32001, "Blosc"), (307, "bzip2"), (500, "without a name")):
         yield (
             f"filter {number}",
             RECORDING,
-            _h5(_packed(number)),
+            with_hdf5(_packed(number)),
             (rf"force_N: found values packed by the filter {name} \(number {number}\), which is not"),
         )
     yield "left open by its writer", RECORDING, _left_open, r"its writer has not closed.*h5clear -s"

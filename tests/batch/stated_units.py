@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from campaign_changes import Change, put
-from campaign_sound import PRESS
+from file_damage import Change, put, with_array
+from sound_inputs import PRESS
 
 SAME = "same"
 S, MM, N = ("Time (s)", 1.0), ("Travel (mm)", 1.0), ("Force (N)", 1.0)
@@ -85,7 +85,13 @@ def inverted_signs() -> Iterator[tuple[str, str, Change, str]]:
                 _inverted(names),
                 rf"fields\.npz: {named} {said} has the wrong sign",
             )
-    yield "Tac3D's forces", "sources/tac3d", _turned, r"tac3d: the tip pad's force has the wrong sign"
+    turned = with_array(np.negative)
+    yield (
+        "Tac3D's forces",
+        "sources/tac3d",
+        lambda path, rng: turned(path / "AD2" / "3D_Forces.npy", rng),
+        r"tac3d: the tip pad's force has the wrong sign",
+    )
 
 
 def _inverted(names: list[str]) -> Change:
@@ -96,10 +102,3 @@ def _inverted(names: list[str]) -> Change:
         np.savez(path, **arrays)
 
     return change
-
-
-def _turned(path: Path, _: np.random.Generator) -> None:
-    forces = path / "AD2" / "3D_Forces.npy"
-    values = -np.load(forces)
-    forces.unlink()
-    np.save(forces, values)

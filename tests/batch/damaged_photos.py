@@ -4,15 +4,17 @@ states what it expects.
 
 import shutil
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import cv2
-import heic_files
 import numpy as np
-from campaign_changes import Change, with_bytes
-from campaign_inputs import Broken
+from file_damage import Broken, Change, with_bytes
+
+sys.path.append(str(Path(__file__).parents[1] / "pipeline"))
+import heic_files
 
 QUADRANTS = "200 40 40, 40 180 60, 50 60 190, 230 220 200"
 """Colours of tests/data/quadrants.heic, RGB to ten levels: top left and right, below left and right."""

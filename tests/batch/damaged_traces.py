@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from campaign_changes import Change, put
+from file_damage import Change, put
 
 HEADER = "time_s,travel_mm,force_N"
 FORMAT, TRACE = "trace of a press", "sources/trace.csv"

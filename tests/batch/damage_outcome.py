@@ -1,11 +1,8 @@
-"""Broken inputs, one at a time: each must end in a clear error, or be read as what it says; nothing may hang,
-take all memory, or show the inside of a library.
+"""What drupe says of a broken input: a clear error, or what it reads; nothing may hang, take all memory, or
+show the inside of a library.
 
-    python benchmarks/campaign.py [--every N] [--list]
-
-Every case (campaign_inputs.py, always the same) changes one file of a small sound batch, case or source and
-gives it to `drupe check`, to the reader of `drupe explain` or to `drupe convert`, in a process of its own
-with limits of time and memory. The verdicts:
+A case changes one file of a small sound batch, case or source (sound_inputs.py). `drupe check`, the reader of
+`drupe explain` or `drupe convert` then reads it, in a process of its own with limits of time and memory:
 
 - clear error: a sentence with the file's own name (or that of the folder that `convert` was given), with no
   traceback and no words of a library;
@@ -15,8 +12,6 @@ with limits of time and memory. The verdicts:
   case that states what it expects (`Broken.expects`), every other value or message, silence included.
 """
 
-import argparse
-import csv
 import hashlib
 import json
 import os
@@ -28,14 +23,12 @@ import signal
 import tempfile
 import time
 import traceback
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from campaign_inputs import Broken, cases
-from campaign_sound import write_sound
-from campaign_traces import TRACE
+from damaged_traces import TRACE
+from file_damage import Broken
 
 from pipeline.batch.opening import survey
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -60,7 +53,6 @@ LIBRARY = re.compile(
     r"Traceback|Errno|pydantic|Input should|H5[A-Z]\w+|HDF5 error|numpy\.|<class|object at 0x|cv2\.|trimesh|"
     r"\[ONNXRuntimeError\]|codec can't decode|invalid literal|Expecting value"
 )
-VERDICTS = ("clear error", "same", "other", "FAILED")
 
 
 def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
@@ -228,36 +220,6 @@ def _in_a_child(command: str, root: Path, path: str) -> tuple[tuple[list[str], s
 BASELINE_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def main() -> None:
-    """Prints every failure, then the table by format."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--every", type=int, default=1, help="Only every N-th case.")
-    parser.add_argument("--format", default="", help="Only formats that hold this text.")
-    parser.add_argument("--list", action="store_true", help="Print every case's verdict.")
-    parser.add_argument("--csv", type=Path, help="Write every case's verdict here.")
-    asked = parser.parse_args()
-    chosen = [one for one in cases()[:: asked.every] if asked.format in one.format]
-    with tempfile.TemporaryDirectory() as scratch:
-        sound = Path(scratch) / "sound"
-        write_sound(sound)
-        digest = sound_digests(sound)
-        results = []
-        for one in chosen:
-            verdict, said, cpu_s, memory_MB = run(one, sound, digest)
-            results.append((one, verdict, said, cpu_s, memory_MB))
-            if asked.list or verdict == "FAILED":
-                print(f"{verdict}: {one.format}: {one.kind} ({one.seed}): {said[:1500]}", flush=True)
-    if asked.csv:
-        with asked.csv.open("w", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(["format", "kind", "seed", "verdict", "cpu_s", "memory_MB", "said"])
-            for one, verdict, said, cpu_s, memory_MB in results:
-                table.writerow(
-                    [one.format, one.kind, one.seed, verdict, f"{cpu_s:.2f}", f"{memory_MB:.0f}", said]
-                )
-    print_table(results)
-
-
 def sound_digests(sound: Path) -> dict[str, str]:
     """What is read of the sound inputs; raises RuntimeError where anything is said of them."""
     digest = {}
@@ -274,20 +236,3 @@ def sound_digests(sound: Path) -> dict[str, str]:
         if said:
             raise RuntimeError(said)
     return digest
-
-
-def print_table(results: list[tuple[Broken, str, str, float, float]]) -> None:
-    """Verdicts by format, and the largest of time and memory."""
-    print("| format | cases | " + " | ".join(VERDICTS) + " | longest, s | most memory, MB |")
-    print("|---|" + "---:|" * (len(VERDICTS) + 3))
-    formats = list(dict.fromkeys(one.format for one, *_ in results))
-    for name in [*formats, "all"]:
-        rows = [r for r in results if name in (r[0].format, "all")]
-        count = Counter(r[1] for r in rows)
-        numbers = " | ".join(str(count[v]) for v in VERDICTS)
-        longest, most = max(r[3] for r in rows), max(max(r[4] for r in rows), 0)
-        print(f"| {name} | {len(rows)} | {numbers} | {longest:.1f} | {most:.0f} |")
-
-
-if __name__ == "__main__":
-    main()

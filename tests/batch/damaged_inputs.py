@@ -1,53 +1,37 @@
-"""The ways of breaking each file of a small sound batch, case and sources (campaign_sound.py)."""
+"""The ways of breaking each file of a small sound batch, case and sources (sound_inputs.py)."""
 
 import re
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-from campaign_changes import (
+from costly_files import costly
+from damaged_photos import photo_cases
+from damaged_recordings import NPY, recordings
+from damaged_traces import FORMAT, TRACE, changes
+from file_damage import (
     ANY,
+    DIGITS,
     FACTORS,
     LINKS,
     NESTED,
     NUMBERS,
     TEXT,
+    Broken,
     Change,
     line_changed,
     number_changed,
     put,
     with_bytes,
 )
-from campaign_files import others_files
-from campaign_recordings import NPY, recordings
-from campaign_resources import costly
-from campaign_traces import FORMAT, TRACE, changes
-from campaign_units import inverted_signs, stated_units
+from foreign_files import others_files
+from stated_units import inverted_signs, stated_units
 
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Broken:
-    """One case: which file of the sound folders is changed or added, how, and which command then reads it.
-
-    `expects`: "same" where every number must be read as from the sound input, otherwise a regular expression
-    that the message must match; empty: any clear error, or any valid reading. Of the command "photo" it is
-    the size and the colours that must be read; "photos" reads a folder of them.
-    """
-
-    format: str
-    kind: str
-    path: str
-    change: Change
-    command: str = "check"
-    seed: int = 0
-    expects: str = ""
 
 
 def _text(format: str, path: str, kind: str, *, command: str = "check", numbers: int = 4) -> Iterator[Broken]:
@@ -59,7 +43,7 @@ def _text(format: str, path: str, kind: str, *, command: str = "check", numbers:
         for seed in range(3):
             yield make(kind=f"line {what}", change=line_changed(what), seed=seed)
     for k in range(numbers):
-        for new in NUMBERS:
+        for new in (*NUMBERS, *DIGITS):
             yield make(kind=f"number {new[:9]}", change=number_changed(k * 3 + 1, new))
         for factor in FACTORS:
             yield make(kind=f"number times {factor:g}", change=number_changed(k * 3 + 1, factor))
@@ -198,8 +182,6 @@ CHARTS: dict[str, Change] = {
 
 def cases() -> list[Broken]:
     """Every case, always the same."""
-    from campaign_photos import photo_cases  # it makes cases of this module
-
     first, second, raw = "batch/fruits/A", "batch/fruits/B", "batch/fruits/B/grasps/raw"
     return [
         *_text("batch.toml", "batch/batch.toml", "toml", numbers=6),
@@ -240,7 +222,7 @@ def cases() -> list[Broken]:
             Broken(format="signs", kind=kind, path=path, change=c, command="convert", expects=expects)
             for kind, path, c, expects in inverted_signs()
         ),
-        *(Broken(**vars(one)) for one in costly()),
+        *costly(),
         *(
             Broken(
                 format="control chart",

@@ -8,7 +8,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-SOURCE = Path(__file__).resolve().parents[1] / "tests" / "data" / "quadrants.heic"
+SOURCE = Path(__file__).resolve().parents[1] / "data" / "quadrants.heic"
 WIDTH, HEIGHT = 96, 72
 _SEQUENCE_NAL = b"\x42\x01"
 """Header of the NAL unit with the sequence parameters (H.265, 7.4.2.2: type 33)."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from campaign_traces import TRACE, write_trace
+from damaged_traces import TRACE, write_trace
 from jaxtyping import UInt8
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
@@ -16,7 +16,7 @@ from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
 from tactile.io.recording import GelPad, Recording, write_recording
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BATCH = """category = "mine.toml"
 cultivar = "own"
 harvest_date = 2026-08-14

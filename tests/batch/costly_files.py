@@ -6,15 +6,13 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import cv2
 import h5py
 import numpy as np
-from campaign_changes import Change, put, with_bytes
-from campaign_recordings import hdf5_changed
+from file_damage import Broken, Change, put, with_bytes, with_hdf5
 
 PARTS = 25_000
 """Of a dotted key: 100 kB of it."""
@@ -42,30 +40,18 @@ TOML_FILES = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Costly:
-    """The fields of `campaign_inputs.Broken` that these cases state."""
-
-    format: str
-    kind: str
-    path: str
-    change: Change
-    expects: str
-    command: str = "check"
-
-
-def _toml() -> Iterator[Costly]:
+def _toml() -> Iterator[Broken]:
     for number, (format, path, command) in enumerate(TOML_FILES):
         for place, (kind, text) in enumerate(TOML_KEYS.items()):
             if number == 0 or place in (number, number + 2):
                 change = with_bytes(lambda data, text=text: text + data)
-                yield Costly(
+                yield Broken(
                     format=format, kind=f"key of {PARTS} parts, {kind}", path=path, change=change,
                     command=command, expects=TOO_DEEP,
                 )  # fmt: skip
         for kind, text in TOML_SOUND.items() if number == 2 else ():
             change = with_bytes(lambda data, text=text: text + data)
-            yield Costly(
+            yield Broken(
                 format=format, kind=kind, path=path, change=change, command=command, expects="same"
             )  # fmt: skip
 
@@ -83,7 +69,7 @@ def _linked(place: str, target: str, *, pipe: bool = False) -> Change:
             del file[place]
         file[place] = h5py.ExternalLink(target, "/pads")
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
 def _large(markers: int, pads: tuple[str, ...]) -> Change:
@@ -100,7 +86,7 @@ def _large(markers: int, pads: tuple[str, ...]) -> Change:
                 shape = (frames, markers, 3)
                 file.create_dataset(f"pads/{pad}/{name}", shape, "f8", chunks=True, compression="gzip")
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
 @cache
@@ -119,10 +105,10 @@ def _unpacks_to(place: str, count: int) -> Change:
         data = file.create_dataset(place, shape, "f8", chunks=shape, compression="gzip")
         data.id.write_direct_chunk((0,) * len(shape), _packed(count))
 
-    return hdf5_changed(change)
+    return with_hdf5(change)
 
 
-def _recordings() -> Iterator[Costly]:
+def _recordings() -> Iterator[Broken]:
     path = "batch/fruits/A/grasps/grasp-1.h5"
     out = r"found a link to another file"
     over = r"MB in all fields up to this one, expected at most 500 MB"
@@ -139,7 +125,7 @@ def _recordings() -> Iterator[Costly]:
         "a chunk that unpacks to 1 GB, pose": (_unpacks_to("pads/right/pose", 1_000_000_000), unpacked),
     }
     for kind, (change, expects) in changes.items():
-        yield Costly(format="recording", kind=kind, path=path, change=change, expects=expects)
+        yield Broken(format="recording", kind=kind, path=path, change=change, expects=expects)
 
 
 # --- videos
@@ -188,7 +174,7 @@ def _video(make: Callable[[], bytes]) -> Change:
     return change
 
 
-def _videos() -> Iterator[Costly]:
+def _videos() -> Iterator[Broken]:
     folder = "batch/fruits/B/grasps/raw"
     secret = b"other.avi"
     kind = r"left\.\w+: found no video of a kind that is read"
@@ -202,14 +188,14 @@ def _videos() -> Iterator[Costly]:
     }
     for name, (file, data) in lists.items():
         change = _video(lambda data=data: data)
-        yield Costly(format="video", kind=name, path=f"{folder}/{file}", change=change, expects=kind)
+        yield Broken(format="video", kind=name, path=f"{folder}/{file}", change=change, expects=kind)
     sizes: dict[str, Callable[[], bytes]] = {
         "8000 x 8000": lambda: avi(8000, 8000, [jpeg(8000)] * 5),
         "8000 x 8000 in a header of 64 x 48": lambda: avi(64, 48, [jpeg(8000)] * 5),
     }
     for name, make in sizes.items():
         path = f"{folder}/left.avi"
-        yield Costly(format="video", kind=name, path=path, change=_video(make), expects=large)
+        yield Broken(format="video", kind=name, path=path, change=_video(make), expects=large)
 
 
 # --- spreadsheets
@@ -244,7 +230,7 @@ def _xlsx(cells: dict[str, float], *, dimension: str = "A1:B2", sheet: str = "Tr
     return held.getvalue()
 
 
-def _spreadsheets() -> Iterator[Costly]:
+def _spreadsheets() -> Iterator[Broken]:
     apart = r"trace\.xlsx: sheet Trace: found .* expected at most"
     books = {
         "two cells far apart": _xlsx({"A1": 1.0, "XFD1048576": 2.0}),
@@ -255,13 +241,13 @@ def _spreadsheets() -> Iterator[Costly]:
         "one cell at the far end": _xlsx({"XFD1048576": 2.0}),
     }
     for kind, data in books.items():
-        yield Costly(
+        yield Broken(
             format="spreadsheet", kind=kind, path="sources/trace.xlsx", command="convert", expects=apart,
             change=lambda path, _, data=data: path.write_bytes(data),
         )  # fmt: skip
 
 
-def costly() -> Iterator[Costly]:
+def costly() -> Iterator[Broken]:
     """Every case, always the same."""
     yield from _toml()
     yield from _recordings()

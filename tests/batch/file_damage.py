@@ -1,13 +1,33 @@
-"""Changes that may happen to any file: bits flipped, _cut, emptied, another thing in its place."""
+"""Changes that may happen to any file: bits flipped, cut, emptied, another thing in its place."""
 
 import os
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 Change = Callable[[Path, np.random.Generator], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Broken:
+    """One case: which file of the sound folders is changed or added, how, and which command then reads it.
+
+    `expects`: "same" where every number must be read as from the sound input, otherwise a regular expression
+    that the message must match; empty: any clear error, or any valid reading. Of the command "photo" it is
+    the size and the colours that must be read; "photos" reads a folder of them.
+    """
+
+    format: str
+    kind: str
+    path: str
+    change: Change
+    command: str = "check"
+    seed: int = 0
+    expects: str = ""
 
 
 def _flip(count: int) -> Change:
@@ -38,6 +58,28 @@ def put(path: Path, data: bytes) -> None:
 def with_bytes(make: Callable[[bytes], bytes]) -> Change:
     """The whole file made anew of its bytes."""
     return lambda path, _: put(path, make(path.read_bytes()))
+
+
+def with_hdf5(change: Callable[[h5py.File], None]) -> Change:
+    """The file's own copy, changed through HDF5."""
+
+    def changed(path: Path, _: np.random.Generator) -> None:
+        put(path, path.read_bytes())
+        with h5py.File(path, "r+") as file:
+            change(file)
+
+    return changed
+
+
+def with_array(make: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """The array of a .npy file made anew."""
+
+    def changed(path: Path, _: np.random.Generator) -> None:
+        values = make(np.load(path))
+        path.unlink()
+        np.save(path, values, allow_pickle=True)
+
+    return changed
 
 
 def _instead(make: Callable[[Path], None]) -> Change:
@@ -78,21 +120,8 @@ TEXT: dict[str, Change] = {
     "5 MB of one line": with_bytes(lambda d: d + b"x" * 5_000_000),
     "escape sequences": with_bytes(lambda d: d.replace(b'"', b'"\x1b[31m', 2)),
 }
-NUMBERS = (
-    "nan",
-    "inf",
-    "-inf",
-    "-1",
-    "0",
-    "1e300",
-    "1e-300",
-    '"text"',
-    "true",
-    "[1]",
-    "",
-    "1" * 5000,
-    "1" * 400,
-)
+NUMBERS = ("nan", "inf", "-inf", "-1", "0", "1e300", "1e-300", '"text"', "true", "[1]", "")
+DIGITS = ("1" * 5000, "1" * 400)
 FACTORS = (10.0, 0.1, 1000.0, 0.001, -1.0)
 
 

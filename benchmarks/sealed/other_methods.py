@@ -1,0 +1,64 @@
+"""The finder beside the other methods whose answers the blind rows hold: false alarms, naming, E."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from parameter_errors import NINETY
+from sealed_scores import Scored, inside
+
+METHODS = ("modulus alone", "Gaussian process", "sparse regression")
+FINDER = "this finder"
+
+
+def finder_answer(one: Scored) -> dict[str, Any]:
+    """The finder's answer, as the rows hold those of other methods."""
+    E = one.row["E_after"]
+    return {
+        "verdict": list(one.verdict) if one.detected else ["none"],
+        "order": list(one.order) if one.detected and not one.unknown else [],
+        "E": [E["value"], E["sd"]],
+    }
+
+
+def method_table(cases: Sequence[Scored], *, lost: int = 0) -> list[str]:
+    """One row per method over all answered cases; `lost`: cases without the finder's answer, told apart."""
+    answers: dict[str, list[dict[str, Any] | None]] = {FINDER: [finder_answer(one) for one in cases]}
+    for name in METHODS:
+        answers[name] = [one.row.get("baselines", {}).get(name) for one in cases]
+    lines = ["", f"beside baselines ({len(cases)} cases{f', {lost} more without an answer' if lost else ''})"]
+    lines.append(
+        f"  {'':18s} {'false alarms':>14s} {'first name':>12s} {'both of pair':>13s} {'unknown':>9s} "
+        f"{'E inside':>10s} {'E error':>8s}"
+    )
+    return lines + [row_of(name, cases, own) for name, own in answers.items() if any(own)]
+
+
+def row_of(name: str, cases: Sequence[Scored], answers: Sequence[Mapping[str, Any] | None]) -> str:
+    """One method: counts by kind; E inside its 90 % interval; median |error| of E."""
+    both = [(one, own) for one, own in zip(cases, answers, strict=True) if own is not None]
+
+    def counted(kind: str, right: Any) -> str:
+        rows = [bool(right(one, own)) for one, own in both if one.kind == kind]
+        return f"{sum(rows)} of {len(rows)}"
+
+    E = np.array([[one.label["E_MPa"], *own["E"]] for one, own in both])
+    held = [inside((value - NINETY * sd, value + NINETY * sd), truth) for truth, value, sd in E]
+    cells = (
+        counted("sound", lambda _, own: own["verdict"] != ["none"]),
+        counted("single", lambda one, own: list(own["order"])[:1] == [one.truth]),
+        counted("pair", lambda one, own: first_two(own["order"]) == set(one.truth.split("+"))),
+        counted("outside", lambda _, own: own["verdict"] == ["unknown"]),
+        f"{sum(held)} of {len(held)}",
+        f"{np.median(np.abs(E[:, 1] / E[:, 0] - 1)):.1%}",
+    )
+    return f"  {name:18s} " + " ".join(
+        f"{cell:>{width}s}" for cell, width in zip(cells, (14, 12, 13, 9, 10, 8), strict=True)
+    )
+
+
+def first_two(order: Sequence[str]) -> set[str]:
+    """The first two effects of an order, in one explanation or in two."""
+    if order and "+" in order[0]:
+        return set(order[0].split("+"))
+    return set(order[:2])
