@@ -9,15 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from drupe.batches import GradedBatch, grade, read
+    from drupe.explained import ExplainedMismatch, explain, explain_fruit
     from drupe.frames import LiveModulus, live
-    from drupe.measured import (
-        ExplainedMismatch,
-        MarkerResidual,
-        MeasuredModulus,
-        explain,
-        explain_fruit,
-        modulus,
-    )
+    from drupe.measured import MarkerResidual, MeasuredModulus, modulus
     from drupe.recordings import jaw_poses, read_recording, recording, write_recording
     from drupe.refusal import DrupeError
 
@@ -42,13 +36,12 @@ __all__ = [
 
 _MODULES = {
     "batches": ("GradedBatch", "grade", "read"),
+    "explained": ("ExplainedMismatch", "explain", "explain_fruit"),
     "frames": ("LiveModulus", "live"),
-    "measured": (
-        "ExplainedMismatch", "MarkerResidual", "MeasuredModulus", "explain", "explain_fruit", "modulus",
-    ),
+    "measured": ("MarkerResidual", "MeasuredModulus", "modulus"),
     "recordings": ("jaw_poses", "read_recording", "recording", "write_recording"),
     "refusal": ("DrupeError",),
-}  # fmt: skip
+}
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 

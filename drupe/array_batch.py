@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 
 from drupe.numbers import numbers
 from drupe.refusal import DrupeError, refusals
-from pipeline.batch.layout import BatchFolder, FruitResults
+from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.scratch import scratch
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.problem import refused
 from pipeline.run.checking import ImplausibleNumbers
 from recon.surface.mesh_file import write_mesh
 from tactile.io.recording import Recording, write_recording
@@ -26,6 +27,10 @@ Pit: TypeAlias = Surface | Literal["none", "prior"]
 FRUIT_ID = "fruit"
 ANY_CATEGORY = "phantom"
 """The category of which drupe assumes neither pit nor Poisson's ratio, and the widest range of E."""
+
+
+def silent(_: str) -> None:
+    """Reports no progress."""
 
 
 @contextmanager
@@ -68,14 +73,11 @@ def array_batch(
 
 def array_task(root: Path) -> FruitTask:
     """The task of the batch's fruit; raises BatchRefused for settings and sizes that no fruit has."""
-    from pipeline.batch.layout import Results
-    from pipeline.problem import refused
-
     batch = open_batch(root)
     if said := ImplausibleNumbers(batch).said(batch.row_of[FRUIT_ID]):
         raise refused("mesh", said)
     task = fruit_task(batch, FRUIT_ID, Results(root / "results"), screen=False)
-    FruitResults(task.results.root).claim()
+    task.results.claim()
     return task
 
 
@@ -100,6 +102,8 @@ def _toml(stated: Mapping[str, Any]) -> str:
             try:
                 text = json.dumps(one, allow_nan=False)
             except (TypeError, ValueError):
-                raise DrupeError(f"settings: found {one!r} for {key}, expected a number, text or list") from None
+                raise DrupeError(
+                    f"settings: found {one!r} for {key}, expected a number, text or list"
+                ) from None
             lines.append(f"{key if name is None else f'{key}.{name}'} = {text}\n")
     return "".join(lines)

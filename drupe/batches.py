@@ -28,8 +28,8 @@ COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()"
 class GradedBatch:
     """Results of `drupe grade` in `folder`.
 
-    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md): whole numbers
-    as Int64, other numbers as Float64, `reference` as bool, texts as string; unknown values are missing.
+    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole numbers
+    are Int64, other numbers Float64, `reference` is bool, texts are string; unknown values are missing.
     `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
     """
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits
 
-from drupe.array_batch import Pit, Surface, array_batch, array_task
-from drupe.measured import silent
+from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
 from drupe.numbers import numbers
 from drupe.refusal import DrupeError
 from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
@@ -28,14 +29,14 @@ from tactile.registration import depth_along
 class LivePad:
     """A pad before it touches: zero and noise of its readings, and which of its markers the model has."""
 
-    rest_mm: np.ndarray
-    displacement_zero_mm: np.ndarray
-    force_zero_N: np.ndarray
+    rest_mm: Float[np.ndarray, "n 3"]
+    displacement_zero_mm: Float[np.ndarray, "n 3"]
+    force_zero_N: Float[np.ndarray, "n 3"]
     displacement_sd_mm: float
     force_sd_N: float
-    neighbours: Sequence[Sequence[int]]
-    used: np.ndarray
-    surface_mm: np.ndarray
+    neighbours: csr_array
+    used: Bool[np.ndarray, " n"]
+    surface_mm: Float[np.ndarray, "k 3"]
 
 
 class LiveModulus:
@@ -46,7 +47,7 @@ class LiveModulus:
         self.restart()
 
     @property
-    def markers(self) -> tuple[np.ndarray, ...]:
+    def markers(self) -> tuple[Int[np.ndarray, " _k"], ...]:
         """Indices of each pad's markers in the model; residuals of a frame follow them, pad after pad."""
         return tuple(np.flatnonzero(pad.used) for pad in self._pads)
 

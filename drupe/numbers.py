@@ -1,4 +1,4 @@
-"""The user's arrays as arrays of numbers, or an error that names the array, its shape and the expected one."""
+"""The user's arrays as arrays of numbers, or an error that names array, shape and expected shape."""
 
 import numpy as np
 from numpy.typing import ArrayLike

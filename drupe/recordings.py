@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from drupe.numbers import numbers
 from drupe.refusal import DrupeError, refusals
+from pipeline.batch.scratch import scratch
+from pipeline.files.whole_file import put
 from tactile.io.recording import GelPad, Recording
 from tactile.io.recording import read_recording as read_h5
 from tactile.io.recording import write_recording as write_h5
@@ -23,7 +26,7 @@ def jaw_poses(
     centre_mm: ArrayLike,
     closing: ArrayLike = (1.0, 0.0, 0.0),
     up: ArrayLike = (0.0, 0.0, 1.0),
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, "t 4 4"], Float[np.ndarray, "t 4 4"]]:
     """Poses (T, 4, 4) of both pads of a gripper that closes in a straight line, from its aperture (T,) in mm.
 
     `centre_mm` (3,): the point halfway between the jaws, in the mesh's frame. `closing` (3,): direction from
@@ -116,8 +119,6 @@ def recording(
 
 def as_in_a_file(held: Recording) -> Recording:
     """The recording as its file gives it back, with every check of the file's reader; raises DrupeError."""
-    from pipeline.batch.scratch import scratch
-
     with refusals(), scratch() as folder:
         write_h5(folder / "recording", held)
         return read_h5(folder / "recording")
@@ -129,9 +130,6 @@ def write_recording(path: str | Path, held: Recording) -> None:
     Displacement and force are stored in single precision. Raises DrupeError where something exists at `path`
     or the place cannot be written to: drupe never overwrites a file of yours.
     """
-    from pipeline.batch.scratch import scratch
-    from pipeline.files.whole_file import put
-
     path = Path(path)
     if path.exists() or path.is_symlink():
         raise DrupeError(f"{path}: exists already; give another name, or move the file away")

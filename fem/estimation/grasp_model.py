@@ -72,8 +72,10 @@ def grasp_model(
     )
 
 
-def marker_compliance(links: Sequence[PadLink], contact: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "d d"]:
-    """L' K^-1 L, pad by pad; symmetric."""
+def marker_compliance(
+    links: Sequence[PadLink], contact: Float[np.ndarray, "c c"]
+) -> Float[np.ndarray, "d d"]:
+    """C = L' K^-1 L of all pads' markers, mm MPa / N; symmetric. `contact`: K^-1 on the contact nodes."""
     columns = []
     for link in links:
         moved = contact @ link.plain + (contact @ link.rigid) @ link.balance

@@ -16,6 +16,7 @@ PAGES = (
     "docs/guide.md",
     "docs/index.md",
     "docs/licences.md",
+    "docs/python.md",
     "docs/tutorial.md",
     "docs/validation.md",
     *(page.relative_to(ROOT).as_posix() for page in sorted((ROOT / "docs" / "decisions").glob("*.md"))),
