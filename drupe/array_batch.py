@@ -44,6 +44,10 @@ def array_batch(
     settings: Mapping[str, Any] | None,
 ) -> Iterator[Path]:
     """The folder of the batch, gone afterwards; raises DrupeError for wrong arrays and recordings."""
+    if not recordings:
+        raise DrupeError("recordings: found none, expected one or more of this fruit")
+    if nu is None and category is None:
+        raise DrupeError("nu: found None without a category, expected Poisson's ratio, for example 0.45")
     named = sorted({held.fruit_id for held in recordings} - {"unknown", ""})
     if len(named) > 1:
         raise DrupeError(f"recordings: found fruit {', '.join(named)}, expected one fruit")

@@ -28,8 +28,8 @@ COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()"
 class GradedBatch:
     """Results of `drupe grade` in `folder`.
 
-    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole numbers
-    are Int64, other numbers Float64, `reference` is bool, texts are string; unknown values are missing.
+    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole
+    numbers are Int64, others Float64, `reference` is bool, texts are string; unknown values are missing.
     `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
     """
 

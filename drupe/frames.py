@@ -1,17 +1,16 @@
 """E from each frame while a gripper closes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits
 
 from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
-from drupe.numbers import numbers
+from drupe.numbers import PerPad, numbers
 from drupe.refusal import DrupeError
 from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
 from fem.grasp_history import PadHistory
@@ -55,9 +54,7 @@ class LiveModulus:
         """Begins again before the first touch."""
         self._before = FirstTouch.none(sum(int(pad.used.sum()) for pad in self._pads))
 
-    def estimate(
-        self, displacement_mm: Sequence[ArrayLike], force_N: Sequence[ArrayLike], pose: Sequence[ArrayLike]
-    ) -> FrameEstimate:
+    def estimate(self, displacement_mm: PerPad, force_N: PerPad, pose: PerPad) -> FrameEstimate:
         """E from this frame and the markers' first touches; an entry per pad in each argument.
 
         `displacement_mm` and `force_N` (N, 3) as in `recording`; `pose` (4, 4). Gives `E_MPa`, `E_sd_MPa`

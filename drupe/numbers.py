@@ -1,11 +1,16 @@
 """The user's arrays as arrays of numbers, or an error that names array, shape and expected shape."""
 
+from collections.abc import Sequence
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from drupe.refusal import DrupeError
 
-Length = int | None
+PerPad: TypeAlias = Sequence[ArrayLike] | np.ndarray
+"""An array per pad: left, right; or the only one."""
+Length: TypeAlias = int | None
 """Of an axis; None: any from 1 on."""
 
 

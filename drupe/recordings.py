@@ -1,13 +1,12 @@
 """Recordings from arrays and from files."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from drupe.numbers import numbers
+from drupe.numbers import PerPad, numbers
 from drupe.refusal import DrupeError, refusals
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
@@ -52,10 +51,10 @@ def recording(
     *,
     time_s: ArrayLike,
     aperture_mm: ArrayLike,
-    rest_mm: Sequence[ArrayLike],
-    displacement_mm: Sequence[ArrayLike],
-    force_N: Sequence[ArrayLike],
-    pose: Sequence[ArrayLike],
+    rest_mm: PerPad,
+    displacement_mm: PerPad,
+    force_N: PerPad,
+    pose: PerPad,
     gel_stiffness_MPa_per_mm: tuple[float, float],
     fruit_id: str = "unknown",
     category: str = "unknown",
