@@ -1,13 +1,50 @@
 """Poses of the two pads of a gripper that closes in a straight line, from its aperture alone."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from jaxtyping import Float
 
+from tactile.io.converted import Converted
+from tactile.io.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_ANGLE_SINE = 0.1
 """Sine of the angle between `closing` and `up` below which (6 degrees) they do not fix the pads' turn. Set by
 hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jaws:
+    """Two jaws that close in a straight line, in the fruit frame: `jaw_poses` defines the fields."""
+
+    centre_mm: tuple[float, float, float]
+    closing: tuple[float, float, float]
+    up: tuple[float, float, float]
+
+
+def posed_by_jaws(found: Converted, jaws: Jaws, *, source: str) -> Converted:
+    """The recording with poses from its aperture.
+
+    Raises TactileFailure (unreadable-frames) for a recording that has poses, is no grasp between two gels, or
+    has an aperture that does not change.
+    """
+    held = found.recording
+    pads = [pad for pad in held.pads if isinstance(pad, GelPad)]
+    faults = {
+        "a press or a bare indenter, expected a grasp between two gels": len(pads) != 2,
+        "poses, expected none": any((pad.pose != np.eye(4)).any() for pad in pads),
+        "an aperture that does not change, expected that of the jaws": not np.ptp(held.aperture_mm) > 0,
+    }
+    for fault, applies in faults.items():
+        if applies:
+            advice = "leave out --jaws-centre-mm, or correct the source"
+            raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, f"{source}: found {fault}; {advice}.")
+    directions = {name: np.array(value, dtype=np.float64) for name, value in vars(jaws).items()}
+    poses = jaw_poses(held.aperture_mm, **directions)
+    posed = tuple(replace(pad, pose=pose) for pad, pose in zip(pads, poses, strict=True))
+    note = f"{source}: poses follow from the aperture of two jaws that close in a straight line."
+    return Converted(recording=replace(held, pads=posed), notes=(*found.notes, note))
 
 
 def jaw_poses(

@@ -65,7 +65,7 @@ def test_nothing_is_overwritten(arrays, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"displacement_mm": np.zeros((2, 46, 9, 3))}, "displacement_mm[0]: found shape (46, 9, 3), expected (47, 4"),
+        ({"displacement_mm": np.zeros((2, 46, 9, 3))}, "displacement_mm[0]: found shape (46, 9, 3)"),
         ({"pose": np.zeros((1, 47, 4, 4))}, "pose: found 1 pads, expected 2, as in rest_mm"),
         ({"rest_mm": np.zeros((2, 400, 2))}, "rest_mm[0]: found shape (400, 2), expected (any, 3)"),
         ({"rest_mm": np.zeros((3, 400, 3))}, "rest_mm: found 3 pads, expected 2 (a grasp) or 1 (a press)"),
