@@ -76,6 +76,11 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
         raise unusable(f"{path.name}: {missing[0]}", "no message", f"the topic that {topics.name} names")
     series = {key: read[topic] for key, topic in named.items()}
     moving = [one for key, one in series.items() if not key.endswith(".rest")]
+    for key, topic in named.items():
+        times = read[topic].time_s
+        if not key.endswith(".rest") and (len(times) < 2 or (np.diff(times) <= 0).any()):
+            found = f"{len(times)} messages, not each later than the one before"
+            raise unusable(f"{path.name}: {topic}", found, "two or more messages, logged one after another")
     start, end = max(one.time_s[0] for one in moving), min(one.time_s[-1] for one in moving)
     when = series[f"{pads[0]}.displacement"].time_s
     when = when[(when >= start) & (when <= end)]
@@ -108,7 +113,7 @@ def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
     if (length := path.stat().st_size) > MOST_BYTES:
         raise unusable(path.name, size(length), f"at most {size(MOST_BYTES)}; record fewer topics")
 
-    def read(_: Callable[[str], None]) -> dict[str, TopicSeries]:
+    def read() -> dict[str, TopicSeries]:
         held: dict[str, list[tuple[float, np.ndarray]]] = {}
         with open_plain(path) as file:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -123,15 +128,15 @@ def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
             for topic, rows in held.items()
         }
 
-    def trial(tell: Callable[[str], None]) -> None:
-        read(tell)
+    def trial(_: Callable[[str], None]) -> None:
+        read()
 
     ending = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY).ending
     if ending is not TrialEnding.DONE:
         found = f"messages that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} to decode"
         raise unusable(path.name, found, "a recording of one grasp; cut the bag to it")
     try:
-        return read(str)
+        return read()
     except (TactileFailure, NotReadable):
         raise
     except Exception as cause:  # a broken bag meets the libraries in a dozen ways
