@@ -8,10 +8,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from drupe.array_modulus import MarkerResidual, MeasuredModulus, modulus
     from drupe.batches import GradedBatch, grade, read
     from drupe.explained import ExplainedMismatch, explain, explain_fruit
-    from drupe.frames import LiveModulus, live
-    from drupe.measured import MarkerResidual, MeasuredModulus, modulus
+        from drupe.live_frames import LiveModulus, live
     from drupe.recordings import jaw_poses, read_recording, recording, write_recording
     from drupe.refusal import DrupeError
 
@@ -37,8 +37,8 @@ __all__ = [
 _MODULES = {
     "batches": ("GradedBatch", "grade", "read"),
     "explained": ("ExplainedMismatch", "explain", "explain_fruit"),
-    "frames": ("LiveModulus", "live"),
-    "measured": ("MarkerResidual", "MeasuredModulus", "modulus"),
+    "live_frames": ("LiveModulus", "live"),
+    "array_modulus": ("MarkerResidual", "MeasuredModulus", "modulus"),
     "recordings": ("jaw_poses", "read_recording", "recording", "write_recording"),
     "refusal": ("DrupeError",),
 }

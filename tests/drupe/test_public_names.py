@@ -13,7 +13,9 @@ import pytest
 import drupe
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
-MODULES = ("array_batch", "batches", "explained", "frames", "measured", "numbers", "recordings", "refusal")
+MODULES = (
+    "array_batch", "array_modulus", "batches", "explained", "live_frames", "numbers", "recordings", "refusal",
+)  # fmt: skip
 AT_MOST_S = 0.3
 
 
