@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from drupe.array_modulus import MarkerResidual, MeasuredModulus, modulus
     from drupe.batches import GradedBatch, grade, read
     from drupe.explained import ExplainedMismatch, explain, explain_fruit
-        from drupe.live_frames import LiveModulus, live
+    from drupe.live_frames import LiveModulus, live
     from drupe.recordings import jaw_poses, read_recording, recording, write_recording
     from drupe.refusal import DrupeError
 
