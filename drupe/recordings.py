@@ -75,6 +75,19 @@ def recording(
     Keep ten frames or more before the first touch: they measure the sensor's noise. Values are those that
     the file of `write_recording` holds: displacement and force in single precision. Raises DrupeError that
     names the array, what was found and what was expected.
+
+    >>> rest, still = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.zeros((2, 3, 3, 3))
+    >>> held = recording(
+    ...     time_s=[0.0, 0.1, 0.2],
+    ...     aperture_mm=[60, 59, 58],
+    ...     rest_mm=[rest, rest],
+    ...     displacement_mm=still,
+    ...     force_N=still,
+    ...     pose=jaw_poses([60, 59, 58], centre_mm=(0, 0, 30)),
+    ...     gel_stiffness_MPa_per_mm=(0.3, 0.1),
+    ... )
+    >>> held.loading, [pad.name for pad in held.pads]
+    ('grasp', ['left', 'right'])
     """
     count = len(rest_mm)
     if count not in PADS:

@@ -61,6 +61,12 @@ def test_the_table_is_that_of_the_results_with_types_and_provenance(graded):
         found.record("X")
 
 
+def test_grading_a_graded_batch_from_python_gives_the_same_table(graded):
+    again = grade(graded, jobs=1, screen=False)
+    assert again.ranking.equals(read(graded / "results").ranking)
+    assert again.folder == graded / "results"
+
+
 def test_a_folder_without_results_is_refused(graded):
     with pytest.raises(DrupeError, match=r"found no results of drupe grade.*; give .*results"):
         read(graded)
