@@ -54,10 +54,15 @@ def array_batch(
     stated = {"category": category or ANY_CATEGORY, **(settings or {})}
     if nu is not None:
         stated["poisson_ratio"] = nu
-    if pit == "none":
-        stated["pit"] = {"prior": "none", **stated.get("pit", {})}
-    elif pit == "prior" and category is None:
-        raise DrupeError('pit: found "prior" without a category, expected category="nectarine" or another')
+    if isinstance(pit, str):
+        if pit not in ("none", "prior"):
+            raise DrupeError(f'pit: found "{pit}", expected a mesh, "none" or "prior"')
+        if pit == "none":
+            stated["pit"] = {**stated.get("pit", {}), "prior": "none"}
+        elif category is None:
+            raise DrupeError(
+                'pit: found "prior" without a category, expected category="nectarine" or another'
+            )
     with refusals(), scratch() as root:
         folder = BatchFolder(root)
         fruit = folder.fruit(FRUIT_ID)

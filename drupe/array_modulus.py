@@ -73,9 +73,10 @@ def modulus(
     `mesh`: vertices (n, 3) in mm and triangles (m, 3) of the closed skin, outward normals. `recordings`: from
     `recording` or `read_recording`, all of this fruit. `pit`: the pit's mesh in the same frame, "none" for a
     solid body, or "prior" for the usual pit of the category. `nu`: Poisson's ratio of the flesh, no unit,
-    taken as exact unless `settings` has "poisson_ratio_sd"; None: that of the category. `category`: "nectarine" or another; None: nothing is assumed of the fruit, and
-    E from 0.0005 to 60 MPa is accepted. `settings`: further keys of batch.toml (docs/formats.md), for example
-    {"mesh": {"edge_mm": 8.0}}. `report` receives the name of each stage as it begins.
+    taken as exact unless `settings` has "poisson_ratio_sd"; None: that of the category. `category`:
+    "nectarine" or another; None: nothing is assumed of the fruit, and E from 0.0005 to 60 MPa is accepted.
+    `settings`: further keys of batch.toml (docs/formats.md), for example {"mesh": {"edge_mm": 8.0}}. `report`
+    receives the name of each stage as it begins.
 
     Takes about a minute on one core. Raises DrupeError where the input gives no E.
     """

@@ -118,6 +118,7 @@ def test_a_wrong_mesh_is_named(stored):
         ({"nu": 0.7}, '"poisson_ratio": found 0.7; expected at most 0.4999'),
         ({"nu": None}, "nu: found None without a category"),
         ({"pit": "prior"}, 'pit: found "prior" without a category'),
+        ({"pit": "Prior"}, 'pit: found "Prior", expected a mesh, "none" or "prior"'),
         ({"pit": "prior", "category": "mango"}, "known: apricot, cherry"),
         ({"settings": {"mesh": {"edge": 3}}}, 'unknown key "mesh.edge"; did you mean "edge_mm"?'),
         ({"settings": {"notes": object()}}, "settings: found <object"),
