@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from tactile.checks.reference import print_without_force
@@ -81,7 +82,7 @@ def find_contact(recording: Recording, *, source: str) -> Contact:
     indenter, never-touches when a pad's force stays within its noise in every frame.
     """
     gels = tuple(_require_gel(pad, source=source) for pad in recording.pads)
-    no_contact_frames = min(_no_contact_frames(pad) for pad in gels)
+    no_contact_frames = min(frames_in_air(pad) for pad in gels)
     pads = tuple(_pad_contact(pad, no_contact_frames=no_contact_frames, source=source) for pad in gels)
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in pads], axis=0)
     closing = -1.0 if recording.loading == "grasp" else 1.0
@@ -105,7 +106,7 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
     return pad
 
 
-def _no_contact_frames(pad: GelPad) -> int:
+def frames_in_air(pad: GelPad) -> int:
     """How many leading frames carry no contact: their total normal force does not rise above its noise.
 
     Noise is the markers' own, or, where that is more, what they have in common. A recording that starts in
@@ -138,9 +139,9 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     displacement = pad.displacement_mm - moved.offset
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)
-    spacing, neighbours = _neighbourhood(pad.rest_mm)
+    spacing, mean = neighbourhood(pad.rest_mm)
     drifted = _drift(force[:, :, 2], pushed.sd)
-    touching = _touching(force[:, :, 2] - drifted[:, None], pushed.sd, neighbours)
+    touching = touching_markers(force[:, :, 2] - drifted[:, None], pushed.sd, mean)
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
@@ -213,11 +214,16 @@ def _never_touches(
     return TactileFailure(TactileProblem.NEVER_TOUCHES, detail)
 
 
-def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[int]]]:
-    """Median distance of nearest markers; the markers within 1.6 of it (9 on a square grid, itself too)."""
+def neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, csr_array]:
+    """Median distance of nearest markers; and the matrix (n, n) whose rows take the mean over the markers
+    within 1.6 of it (9 on a square grid, the marker itself too).
+    """
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
-    return spacing, [list(found) for found in tree.query_ball_point(rest_mm, r=1.6 * spacing)]
+    near = tree.query_ball_point(rest_mm, r=1.6 * spacing)
+    count = np.array([len(found) for found in near])
+    ends = np.concatenate([[0], np.cumsum(count)])
+    return spacing, csr_array((np.repeat(1 / count, count), np.concatenate(list(near)), ends))
 
 
 def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, " t"]:
@@ -237,14 +243,17 @@ def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, "
     return np.asarray(np.clip(level, min(end, 0.0), max(end, 0.0)))
 
 
-def _touching(
-    normal_N: Float[np.ndarray, "t n"], sd: float, neighbours: list[list[int]]
+def touching_markers(
+    normal_N: Float[np.ndarray, "t n"], sd: float, mean: csr_array
 ) -> Bool[np.ndarray, "t n"]:
-    """Beyond the noise, and not alone: the mean of a marker and its neighbours is beyond its noise too."""
-    around = np.stack([normal_N[:, near].mean(axis=1) for near in neighbours], axis=1)
-    count = np.array([len(near) for near in neighbours])
+    """Beyond the noise, and not alone: the mean of a marker and its neighbours is beyond its noise too.
+
+    `mean`: takes that mean (neighbourhood).
+    """
+    around = np.asarray(mean @ normal_N.T).T
     floor = max(sd, 1e-9)
-    return np.asarray((normal_N > BEYOND_NOISE * floor) & (around > BEYOND_NOISE * floor / np.sqrt(count)))
+    of_mean = floor / np.sqrt(np.diff(mean.indptr))
+    return np.asarray((normal_N > BEYOND_NOISE * floor) & (around > BEYOND_NOISE * of_mean))
 
 
 def _episodes(touching: Bool[np.ndarray, "t n"]) -> Int[np.ndarray, "t n"]:

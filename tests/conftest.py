@@ -24,7 +24,7 @@ os.fsync = lambda _: None  # type: ignore[assignment]  # no test cuts the power,
 if "PYTEST_XDIST_WORKER" in os.environ:
     gc.disable()  # while modules are imported: pipeline.safe_start.uncollected says why
 ROOT = Path(__file__).parents[1]
-CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline")
+CHECKED = ("fem", "recon", "reports", "samples", "tactile", "pipeline", "drupe")
 """The rooms, all of whose modules are checked."""
 
 

@@ -65,15 +65,17 @@ def grasp_model(
     return GraspModel(
         place_mm=np.vstack([link.place.point_mm for link in links]),
         normal=np.vstack([link.place.normal for link in links]),
-        compliance=_marker_compliance(links, solid.contact_compliance),
+        compliance=marker_compliance(links, solid.contact_compliance),
         sensitivity=sensitivity,
         discretisation=withheld,
         fruit_moves=solid.support == "free",
     )
 
 
-def _marker_compliance(links: list[PadLink], contact: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "d d"]:
-    """L' K^-1 L, pad by pad; symmetric."""
+def marker_compliance(
+    links: Sequence[PadLink], contact: Float[np.ndarray, "c c"]
+) -> Float[np.ndarray, "d d"]:
+    """C = L' K^-1 L of all pads' markers, mm MPa / N; symmetric. `contact`: K^-1 on the contact nodes."""
     columns = []
     for link in links:
         moved = contact @ link.plain + (contact @ link.rigid) @ link.balance

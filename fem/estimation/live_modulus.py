@@ -10,13 +10,16 @@ light frame. What a whole recording allows beyond that, scales of markers and no
 is left to fem.estimation.modulus.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.compliance_fit import rigid_motion
-from fem.estimation.grasp_model import GraspModel
+from fem.estimation.grasp_model import marker_compliance
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import PadLink
 
 FEWEST = 6
 """Markers in contact below which a frame gives no modulus."""
@@ -31,16 +34,13 @@ class LiveModel:
     fruit_moves: bool
 
     @classmethod
-    def of(cls, model: GraspModel) -> "LiveModel":
-        """Takes some milliseconds, once per grasp; raises ValueError for a model with large deformation."""
-        if model.displacement_correction is not None:
-            raise ValueError(
-                "found a model with large deformation, expected small strain, because frames are linear"
-            )
+    def of(cls, links: Sequence[PadLink], solid: UnitModulusSolid) -> "LiveModel":
+        """The model of all pads' markers, side by side, on a solid that has their contact nodes."""
+        place_mm = np.vstack([link.place.point_mm for link in links])
         return cls(
-            compliance=model.compliance.astype(np.float32),
-            rigid=rigid_motion(model.place_mm).reshape(-1, 6),
-            fruit_moves=model.fruit_moves,
+            compliance=marker_compliance(links, solid.contact_compliance).astype(np.float32),
+            rigid=rigid_motion(place_mm).reshape(-1, 6),
+            fruit_moves=solid.support == "free",
         )
 
 

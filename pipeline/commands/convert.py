@@ -58,7 +58,7 @@ def convert(
         typer.Argument(
             metavar="SOURCE",
             help="A raw grasp (a folder with grasp.toml), Tac3D arrays, an .h5 with images, a .npz, "
-            "or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
+            "a ROS 2 bag (.mcap), or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The recording to write.")],
@@ -168,6 +168,24 @@ def convert(
             "--covariance", help="Store the joint covariance of each gel's displacement at its peak force."
         ),
     ] = False,
+    topics: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The names of the topics of a ROS 2 bag, in TOML.")
+    ] = None,
+    jaws_centre_mm: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="For a grasp without poses: the point between the jaws, in the fruit's frame, in mm. "
+            "drupe computes the poses from the aperture.",
+        ),
+    ] = None,
+    closing: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Direction from the left jaw to the right jaw."),
+    ] = (1.0, 0.0, 0.0),
+    up: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Direction of both pads' y axis.")
+    ] = (0.0, 0.0, 1.0),
 ) -> None:
     """Convert gel frames, tables or other formats to a recording for grade and explain.
 
@@ -184,6 +202,7 @@ def convert(
         from pipeline.recordings.trace_options import ALL_RUNS, trace_words
         from pipeline.run.progress import StageLines
         from tactile.io.specimen import PressedSpecimen
+        from tactile.jaw_poses import Jaws
         from tactile.tactile_failure import TactileFailure
 
     if (robot is None) != (flange is None):
@@ -210,6 +229,8 @@ def convert(
         robot=robot,
         flange=flange,
         covariance=covariance,
+        topics=topics,
+        jaws=None if jaws_centre_mm is None else Jaws(centre_mm=jaws_centre_mm, closing=closing, up=up),
     )
     try:
         written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 from threadpoolctl import threadpool_limits
 
+from fem.estimation.fruit_modulus import FruitInference
 from fem.fem_failure import FemFailure
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.batch.confirmed_effects import in_words
@@ -26,7 +27,7 @@ from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.freed_memory import return_freed_memory
-from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.input_doubts import (
     causes_alone,
     expected_E_MPa,
@@ -112,15 +113,20 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     return f" To see where to stand, open {place} or the report."
 
 
-def _grade(task: FruitTask, log: StageLog) -> None:
-    """The stages in their order; what each finds goes to `log`."""
+def measured_fruit(
+    task: FruitTask, log: StageLog, *, solids: dict[Support, UnitModulusSolid] | None = None
+) -> tuple[GraspedFruit, FruitInference]:
+    """E of a fruit with photos or a mesh, without the screen: facts, doubts and warnings go to `log`.
+
+    `solids` takes up what is factorised, by support. Raises ReconFailure, TactileFailure, FemFailure or
+    FruitEnded where there is no E.
+    """
     facts = log.facts
     fruit = grasped_fruit(task, log)
-    shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed
-    solids: dict[Support, UnitModulusSolid] = {}
+    failed, placed = fruit.failed, fruit.placed
     with log.stage("modulus"):
         try:
-            fruit, found = with_plain_jaws(task, fruit, solids=solids if task.screen else None)
+            fruit, found = with_plain_jaws(task, fruit, solids=solids)
             placed = fruit.placed
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
@@ -156,10 +162,18 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 said = causes_alone(own.warnings, explained=signs_explained(grasp))
                 log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
         log.warnings += found.modulus.warnings
+    return fruit, found
+
+
+def _grade(task: FruitTask, log: StageLog) -> None:
+    """The stages in their order; what each finds goes to `log`."""
+    solids: dict[Support, UnitModulusSolid] = {}
+    fruit, found = measured_fruit(task, log, solids=solids if task.screen else None)
+    shape, pit, placed = fruit.shape, fruit.pit, fruit.placed
     return_freed_memory()
     if task.screen:
         with log.stage(SCREEN):
-            facts.screen = screened_fruit(task, fruit, found, solids)
+            log.facts.screen = screened_fruit(task, fruit, found, solids)
     solids.clear()
     with log.stage("picture"):
         patches = patch_residuals(placed, found.grasps)

@@ -39,6 +39,7 @@ from tactile.io.specimen import PressedSpecimen
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.io.tac3d_arrays import write_source
 from tactile.io.trace_columns import TraceWords
+from tactile.jaw_poses import Jaws, posed_by_jaws
 from tactile.rig.rig_correction import without_rig
 from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure
@@ -52,6 +53,7 @@ KINDS = (
     "a folder of Tac3D arrays",
     "an .h5 with images",
     "a .npz or .csv of marker fields",
+    "a ROS 2 bag (.mcap)",
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
 )
 """What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
@@ -92,6 +94,8 @@ class ConvertRequest:
     robot: Path | None = None
     flange: Path | None = None
     covariance: bool = False
+    topics: Path | None = None
+    jaws: Jaws | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +185,7 @@ def _prior(category: str) -> PitPrior | None:
 
 def _require_writable(source: Path, out: Path, wanted: ConvertRequest) -> None:
     """Raises BatchRefused where `out` is one of the inputs or a file that drupe convert did not write."""
-    named = source, wanted.sensor, wanted.rig, wanted.robot, wanted.flange
+    named = source, wanted.sensor, wanted.rig, wanted.robot, wanted.flange, wanted.topics
     inputs = [path for path in named if path is not None]
     require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
     require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
@@ -221,7 +225,7 @@ def _read(
             "name the rig in batch.toml."
         )
         raise BatchRefused([Problem(str(source), what)])
-    return found, sensors
+    return found if wanted.jaws is None else posed_by_jaws(found, wanted.jaws, source=source.name), sensors
 
 
 def _of_any_kind(
@@ -270,9 +274,12 @@ def _of_any_kind(
         return _without_rig(_trace(source, wanted), source, wanted.rig), []
     if said.columns or said.units or said.sheet or said.run:
         _require_table(source)
-    if kind in (".npz", ".csv"):
+    if kind in (".npz", ".csv", ".mcap"):
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
-        found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
+        topics = _topics(source, wanted.topics) if kind == ".mcap" else None
+        found = read_field_table(
+            source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
+        )
         return found, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
         raise BatchRefused([Problem(str(source), FRAMES_ALONE)])
@@ -344,6 +351,13 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
     except FemFailure as failure:
         raise BatchRefused([Problem(str(source), failure.detail)]) from None
     return found
+
+
+def _topics(source: Path, given: Path | None) -> Path:
+    if given is None:
+        sentence = "needs the names of its topics; give --topics topics.toml (docs/formats.md, A ROS 2 bag)."
+        raise BatchRefused([Problem(str(source), sentence)])
+    return given
 
 
 def _needed(source: Path, given: Path | None, option: str) -> Path:

@@ -1,4 +1,4 @@
-"""Displacement and force per marker in tables: NumPy's .npz, or a CSV file.
+"""Displacement and force per marker in tables: NumPy's .npz, a CSV file, or topics of a ROS 2 bag.
 
 The .npz holds the recording's own names: `time_s` (T,), `aperture_mm` (T,), and for each pad (left and right,
 or tip) `pads/<pad>/rest_mm` (N, 3), `pads/<pad>/displacement_mm` and `pads/<pad>/force_N` (T, N, 3),
@@ -20,6 +20,7 @@ from tactile.io.grasp_log import LARGEST, increasing, read_columns
 from tactile.io.pictures import unusable
 from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
+from tactile.io.ros_bag import bag_fields
 from tactile.layer_stiffness import layer_stiffness
 from tactile.sensors import Sensor
 
@@ -27,12 +28,17 @@ REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("f
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
 
 
-def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor) -> Converted:
-    """A recording from a table of marker fields; `sensor` says the gel's stiffness.
+def read_field_table(
+    path: Path, *, fruit_id: str, category: str, sensor: Sensor, topics: Path | None = None
+) -> Converted:
+    """A recording from a table of marker fields; `sensor` says the gel's stiffness, `topics` a bag's topics.
 
     Raises TactileFailure (unreadable-frames) that names the file, the field and its fault.
     """
-    held = _npz(path) if path.suffix.lower() == ".npz" else _from_csv(path)
+    if topics is not None:
+        held = bag_fields(path, topics)
+    else:
+        held = _npz(path) if path.suffix.lower() == ".npz" else _from_csv(path)
     names = ("left", "right") if "pads/left/rest_mm" in held else ("tip",)
     time_s = _field(path, held, "time_s", (None,))
     frames = len(time_s)
@@ -45,7 +51,7 @@ def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor
         shape = (frames, len(rest), 3)
         pose = held.get(f"pads/{name}/pose")
         if pose is None:
-            notes.append(f"{path.name}: no pads/{name}/pose; written as no motion.")
+            notes.append(f"{path.name}: no pads/{name}/pose; drupe writes no motion.")
             pose = np.eye(4)
         if pose.ndim == 2:
             pose = np.broadcast_to(pose, (frames, 4, 4)).copy()

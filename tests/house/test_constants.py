@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
+ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "drupe")
 ROOT = Path(__file__).resolve().parents[2]
 DIRECTIVE = re.compile(r"#\s*(noqa|fmt:|type:|ruff:|pragma|mypy:|isort:)")
 FEWEST_WORDS = 2

@@ -27,7 +27,7 @@ DOCUMENTS = sorted(
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
 )
 GUIDES = [name for name in DOCUMENTS if name.startswith("docs/how-to/")]
-ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "tests", "benchmarks", "docs")
+ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "drupe", "tests", "benchmarks", "docs")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 NAMED = re.compile(rf"(?<![\w/.-])((?:{'|'.join(ROOMS)})/[\w./-]*\w)")
 """A path from the root, in running text or code, with or without its suffix."""
@@ -56,7 +56,7 @@ def words_of_the_code() -> set[str]:
     """Every name with a capital letter in the source of the rooms."""
     return {
         word
-        for room in ROOMS[:6]
+        for room in ROOMS[:7]
         for path in (ROOT / room).rglob("*.py")
         for word in re.findall(r"\b[A-Z]\w+", path.read_text(encoding="utf-8"))
     }

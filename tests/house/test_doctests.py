@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
+PACKAGES = ("drupe", "pipeline", "recon", "tactile", "fem", "reports", "samples")
 FILES = [
     path.relative_to(ROOT)
     for folder in (*PACKAGES, "benchmarks", "tests")

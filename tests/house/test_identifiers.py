@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "tests", "benchmarks")
+ROOMS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "drupe", "tests", "benchmarks")
 
 HOME_MADE = {
     "alike": "similar; design effect",

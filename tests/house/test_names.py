@@ -5,7 +5,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "benchmarks")
+FOLDERS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "drupe", "benchmarks")
 
 
 def sources() -> list[Path]:

@@ -18,7 +18,7 @@ FEWEST_WORDS = 4
 """Shorter strings are names, units and connecting words."""
 PLACEHOLDER = "…"
 SQL = r"(CREATE|SELECT|INSERT|PRAGMA|DROP) "
-FOLDERS = ("pipeline", "recon", "tactile", "fem", "reports")
+FOLDERS = ("pipeline", "recon", "tactile", "fem", "reports", "drupe")
 NOT_READ = ("fem/mismatch", "fem/indentation")
 """The words of effects and contact laws have tests of their own."""
 NO_MESSAGES = {"pipeline/batch/batch_template.py"}

@@ -1,0 +1,118 @@
+"""A fruit given by arrays as a temporary batch of one fruit, so that `drupe grade`'s own code reads it."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drupe.numbers import numbers
+from drupe.refusal import DrupeError, refusals
+from pipeline.batch.layout import BatchFolder, Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.scratch import scratch
+from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.problem import refused
+from pipeline.run.checking import ImplausibleNumbers
+from recon.surface.mesh_file import write_mesh
+from tactile.io.recording import Recording, write_recording
+
+Surface: TypeAlias = tuple[ArrayLike, ArrayLike]
+"""A closed triangle mesh: vertices (n, 3) in mm, faces (m, 3) as indices with outward normals."""
+Pit: TypeAlias = Surface | Literal["none", "prior"]
+FRUIT_ID = "fruit"
+ANY_CATEGORY = "phantom"
+"""The category of which drupe assumes neither pit nor Poisson's ratio, and the widest range of E."""
+
+
+def silent(_: str) -> None:
+    """Reports no progress."""
+
+
+@contextmanager
+def array_batch(
+    mesh: Surface,
+    recordings: Sequence[Recording],
+    *,
+    pit: Pit,
+    nu: float | None,
+    category: str | None,
+    settings: Mapping[str, Any] | None,
+) -> Iterator[Path]:
+    """The folder of the batch, gone afterwards; raises DrupeError for wrong arrays and recordings."""
+    if not recordings:
+        raise DrupeError("recordings: found none, expected one or more of this fruit")
+    if nu is None and category is None:
+        raise DrupeError("nu: found None without a category, expected Poisson's ratio, for example 0.45")
+    named = sorted({held.fruit_id for held in recordings} - {"unknown", ""})
+    if len(named) > 1:
+        raise DrupeError(f"recordings: found fruit {', '.join(named)}, expected one fruit")
+    stated = {"category": category or ANY_CATEGORY, **(settings or {})}
+    if nu is not None:
+        stated["poisson_ratio"] = nu
+    if isinstance(pit, str):
+        if pit not in ("none", "prior"):
+            raise DrupeError(f'pit: found "{pit}", expected a mesh, "none" or "prior"')
+        if pit == "none":
+            stated["pit"] = {**stated.get("pit", {}), "prior": "none"}
+        elif category is None:
+            raise DrupeError(
+                'pit: found "prior" without a category, expected category="nectarine" or another'
+            )
+    with refusals(), scratch() as root:
+        folder = BatchFolder(root)
+        fruit = folder.fruit(FRUIT_ID)
+        fruit.root.mkdir(parents=True)
+        fruit.grasps.mkdir()
+        folder.settings.write_text(_toml(stated), encoding="utf-8")
+        folder.table.write_text(f"fruit_id\n{FRUIT_ID}\n", encoding="utf-8")
+        write_mesh(fruit.root / "fruit.ply", *_surface("mesh", mesh))
+        if not isinstance(pit, str):
+            write_mesh(fruit.root / "pit.ply", *_surface("pit", pit))
+        for k, held in enumerate(recordings, start=1):
+            known = replace(held, fruit_id=FRUIT_ID, category=stated["category"])
+            write_recording(fruit.grasps / f"recording-{k}.h5", known)
+        with refusals(root):
+            yield root
+
+
+def array_task(root: Path) -> FruitTask:
+    """The task of the batch's fruit; raises BatchRefused for settings and sizes that no fruit has."""
+    batch = open_batch(root)
+    if said := ImplausibleNumbers(batch).said(batch.row_of[FRUIT_ID]):
+        raise refused("mesh", said)
+    task = fruit_task(batch, FRUIT_ID, Results(root / "results"), screen=False)
+    task.results.claim()
+    return task
+
+
+def _surface(name: str, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces, checked; raises DrupeError."""
+    if not isinstance(surface, tuple | list) or len(surface) != 2:
+        raise DrupeError(f"{name}: found {type(surface).__name__}, expected the pair (vertices, faces)")
+    vertices = numbers(f"{name} vertices", surface[0], (None, 3))
+    faces = numbers(f"{name} faces", surface[1], (None, 3), whole=True)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        found = f"indices from {faces.min()} to {faces.max()}"
+        raise DrupeError(f"{name} faces: found {found}, expected 0 to {len(vertices) - 1}")
+    return vertices, faces
+
+
+def _toml(stated: Mapping[str, Any]) -> str:
+    """Settings as batch.toml, tables as dotted keys: JSON's numbers, texts and lists are TOML's too."""
+    lines = []
+    for key, value in stated.items():
+        inner = value.items() if isinstance(value, Mapping) else [(None, value)]
+        for name, one in inner:
+            try:
+                text = json.dumps(one, allow_nan=False)
+            except (TypeError, ValueError):
+                raise DrupeError(
+                    f"settings: found {one!r} for {key}, expected a number, text or list"
+                ) from None
+            lines.append(f"{key if name is None else f'{key}.{name}'} = {text}\n")
+    return "".join(lines)

@@ -1,0 +1,90 @@
+"""Batches on disk: graded by the command, and read as typed tables."""
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from drupe.refusal import DrupeError
+from pipeline.batch.layout import BatchFolder, Results
+from pipeline.exit_status import DONE, DOUBTED, UNUSABLE
+from pipeline.files.manifest import json_in
+from reports.tables import RANKING_COLUMNS
+
+WHOLE = ("rank", "grasps", "rank_low", "rank_high")
+REAL = (
+    "E_MPa", "E_sd_MPa", "E_scale_sd_MPa", "E_uncorrected_MPa", "maturity_probability", "p_softer_than_next",
+    "rank_probability", "height_mm", "volume_mm3", "shore_oo", "screen_p",
+)  # fmt: skip
+COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()")
+"""The command `drupe` of this installation; -P keeps the current folder off its path."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GradedBatch:
+    """Results of `drupe grade` in `folder`.
+
+    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole
+    numbers are Int64, others Float64, `reference` is bool, texts are string; unknown values are missing.
+    `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
+    """
+
+    folder: Path
+    ranking: pd.DataFrame
+    provenance: Mapping[str, Any]
+
+    def record(self, fruit_id: str) -> Mapping[str, Any]:
+        """Everything known of a fruit (record.json); raises DrupeError for an unknown fruit."""
+        if fruit_id not in set(self.ranking["fruit_id"]):
+            known = ", ".join(self.ranking["fruit_id"][:6])
+            raise DrupeError(f'fruit_id: found "{fruit_id}", expected a fruit of the batch: {known}')
+        path = Results(self.folder).fruit(fruit_id).record
+        held = json_in(path)
+        if not isinstance(held, dict):
+            raise DrupeError(f"{path}: found no readable record, expected that of drupe grade; grade again")
+        return held
+
+
+def read(out: str | Path) -> GradedBatch:
+    """The results in the folder `out`; raises DrupeError where there are none of `drupe grade`."""
+    results = Results(Path(out))
+    said, rows = json_in(results.provenance), json_in(results.ranking_json)
+    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
+        inside = results.root / "results"
+        hint = f"{inside}" if Results(inside).provenance.is_file() else "the folder that --out named"
+        raise DrupeError(f"{out}: found no results of drupe grade (batch.json), expected them; give {hint}")
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        advice = f"run `drupe report {out}`"
+        raise DrupeError(f"{results.ranking_json}: found no readable table, expected the ranking; {advice}")
+    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
+    kinds = {name: "string" for name in RANKING_COLUMNS if name != "reference"}
+    kinds |= dict.fromkeys(WHOLE, "Int64") | dict.fromkeys(REAL, "Float64")
+    try:
+        ranking = table.assign(reference=table["reference"] == "true").astype(kinds)
+    except (TypeError, ValueError) as error:
+        found = f"found a value of another kind ({error}), expected those of drupe grade"
+        raise DrupeError(f"{results.ranking_json}: {found}; run `drupe report {out}`") from None
+    return GradedBatch(folder=results.root, ranking=ranking, provenance=said)
+
+
+def grade(
+    batch: str | Path, *, out: str | Path | None = None, jobs: int | None = None, screen: bool = True
+) -> GradedBatch:
+    """Grades the batch in a folder by the command `drupe grade`, and reads the results.
+
+    `out`: folder of the results, BATCH/results by default. `jobs`: fruit at a time, one per core by default.
+    `screen`: whether each fruit is tested for physics that the model misses. A fruit without E is a row whose
+    `outcome` and `reason` say why. Raises DrupeError where the batch as a whole cannot be graded.
+    """
+    place = BatchFolder(Path(batch)).default_results if out is None else Path(out)
+    options = ["--out", str(place), *([] if jobs is None else ["--jobs", str(jobs)])]
+    options += ["--quiet", *([] if screen else ["--no-screen"])]
+    command = [*COMMAND, "grade", *options, "--", str(batch)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode not in (DONE, UNUSABLE, DOUBTED):
+        raise DrupeError(done.stderr.strip() or f"drupe grade ended with status {done.returncode}")
+    return read(place)

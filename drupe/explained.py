@@ -1,0 +1,119 @@
+"""What the model misses in one fruit's recordings."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from drupe.array_batch import FRUIT_ID, Pit, Surface, array_batch, silent
+from drupe.refusal import DrupeError, refusals
+from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
+from pipeline.diagnosis.explaining import explain as explained
+from reports.effect_words import explain_verdict
+from reports.words import NO_BREAK
+from tactile.io.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExplainedMismatch:
+    """What the model misses in a fruit's recordings, as `drupe explain` says it.
+
+    `verdict`: "none", the name of the effect, several that look the same, or "unknown". `sentence`: the
+    verdict in words. `p_value`: probability of so large a misfit without a mismatch. `E_MPa`, `E_sd_MPa`:
+    with the effect; `E_without_MPa`, `E_without_sd_MPa`: without one. `candidates`: a row per explanation,
+    likeliest first. `answer`: everything, as docs/formats.md defines the JSON of `drupe explain`.
+    """
+
+    verdict: tuple[str, ...]
+    sentence: str
+    p_value: float
+    E_MPa: float
+    E_sd_MPa: float
+    E_without_MPa: float
+    E_without_sd_MPa: float
+    candidates: pd.DataFrame
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+    answer: Mapping[str, Any]
+
+
+def explain(
+    mesh: Surface,
+    recordings: Sequence[Recording],
+    *,
+    pit: Pit,
+    nu: float | None,
+    category: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    jobs: int = 1,
+    report: Callable[[str], None] = silent,
+) -> ExplainedMismatch:
+    """Physics that the model misses in a fruit's recordings. Arguments and errors are those of `modulus`.
+
+    Two recordings or more are needed to test an answer on data that the fit did not see. `jobs`: threads.
+    Takes minutes.
+    """
+    given = array_batch(mesh, recordings, pit=pit, nu=nu, category=category, settings=settings)
+    with given as root:
+        return _explained(root, FRUIT_ID, None, jobs, report)
+
+
+def explain_fruit(
+    batch: str | Path,
+    fruit_id: str,
+    *,
+    out: str | Path | None = None,
+    jobs: int = 1,
+    report: Callable[[str], None] = silent,
+) -> ExplainedMismatch:
+    """The same for a fruit of a batch on disk, by the batch's settings.
+
+    `out`: the results of `drupe grade`, BATCH/results by default; the answer is added there.
+    """
+    with refusals():
+        return _explained(Path(batch), fruit_id, None if out is None else Path(out), jobs, report)
+
+
+def _explained(
+    root: Path, fruit_id: str, out: Path | None, jobs: int, report: Callable[[str], None]
+) -> ExplainedMismatch:
+    wanted = ExplainOutputs(out=out)
+    try:
+        entry = explained(root, fruit_id=fruit_id, wanted=wanted, report=report, jobs=jobs)
+    except NotExplained as failure:
+        raise DrupeError(str(failure)) from failure
+    columns = ["effect", "probability", "log_evidence", "E_MPa", "E_sd_MPa"]
+    rows = [
+        (
+            one.effect,
+            one.probability,
+            one.log_evidence,
+            np.nan if one.E_MPa is None else one.E_MPa.value,
+            np.nan if one.E_MPa is None else one.E_MPa.sd,
+        )
+        for one in entry.ranking
+    ]
+    return ExplainedMismatch(
+        verdict=entry.verdict,
+        sentence=explain_verdict(entry).replace(NO_BREAK, " "),
+        p_value=float(entry.p_value),
+        E_MPa=float(entry.E_MPa.after.value),
+        E_sd_MPa=float(entry.E_MPa.after.sd),
+        E_without_MPa=float(entry.E_MPa.before.value),
+        E_without_sd_MPa=float(entry.E_MPa.before.sd),
+        candidates=pd.DataFrame(rows, columns=columns).astype(
+            {
+                "effect": "string",
+                "probability": float,
+                "log_evidence": float,
+                "E_MPa": float,
+                "E_sd_MPa": float,
+            }
+        ),
+        notes=entry.notes,
+        doubts=entry.doubts,
+        answer=entry.as_json(),
+    )

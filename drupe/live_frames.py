@@ -1,0 +1,178 @@
+"""E from each frame while a gripper closes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+from threadpoolctl import threadpool_limits
+
+from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
+from drupe.numbers import PerPad, numbers
+from drupe.refusal import DrupeError
+from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
+from fem.grasp_history import PadHistory
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import linked, pad_places
+from pipeline.fruit.flesh_model import flesh_mesh, poisson_ratio
+from pipeline.fruit.fruit_shape import FruitShape, embedded_pit, fruit_shape
+from tactile.contact import frames_in_air, neighbourhood, touching_markers
+from tactile.io.recording import GelPad, Recording
+from tactile.noise import FEWEST_NO_CONTACT_FRAMES, no_contact_noise
+from tactile.registration import depth_along
+
+
+@dataclass(frozen=True, kw_only=True)
+class LivePad:
+    """A pad before it touches: zero and noise of its readings, and which of its markers the model has."""
+
+    rest_mm: Float[np.ndarray, "n 3"]
+    displacement_zero_mm: Float[np.ndarray, "n 3"]
+    force_zero_N: Float[np.ndarray, "n 3"]
+    displacement_sd_mm: float
+    force_sd_N: float
+    neighbours: csr_array
+    used: Bool[np.ndarray, " n"]
+    surface_mm: Float[np.ndarray, "k 3"]
+
+
+class LiveModulus:
+    """A grasp that is in progress. `estimate` takes frame after frame; `restart` forgets all of them."""
+
+    def __init__(self, model: LiveModel, pads: tuple[LivePad, ...]) -> None:
+        self._model, self._pads = model, pads
+        self.restart()
+
+    @property
+    def markers(self) -> tuple[Int[np.ndarray, " _k"], ...]:
+        """Indices of each pad's markers in the model; residuals of a frame follow them, pad after pad."""
+        return tuple(np.flatnonzero(pad.used) for pad in self._pads)
+
+    def restart(self) -> None:
+        """Begins again before the first touch."""
+        self._before = FirstTouch.none(sum(int(pad.used.sum()) for pad in self._pads))
+
+    def estimate(self, displacement_mm: PerPad, force_N: PerPad, pose: PerPad) -> FrameEstimate:
+        """E from this frame and the markers' first touches; an entry per pad in each argument.
+
+        `displacement_mm` and `force_N` (N, 3) as in `recording`; `pose` (4, 4). Gives `E_MPa`, `E_sd_MPa`
+        (of the markers' noise alone) and `residual_mm` (n, 3) in the mesh's frame. E is NaN until six
+        markers have touched in two frames. Raises DrupeError for a wrong shape or a value that is not finite.
+        """
+        given = (displacement_mm, force_N, pose)
+        if any(len(arrays) != len(self._pads) for arrays in given):
+            raise DrupeError(f"found {[len(one) for one in given]} pads, expected {len(self._pads)} in each")
+        place, push, touch = [], [], []
+        for k, pad in enumerate(self._pads):
+            shape = (len(pad.rest_mm), 3)
+            moved = numbers(f"displacement_mm[{k}]", displacement_mm[k], shape) - pad.displacement_zero_mm
+            force = numbers(f"force_N[{k}]", force_N[k], shape) - pad.force_zero_N
+            at = numbers(f"pose[{k}]", pose[k], (4, 4))
+            pressed = touching_markers(force[None, :, 2], pad.force_sd_N, pad.neighbours)[0]
+            place.append((pad.rest_mm + moved)[pad.used] @ at[:3, :3].T + at[:3, 3])
+            push.append(force[pad.used] @ at[:3, :3].T)
+            touch.append(pressed[pad.used])
+        found, self._before = frame_modulus(
+            self._model,
+            self._before,
+            position_mm=np.vstack(place),
+            force_N=np.vstack(push),
+            touching=np.concatenate(touch),
+            sd_mm=max(pad.displacement_sd_mm for pad in self._pads),
+        )
+        return found
+
+
+def live(
+    mesh: Surface,
+    air: Recording,
+    *,
+    travel_mm: float,
+    pit: Pit,
+    nu: float | None,
+    category: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    report: Callable[[str], None] = silent,
+) -> LiveModulus:
+    """Prepares E from each frame of a grasp, within milliseconds of the frame.
+
+    `air`: frames of the pads where they will close on the fruit, before the first touch (six or more); they
+    give zero, noise and place. Later frames of it, from the first touch on, are not used. `travel_mm`: the
+    greatest travel of a jaw after the first touch; it says which markers can touch. Other arguments as in
+    `modulus`. Takes up to a minute; prepare it while the gripper waits in the air.
+
+    Raises DrupeError where `air` has too few frames in the air, or the pads do not face the fruit.
+    """
+    if not travel_mm > 0:
+        raise DrupeError(f"travel_mm: found {travel_mm:g}, expected a travel above 0 mm")
+    given = array_batch(mesh, [air], pit=pit, nu=nu, category=category, settings=settings)
+    with given as root, threadpool_limits(1):
+        task = array_task(root)
+        if task.settings.flesh.model != "linear":
+            found = task.settings.flesh.model
+            raise DrupeError(f'settings: found flesh.model "{found}", expected "linear" for single frames')
+        shape = fruit_shape(task)
+        pads = tuple(_in_air(pad, shape, travel_mm=travel_mm) for pad in air.pads)
+        report("flesh")
+        flesh = flesh_mesh(task, embedded_pit(task, shape), np.vstack([pad.surface_mm for pad in pads]))
+        places = [pad_places(_without_frames(pad), flesh) for pad in pads]
+        report("model")
+        solid = UnitModulusSolid.factorise(
+            flesh,
+            poisson_ratio=poisson_ratio(task.settings, task.prior)[0],
+            support=air.support,
+            contact_nodes=np.unique(np.concatenate([place.nodes for place in places])),
+        )
+        return LiveModulus(LiveModel.of([linked(place, solid) for place in places], solid), pads)
+
+
+def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
+    """Zero and noise of a pad's frames in the air, and where its markers will touch."""
+    if not isinstance(pad, GelPad):
+        raise DrupeError("air: found a bare indenter, expected pads with markers")
+    frames = frames_in_air(pad) - 1  # the first touch begins between two frames
+    if frames < FEWEST_NO_CONTACT_FRAMES:
+        raise DrupeError(
+            f"air: pad {pad.name}: found {max(frames, 0)} frames before the first touch, expected "
+            f"{FEWEST_NO_CONTACT_FRAMES} or more; record more frames before the pads touch"
+        )
+    moved, pushed = no_contact_noise(pad.displacement_mm[:frames]), no_contact_noise(pad.force_N[:frames])
+    pose = pad.pose[frames - 1]
+    where, ahead = pad.rest_mm @ pose[:3, :3].T + pose[:3, 3], pose[:3, 2]
+    depth = depth_along(where, ahead, shape.vertices[shape.faces])
+    used = depth - np.nanmin(depth, initial=np.inf) <= travel_mm
+    if not used.any():
+        raise DrupeError(
+            f"air: pad {pad.name}: found no fruit in front of the pad, expected the mesh there; check the "
+            "poses' frame and that z of the pose points into the fruit"
+        )
+    return LivePad(
+        rest_mm=pad.rest_mm,
+        displacement_zero_mm=moved.offset,
+        force_zero_N=pushed.offset,
+        displacement_sd_mm=moved.sd,
+        force_sd_N=pushed.sd,
+        neighbours=neighbourhood(pad.rest_mm)[1],
+        used=used,
+        surface_mm=where[used] + depth[used, None] * ahead,
+    )
+
+
+def _without_frames(pad: LivePad) -> PadHistory:
+    """The places of a pad's markers as the mechanics take them, before any frame."""
+    count = int(pad.used.sum())
+    none = np.zeros((0, count, 3))
+    return PadHistory(
+        name="",
+        rest_mm=pad.rest_mm[pad.used],
+        surface_mm=pad.surface_mm,
+        position_mm=none,
+        gel_displacement_mm=none,
+        force_N=none,
+        episode=np.zeros((0, count), dtype=np.int64),
+        displacement_sd_mm=pad.displacement_sd_mm,
+        force_sd_N=pad.force_sd_N,
+        lag1=0.0,
+    )

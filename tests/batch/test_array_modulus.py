@@ -1,0 +1,150 @@
+"""From arrays, drupe gives the modulus that `drupe grade` gives; the page's example gives the true one."""
+
+import json
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball
+from sample_batches import drupe, ready_batch
+
+from drupe import grade, modulus, read, read_recording
+from drupe.refusal import DrupeError
+from recon.surface.mesh_file import read_mesh
+
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+FRAME_S = 0.02
+"""A frame of a camera at 50 frames/s; a frame takes 1 to 10 ms on two loaded cores."""
+
+
+@pytest.fixture(scope="module")
+def graded(tmp_path_factory):
+    batch = ready_batch(tmp_path_factory.mktemp("arrays") / "batch", 1)
+    assert drupe("grade", "--no-screen", batch, "--jobs", 1).status == 0
+    return batch
+
+
+def test_arrays_give_the_modulus_that_grading_gives(graded):
+    (fruit,) = (graded / "fruits").iterdir()
+    found = modulus(
+        read_mesh(fruit / "fruit.ply"),
+        [read_recording(fruit / "grasps" / "grasp-1.h5")],
+        pit="prior",
+        nu=0.45,
+        category="nectarine",
+        settings={"mesh": {"edge_mm": 12.0, "pad_edge_mm": 4.0}},
+    )
+    record = read(graded / "results").record(fruit.name)
+    held = record["modulus"]
+    assert found.E_MPa == pytest.approx(held["E_MPa"], rel=1e-9)
+    assert found.E_sd_MPa == pytest.approx(held["E_sd_MPa"], rel=1e-9)
+    assert found.parts_sd_MPa == pytest.approx(held["parts_sd_MPa"])
+    assert [text.replace("recording-1", "grasp-1") for text in found.warnings] == record["warnings"]
+    assert found.recordings["E_MPa"].tolist() == pytest.approx([record["grasps"][0]["E_MPa"]])
+    low, high = found.interval_90_MPa
+    assert low < found.E_MPa < high
+    assert {one.name for one in found.residuals} == {"recording-1, left", "recording-1, right"}
+    assert all(one.place_mm.shape == (len(one.residual_mm), 3) for one in found.residuals)
+
+
+def test_the_table_is_that_of_the_results_with_types_and_provenance(graded):
+    found = read(graded / "results")
+    row = json.loads((graded / "results" / "ranking.json").read_text())[0]
+    assert found.ranking.loc[0, "E_MPa"] == row["E_MPa"]
+    kinds = {name: str(found.ranking.dtypes[name]) for name in ("rank", "E_MPa", "reason", "reference")}
+    assert kinds == {"rank": "Int64", "E_MPa": "Float64", "reason": "string", "reference": "bool"}
+    fruit_id = found.ranking.loc[0, "fruit_id"]
+    assert found.provenance["inputs"][f"fruits/{fruit_id}/fruit.ply"]
+    with pytest.raises(DrupeError, match='fruit_id: found "X", expected a fruit of the batch'):
+        found.record("X")
+
+
+def test_grading_a_graded_batch_from_python_gives_the_same_table(graded):
+    again = grade(graded, jobs=1, screen=False)
+    assert again.ranking.equals(read(graded / "results").ranking)
+    assert again.folder == graded / "results"
+
+
+def test_a_folder_without_results_is_refused(graded):
+    with pytest.raises(DrupeError, match=r"found no results of drupe grade.*; give .*results"):
+        read(graded)
+
+
+def test_a_table_with_a_value_of_another_kind_is_refused(graded, tmp_path):
+    for name in ("batch.json", "ranking.json"):
+        (tmp_path / name).write_bytes((graded / "results" / name).read_bytes())
+    rows = json.loads((tmp_path / "ranking.json").read_text())
+    rows[0]["rank"] = "first"
+    (tmp_path / "ranking.json").write_text(json.dumps(rows))
+    with pytest.raises(DrupeError, match=r"ranking\.json: found a value of another kind"):
+        read(tmp_path)
+
+
+def test_a_batch_that_cannot_be_graded_is_refused_with_the_commands_sentence(tmp_path):
+    with pytest.raises(DrupeError, match="does not exist; give an existing batch folder"):
+        grade(tmp_path / "nowhere")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The names that the page's blocks make, in a folder with the arrays of a grasped ball."""
+    folder = tmp_path_factory.mktemp("page")
+    held = grasped_ball(core=True, rng=np.random.default_rng(20261121))
+    (vertices, faces), (pit_vertices, pit_faces) = ball(BALL_MM), ball(CORE_MM)
+    surfaces = {"vertices": vertices, "faces": faces, "pit_vertices": pit_vertices, "pit_faces": pit_faces}
+    np.savez(folder / "fruit.npz", **surfaces)
+    np.savez(
+        folder / "grasp.npz",
+        time_s=held.time_s,
+        aperture_mm=held.aperture_mm,
+        rest_mm=[pad.rest_mm for pad in held.pads],
+        displacement_mm=[pad.displacement_mm for pad in held.pads],
+        force_N=[pad.force_N for pad in held.pads],
+    )
+    blocks = re.findall(r"<!-- run -->\n```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(blocks) == 2
+    assert len(blocks[0].splitlines()) <= 10
+    names: dict[str, object] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for block in blocks:
+            exec(compile(block, PAGE.name, "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+def test_the_pages_example_gives_the_true_modulus_from_arrays_without_poses(page):
+    """The truth is CalculiX's (phantom_batches)."""
+    assert page["found"].E_MPa == pytest.approx(E_MPA, rel=0.02)
+    low, high = page["found"].interval_90_MPa
+    assert low < E_MPA < high
+
+
+@pytest.mark.slow
+def test_single_frames_give_the_true_modulus_within_milliseconds(page):
+    live, grasp, poses = page["live"], page["grasp"], page["pose"]
+    live.restart()
+    arrays = list(zip(*grasp["displacement_mm"], strict=True)), list(zip(*grasp["force_N"], strict=True))
+    frames, seconds = [], []
+    for frame in zip(*arrays, zip(*poses, strict=True), strict=True):
+        started = time.process_time()
+        frames.append(live.estimate(*frame))
+        seconds.append(time.process_time() - started)
+    assert np.median(seconds) < FRAME_S
+    moduli = np.array([frame.E_MPa for frame in frames])
+    deepest = int(np.argmin(grasp["aperture_mm"]))
+    assert np.isnan(moduli[:30]).all()
+    assert moduli[deepest - 4 : deepest + 1] == pytest.approx(E_MPA, rel=0.03)
+    assert len(frames[deepest].residual_mm) == sum(map(len, live.markers))
+
+
+@pytest.mark.slow
+def test_wrong_frames_and_pads_off_the_fruit_are_refused(page):
+    live, grasp = page["live"], page["grasp"]
+    still, poses = grasp["displacement_mm"][:, 0], [pose[0] for pose in page["pose"]]
+    with pytest.raises(DrupeError, match=r"force_N\[1\]: found shape \(3, 3\), expected \(400, 3\)"):
+        live.estimate(still, [still[0], np.zeros((3, 3))], poses)
+    with pytest.raises(DrupeError, match=r"found \[2, 1, 2\] pads, expected 2 in each"):
+        live.estimate(still, still[:1], poses)
