@@ -140,7 +140,7 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     if camera_on_flange == bool(still):
         observed = "rows without a pose" if still else "no row without a pose"
         expected = "none with a camera on the flange" if still else "a photo of the mat at its place"
-        advice = "Rows without a pose belong to a camera at rest: see docs/how-to/connect-your-gripper.md, Robot poses."
+        advice = "Rows without a pose belong to a camera at rest (docs/how-to/connect-your-gripper.md)."
         raise refused(source, observed, expected, advice)
     advice = "Check that each row names its own photo, and that neither mat nor camera moved."
     try:
