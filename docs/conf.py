@@ -15,6 +15,7 @@ project = "drupe"
 version = release = metadata.version("drupe")
 extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc", "sphinxcontrib.mermaid"]
 html_theme = "furo"
+html_show_copyright = False
 html_math_renderer = "mathml"  # no script from the network
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
