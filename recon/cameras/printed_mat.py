@@ -17,11 +17,14 @@ from recon.recon_failure import ReconFailure, ReconProblem
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
 """Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
 and 18 mm within 95 mm."""
-BORDERS = {1: 0.08, 2: 0.3}
-"""Cells of black round a tag's code (one in AprilTag's and ArUco's tags, two in Kalibr's grids), and how far
-OpenCV's corners lie at most from where the mat has them, of a tag's side. Drawn tags 16 px wide have up to
-0.05. Kalibr's grids have 0.15 to 0.2, because black squares touch the tags' corners; read with a border of
-one cell they have 0.11 to 0.25."""
+BORDERS = (1, 2)
+"""Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
+PLACED, SHARP = 0.3, 0.05
+"""Of a tag's side: its corners lie so near to where the mat has them if their order is right (a quarter turn
+moves them by 1), and if the border is right too. Drawn tags 16 px wide have up to 0.05. Kalibr's grids read
+with a border of one cell have 0.08 and more."""
+LEAST_SIDE_PX = 30.0
+"""A shorter side counts as this long: corners are off by fractions of a pixel, whatever the tag's size."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
 """Factors to mm of the units in which a tag's side may have been typed."""
 
@@ -185,34 +188,35 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 
 
 def detect_tags(
-    image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: Mapping[int, float] = BORDERS
+    image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
     """The mat's tags in a photo: their numbers and corners, px (pixel centres whole), to a fraction of a
     pixel.
 
     Corners come in the mat's order, whichever corner of a printed tag is its first: AprilTag's own images are
-    turned by half a turn against OpenCV's. `borders` are tried in turn until at least half of the tags fit
-    the mat. Tags that do not fit, and fewer than four, are as OpenCV reads them.
+    turned by half a turn against OpenCV's. `borders` are tried in turn until the tags fit the mat. Tags that
+    do not fit, and fewer than four, are as OpenCV reads them.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    first = None
-    for border, tolerance in borders.items():
+    as_read, placed = [], []
+    for border in borders:
         tags, corners = _read(grey, mat, border)
-        first = (tags, corners) if first is None else first
-        expected = _expected(corners, np.array([mat.corners_mm[t] for t in tags.tolist()]))
+        as_read.append((tags, corners))
+        printed_mm = np.array([mat.corners_mm[t] for t in tags.tolist()]).reshape(-1, 4, 3)
+        expected = _expected(corners, printed_mm)
         if expected is None:
             continue
         turned = np.stack([np.roll(corners, k, axis=1) for k in range(4)])
-        off = np.linalg.norm(turned - expected, axis=3).max(axis=2)
-        k = int(np.median(off, axis=1).argmin())
-        side = np.linalg.norm(expected[:, 1] - expected[:, 0], axis=1)
-        if (off[k] < tolerance * side).mean() < 0.5:
+        side = np.maximum(np.linalg.norm(expected[:, 1] - expected[:, 0], axis=1), LEAST_SIDE_PX)
+        off = np.median(np.linalg.norm(turned - expected, axis=3).max(axis=2) / side, axis=1)
+        if off.min() > PLACED:
             continue
-        if border == 1:
-            return tags, turned[k]
         inside = ((expected >= 0) & (expected <= np.array(grey.shape[::-1]) - 1)).all(axis=(1, 2))
-        return tags[inside], _refined(grey, expected[inside])
-    return first if first is not None else (np.empty(0, int), np.empty((0, 4, 2)))
+        ordered = (tags, turned[off.argmin()])
+        placed.append(ordered if border == 1 else (tags[inside], _refined(grey, expected[inside])))
+        if off.min() < SHARP:
+            break
+    return max(reversed(placed), key=lambda one: len(one[0]), default=as_read[0])
 
 
 def _read(

@@ -131,7 +131,7 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
 def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
     """What is measured of a photo: tags, sharpness, light."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
-    borders = BORDERS if on_mat else {1: BORDERS[1]}
+    borders = BORDERS if on_mat else BORDERS[:1]
     tags, corners = detect_tags(photo.image, mat, borders=borders)
     mirrored = False
     if len(tags) < FEWEST_TAGS:
