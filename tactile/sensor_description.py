@@ -90,7 +90,8 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         seen.append(
             f"{source}: the picture was resized without its proportions. A millimetre along x has "
             f"{ratio:.3f} ± {ratio_sd:.3f} times the pixels of a millimetre along y. drupe reads frames "
-            "of this size as they are. If nobody resized them, correct --pitch-mm"
+            "of this size as they are. The ratio takes both pitches as exact: if nobody resized the "
+            "frames, correct --pitch-mm"
         )
     return Described(table=table, said=(*seen, *_said(model, _forces(model), spread)))
 

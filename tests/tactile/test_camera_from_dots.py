@@ -120,9 +120,9 @@ def test_a_pressed_gel_in_a_resized_picture_is_refused() -> None:
     rest = dots()
     push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
     rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
-    squeezed = cv2.resize(picture(eye(), rest), (240, 240), interpolation=cv2.INTER_AREA)
+    resized = cv2.resize(picture(eye(), rest), (240, 240), interpolation=cv2.INTER_AREA)
     with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
-        found(squeezed)
+        found(resized)
 
 
 def test_a_picture_without_dots_says_so() -> None:
