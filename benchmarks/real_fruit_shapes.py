@@ -16,7 +16,7 @@ also the height.
 The scans are closed, and rays from their centre of volume meet them one time each: nothing is repaired.
 Stem and suture of the truth were picked by eye on the texture (TOYS); they define the frame, so that the
 errors of stem and suture are those of the record's `mesh.stance`. Columns `true_shape_...`: what the same
-search finds in the true shape. WORK keeps photos and batches; a run that was broken off goes on. Needs the
+search finds in the true shape. WORK keeps photos, batches and rows; a run that was broken off goes on. Needs the
 extra `samples`.
 """
 
@@ -116,13 +116,17 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, A
     if place == "table":
         scene = from_the_suture(scene)
     where = work / fruit.fruit_id
+    kept = where / f"{place}.json"
+    if kept.is_file():
+        return dict(json.loads(kept.read_text()))
     folder = where / scene.name
     if not complete(folder, photos=PHOTOS):
         write_scene(where, scene, options=RenderOptions())
     batch = where / f"batch-{place}"
     recordings = batch / "fruits" / fruit.fruit_id / "grasps"
-    for other in where.glob("batch-*/fruits/*/grasps"):
-        shutil.copytree(other, recordings, dirs_exist_ok=True) if other != recordings else None
+    for other in sorted(where.glob("batch-*/fruits/*/grasps"))[:1]:
+        if other != recordings:
+            shutil.copytree(other, recordings, dirs_exist_ok=True)
     write_batch(batch, folder, fruit, kind=kind)
     result = graded(batch, json.loads((folder / "scene.json").read_text()))
     print(line(result), flush=True)
@@ -152,7 +156,9 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, A
             "E_error_percent": 100 * result.error,
             "E_sd_percent": 100 * result.E_sd_MPa / result.E_MPa,
         }
-    return row | {"cpu_s": round(result.cpu_s), "warnings": result.said}
+    row |= {"cpu_s": round(result.cpu_s), "warnings": result.said}
+    kept.write_text(json.dumps(row))
+    return row
 
 
 def main() -> int:
@@ -167,8 +173,7 @@ def main() -> int:
     options = parser.parse_args()
     rows = []
     for kind, toy in TOYS.items():
-        _, drawn = scene_of_kind("mat", kind).fruit_kind, scene_of_kind("mat", kind).fruit
-        drawn = replace(drawn, fruit_id=f"drawn-{kind}", E_MPa=toy.E_MPa)
+        drawn = replace(scene_of_kind("mat", kind).fruit, fruit_id=f"drawn-{kind}", E_MPa=toy.E_MPa)
         for fruit in (scanned_fruit(options.checkout, kind), drawn):
             for place in SCENES:
                 if options.only not in f"{place}-{fruit.fruit_id}":
