@@ -46,9 +46,8 @@ from samples.scenes.write import complete, write_scene
 
 FIRST_SCENE = 96
 """Scenes before it have been drawn for benchmarks/photo_bank.py."""
-PHOTOS = 24
-SCENES = {"mat": "mat", "table": "phone", "turntable": "turntable"}
-"""Family of samples.scenes.draw by scene."""
+SCENES = {"mat": ("mat", 20), "table": ("phone", 12), "turntable": ("turntable", 20)}
+"""Family of samples.scenes.draw, and the fewest photos that docs/guide.md advises, by scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +91,11 @@ def scanned_fruit(checkout: Path, kind: str) -> SampleFruit:
     )  # fmt: skip
 
 
-def scene_of_kind(family: str, kind: str) -> Scene:
-    """The first scene of the family that draws this kind of fruit, without a flash and without a coin."""
-    numbers = iter(range(FIRST_SCENE, FIRST_SCENE + 1000))
-    drawn = (draw_scene(k, photos=PHOTOS, family=family) for k in numbers)
+def scene_of_kind(place: str, kind: str) -> Scene:
+    """The first scene of the place that draws this kind of fruit, without a flash and without a coin."""
+    family, photos = SCENES[place]
+    numbers = range(FIRST_SCENE, FIRST_SCENE + 1000)
+    drawn = (draw_scene(k, photos=photos, family=family) for k in numbers)
     return next(s for s in drawn if s.fruit_kind == kind and s.coin is None and "flash" not in s.light.kind)
 
 
@@ -110,9 +110,8 @@ def from_the_suture(scene: Scene) -> Scene:
 
 def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, Any]:
     """Photos, batch and grading of a fruit in a scene (what is there is kept), and the errors."""
-    scene = draw_scene(
-        scene_of_kind(SCENES[place], kind).index, photos=PHOTOS, family=SCENES[place], fruit=(kind, fruit)
-    )
+    family, photos = SCENES[place]
+    scene = draw_scene(scene_of_kind(place, kind).index, photos=photos, family=family, fruit=(kind, fruit))
     if place == "table":
         scene = from_the_suture(scene)
     where = work / fruit.fruit_id
@@ -120,8 +119,8 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, A
     if kept.is_file():
         return dict(json.loads(kept.read_text()))
     folder = where / scene.name
-    if not complete(folder, photos=PHOTOS):
-        write_scene(where, scene, options=RenderOptions())
+    if not complete(folder, photos=photos):
+        write_scene(where, scene, options=RenderOptions(), progress=print)
     batch = where / f"batch-{place}"
     recordings = batch / "fruits" / fruit.fruit_id / "grasps"
     for other in sorted(where.glob("batch-*/fruits/*/grasps"))[:1]:
