@@ -1,6 +1,6 @@
 """Photos, shape, stem, suture and modulus of two scanned fruit shapes, beside drawn fruit in the same scenes.
 
-    python benchmarks/real_fruit_shapes.py CHECKOUT WORK [--csv FILE] [--only TEXT]
+    python benchmarks/real_fruit_shapes.py CHECKOUT WORK [--csv FILE] [--only TEXT] [--grasps 2]
 
 CHECKOUT is a clone of github.com/kwonathan/ycb_urdfs: the scans of a peach and a plum of the YCB object set
 (Calli et al. 2015, IEEE Robotics & Automation Magazine 22(3):36). Both objects are plastic toys: shape and
@@ -46,8 +46,8 @@ from samples.scenes.write import complete, write_scene
 
 FIRST_SCENE = 96
 """Scenes before it have been drawn for benchmarks/photo_bank.py."""
-SCENES = {"mat": ("mat", 20), "table": ("phone", 12), "turntable": ("turntable", 20)}
-"""Family of samples.scenes.draw, and the fewest photos that docs/guide.md advises, by scene."""
+SCENES = {"mat": ("mat", 20), "table": ("phone", 12), "turntable": ("turntable", 12)}
+"""Family of samples.scenes.draw and number of photos by scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,14 +108,14 @@ def from_the_suture(scene: Scene) -> Scene:
     )
 
 
-def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, Any]:
+def row_of(place: str, kind: str, fruit: SampleFruit, work: Path, *, grasps: int) -> dict[str, Any]:
     """Photos, batch and grading of a fruit in a scene (what is there is kept), and the errors."""
     family, photos = SCENES[place]
     scene = draw_scene(scene_of_kind(place, kind).index, photos=photos, family=family, fruit=(kind, fruit))
     if place == "table":
         scene = from_the_suture(scene)
     where = work / fruit.fruit_id
-    kept = where / f"{place}.json"
+    kept = where / f"{place}-{grasps}-grasps.json"
     if kept.is_file():
         return dict(json.loads(kept.read_text()))
     folder = where / scene.name
@@ -124,14 +124,14 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path) -> dict[str, A
     batch = where / f"batch-{place}"
     recordings = batch / "fruits" / fruit.fruit_id / "grasps"
     for other in sorted(where.glob("batch-*/fruits/*/grasps"))[:1]:
-        if other != recordings:
+        if grasps and other != recordings:
             shutil.copytree(other, recordings, dirs_exist_ok=True)
-    write_batch(batch, folder, fruit, kind=kind)
+    write_batch(batch, folder, fruit, kind=kind, grasps=grasps)
     result = graded(batch, json.loads((folder / "scene.json").read_text()))
     print(line(result), flush=True)
     row: dict[str, Any] = {
         "scene": place, "set": scene.name, "fruit": fruit.fruit_id, "light": scene.light.kind,
-        "ground": scene.ground.kind,
+        "ground": scene.ground.kind, "photos": photos,
     }  # fmt: skip
     truth = read_truth(folder)
     shown = orientation_of(truth.vertices, truth.faces)
@@ -169,6 +169,7 @@ def main() -> int:
     parser.add_argument("work", type=Path)
     parser.add_argument("--csv", type=Path, help="file for the rows")
     parser.add_argument("--only", default="", help="rows whose name (scene-fruit) contains this text")
+    parser.add_argument("--grasps", type=int, default=2, help="0: the shape alone")
     options = parser.parse_args()
     rows = []
     for kind, toy in TOYS.items():
@@ -178,7 +179,7 @@ def main() -> int:
                 if options.only not in f"{place}-{fruit.fruit_id}":
                     continue
                 try:
-                    rows.append(row_of(place, kind, fruit, options.work))
+                    rows.append(row_of(place, kind, fruit, options.work, grasps=options.grasps))
                 except NotInEquilibrium as failure:
                     print(
                         f"{place} {fruit.fruit_id}: the grasp could not be simulated: {failure}", flush=True
