@@ -77,6 +77,11 @@ def of_ball(folder: Path) -> Iterator[NamedTrace]:
             yield NamedTrace(
                 f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", trace, known
             )
+    for path in sorted(folder.glob("*__*.csv")):
+        time_s, force_N, travel_mm, gap_mm = np.loadtxt(path, delimiter=",", skiprows=1).T
+        known = float(gap_mm[0]) if gap_mm[0] > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
+        trace = trace_of(time_s, force_N, travel_mm, Ball(radius_mm=BALL_MM))
+        yield NamedTrace(path.stem.replace("__", " "), trace, known)
 
 
 def of_gripper(folder: Path) -> Iterator[NamedTrace]:

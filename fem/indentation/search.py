@@ -19,8 +19,9 @@ BEHIND = 30.0
 
 def candidate_fits(
     linear: Law, trace: IndenterTrace, no_contact: NoContactNoise, *, rng: np.random.Generator
-) -> list[TraceFit]:
-    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
+) -> tuple[list[TraceFit], dict[str, int]]:
+    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones. And how
+    many forms each effect has.
 
     Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
     with several forms a pair takes the best and, where that has one arm, two arms as well: what a second
@@ -52,7 +53,7 @@ def candidate_fits(
                     curve=linear.curve, baseline=linear.baseline, effects=one.law.effects + other.law.effects
                 )
                 fits.append(fit(law, trace, no_contact, _starts(law, [one, other], rng), follow=1))
-    return fits
+    return fits, {name: len(group) for name, group in singles.items()}
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
