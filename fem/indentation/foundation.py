@@ -63,9 +63,29 @@ def elastic_force(
     stiffness: Float[np.ndarray, "p n"],
     toe_mm: Float[np.ndarray, " p"] | None = None,
 ) -> Float[np.ndarray, "p t"]:
-    """Without memory: the springs' compressions times their stiffnesses."""
-    pressed = pressed_mm(depth_mm, slack_mm, level_mm, toe_mm)
-    return np.asarray(np.einsum("ptn,pn->pt", pressed, stiffness))
+    """Without memory: the springs' compressions times their stiffnesses.
+
+    Without slack only the springs above a depth d count, of which sums of w, w y and w y^2 are enough:
+    sum w (d - y)+ = d W - M, and its integral over d, which a toe asks for, d^2 W/2 - d M + Q/2.
+    """
+    if slack_mm is not None:
+        return np.asarray(
+            np.einsum("ptn,pn->pt", pressed_mm(depth_mm, slack_mm, level_mm, toe_mm), stiffness)
+        )
+    sums = [np.cumsum(stiffness * level_mm**k, axis=1) for k in (0, 1, 2)]
+    deepest = level_mm[:, -1:] / ((SPRINGS - 1) / SPRINGS) ** 2
+
+    def integral(depth: Float[np.ndarray, "p t"], times: int) -> Float[np.ndarray, "p t"]:
+        touched = np.maximum(depth, 0.0)
+        last = np.minimum((SPRINGS * np.sqrt(touched / deepest)).astype(int), SPRINGS - 1)
+        w, m, q = (np.take_along_axis(one, last, axis=1) for one in sums)
+        return touched * w - m if times == 0 else touched * (touched * w / 2 - m) + q / 2
+
+    if toe_mm is None:
+        return np.asarray(np.where(depth_mm > 0, integral(depth_mm, 0), 0.0))
+    half = toe_mm[:, None] / 2
+    upper, lower = (np.where(at > 0, integral(at, 1), 0.0) for at in (depth_mm + half, depth_mm - half))
+    return np.asarray((upper - lower) / (2 * half))
 
 
 def relaxing_force(
@@ -90,14 +110,14 @@ def relaxing_force(
     rest = 1 - share.sum(axis=0)
     turn = last_growing_frame(depth_mm)
     first = None if slack_mm is None else slack_mm[:, : turn + 1]
-    pressed = pressed_mm(depth_mm[:, : turn + 1], first, level_mm, toe_mm)
-    whole = np.einsum("ptn,pn->tp", pressed, stiffness)
+    whole = elastic_force(depth_mm[:, : turn + 1], first, level_mm, stiffness, toe_mm).T
     arms = np.zeros((turn + 1, *tau_s.shape))
     arms[1:] = _kept(fade[:turn], take[:turn] * np.diff(whole, axis=0)[:, None])
     growing = rest * whole + arms.sum(axis=1)
     if turn == len(time_s) - 1:
         return np.asarray(growing.T)
 
+    pressed = pressed_mm(depth_mm[:, : turn + 1], first, level_mm, toe_mm)
     weight = take[:turn] * np.exp(-(time_s[turn] - time_s[1 : turn + 1])[:, None, None] / tau_s)
     state = np.einsum("tkp,ptn->kpn", weight, np.diff(pressed, axis=1), optimize=True)
     later = None if slack_mm is None else slack_mm[:, turn + 1 :]

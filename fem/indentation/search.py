@@ -1,5 +1,6 @@
 """Which laws are tried: the linear one, every effect alone, and the pairs worth the time."""
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,7 @@ from fem.indentation.contact_law import Law
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_catalogue import TRACE_EFFECTS
+from fem.indentation.trace_effect import TraceEffectSpec
 from fem.indentation.trace_noise import NoContactNoise
 
 #: starts drawn from the prior beside those that simpler laws suggest
@@ -18,7 +20,12 @@ BEHIND = 30.0
 
 
 def candidate_fits(
-    linear: Law, trace: IndenterTrace, no_contact: NoContactNoise, *, rng: np.random.Generator
+    linear: Law,
+    trace: IndenterTrace,
+    no_contact: NoContactNoise,
+    *,
+    rng: np.random.Generator,
+    effects: Sequence[TraceEffectSpec] = TRACE_EFFECTS,
 ) -> tuple[list[TraceFit], dict[str, int]]:
     """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones. And how
     many forms each effect has.
@@ -29,7 +36,7 @@ def candidate_fits(
     """
     fits = [fit(linear, trace, no_contact, _starts(linear, [], rng))]
     singles: dict[str, list[TraceFit]] = {}
-    for sought in TRACE_EFFECTS:
+    for sought in effects:
         if sought.spec.name in linear.curve.without:
             continue
         for effect in sought.forms(trace):

@@ -60,13 +60,17 @@ def _stretch(curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[n
     return np.maximum(1 - level_mm / curve.length_mm, FLATTEST)
 
 
-def mooney_rivlin_share(second: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]) -> np.ndarray:
-    """P/P_nH of W = C10 (I1 - 3) + C01 (I2 - 3) in uniaxial compression; `second` is C01/(C10 + C01).
+def mooney_rivlin_share(
+    second: Float[np.ndarray, "p 1"], cross: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]
+) -> np.ndarray:
+    """P/P_nH of W = C10 x + C01 y + C11 x y, x = I1 - 3, y = I2 - 3, in uniaxial compression; `second` and
+    `cross` are C01 and C11 over C10 + C01.
 
-    P = 2 (C10 + C01/l) (l - l^-2). Source: Rivlin, "Large elastic deformations of isotropic materials IV",
-    Phil. Trans. R. Soc. A 241, 1948.
+    P = 2 (C10 + C11 y + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic deformations of isotropic
+    materials IV", Phil. Trans. R. Soc. A 241, 1948.
     """
-    return np.asarray(1 - second + second / stretch)
+    x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
+    return np.asarray(1 - second + cross * y + (second + cross * x) / stretch)
 
 
 def yeoh_share(
@@ -109,9 +113,11 @@ FUNG = TraceEffect(
 RUBBER = (
     TraceEffect(
         name=SPEC.name,
-        unknowns=(_share("mooney_second", 0.5),),
+        unknowns=(_share("mooney_second", 0.5), _share("mooney_cross", 0.1)),
         stress_factor=lambda value, curve, level: _positive(
-            mooney_rivlin_share(value["mooney_second"][:, None], _stretch(curve, level))
+            mooney_rivlin_share(
+                value["mooney_second"][:, None], value["mooney_cross"][:, None], _stretch(curve, level)
+            )
         ),
     ),
     TraceEffect(
