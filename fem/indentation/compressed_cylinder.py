@@ -224,7 +224,7 @@ class CompressedCylinder:
 
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact; with sliding ends where they are not stated."""
-        depth = np.maximum(depth_mm, 0.0)
+        depth = np.asarray(np.maximum(depth_mm, 0.0))
         strain, end = depth / self.length_mm, self.sliding.x[-1]
         beyond = np.maximum(strain - end, 0.0) * self.sliding(end, 1)
         force = self.area_mm2 * (self.sliding(np.minimum(strain, end)) + beyond)

@@ -73,12 +73,12 @@ def elastic_force(
             np.einsum("ptn,pn->pt", pressed_mm(depth_mm, slack_mm, level_mm, toe_mm), stiffness)
         )
     sums = [np.cumsum(stiffness * level_mm**k, axis=1) for k in (0, 1, 2)]
-    deepest = level_mm[:, -1:] / ((SPRINGS - 1) / SPRINGS) ** 2
 
     def integral(depth: Float[np.ndarray, "p t"], times: int) -> Float[np.ndarray, "p t"]:
         touched = np.maximum(depth, 0.0)
-        last = np.minimum((SPRINGS * np.sqrt(touched / deepest)).astype(int), SPRINGS - 1)
-        w, m, q = (np.take_along_axis(one, last, axis=1) for one in sums)
+        rows = zip(level_mm, touched, strict=True)
+        last = np.stack([np.searchsorted(level, depth, side="right") for level, depth in rows]) - 1
+        w, m, q = (np.take_along_axis(total, last, axis=1) for total in sums)
         return touched * w - m if times == 0 else touched * (touched * w / 2 - m) + q / 2
 
     if toe_mm is None:

@@ -9,9 +9,9 @@ from fem.indentation.contact_law import OWN
 from fem.indentation.fit import TraceFit
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter, mixture
 
-PRESENT = 0.03
+PRESENT = 0.01
 """Prior probability of each effect, independent of the others."""
-OTHER = 0.03
+OTHER = 0.01
 """Prior probability of physics outside the catalogue, which leaves fem.indentation.fit.OTHER times as much of
 the force unexplained."""
 CONTAINED = 0.95

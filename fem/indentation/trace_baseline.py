@@ -10,9 +10,8 @@ from fem.indentation.unknowns import Unknown
 #: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
 #: that are small no more, a ball that is not quite one, friction under it
 BEND_SD = 0.1
-#: prior sd of the onset over the travel, and of the zero over the peak force
-import os
-ONSET_SD, ZERO_SD = float(os.environ.get("OS","0.15")), float(os.environ.get("ZS","0.05"))
+#: prior sd of the onset over the travel, and of the zero over the peak force (set by hand)
+ONSET_SD, ZERO_SD = 0.05, 0.01
 #: prior sd of the logarithm of the toe's width: a factor of 2.7 either way
 TOE_SD = 1.0
 #: prior sd on the logit of `ends_held`: flat from 0.1 to 0.9, with tails that reach sliding and held ends

@@ -11,7 +11,7 @@ from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.contact_law import Law
 from fem.indentation.flat_punch import FlatPunch
-from fem.indentation.rank import modulus_of
+from fem.indentation.posterior import modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_catalogue import TRACE_EFFECTS

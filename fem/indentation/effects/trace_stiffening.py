@@ -61,16 +61,19 @@ def _stretch(curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[n
 
 
 def mooney_rivlin_share(
-    second: Float[np.ndarray, "p 1"], cross: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]
+    second: Float[np.ndarray, "p 1"],
+    cross: Float[np.ndarray, "p 1"],
+    square: Float[np.ndarray, "p 1"],
+    stretch: Float[np.ndarray, "p n"],
 ) -> np.ndarray:
-    """P/P_nH of W = C10 x + C01 y + C11 x y, x = I1 - 3, y = I2 - 3, in uniaxial compression; `second` and
-    `cross` are C01 and C11 over C10 + C01.
+    """P/P_nH of W = C10 x + C01 y + C11 x y + C20 x^2, x = I1 - 3, y = I2 - 3, in uniaxial compression;
+    `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
 
-    P = 2 (C10 + C11 y + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic deformations of isotropic
+    P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic deformations of isotropic
     materials IV", Phil. Trans. R. Soc. A 241, 1948.
     """
     x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
-    return np.asarray(1 - second + cross * y + (second + cross * x) / stretch)
+    return np.asarray(1 - second + cross * y + 2 * square * x + (second + cross * x) / stretch)
 
 
 def yeoh_share(
@@ -113,10 +116,13 @@ FUNG = TraceEffect(
 RUBBER = (
     TraceEffect(
         name=SPEC.name,
-        unknowns=(_share("mooney_second", 0.5), _share("mooney_cross", 0.1)),
+        unknowns=(_share("mooney_second", 1.0), _share("mooney_cross", 0.3), _share("mooney_square", 0.3)),
         stress_factor=lambda value, curve, level: _positive(
             mooney_rivlin_share(
-                value["mooney_second"][:, None], value["mooney_cross"][:, None], _stretch(curve, level)
+                value["mooney_second"][:, None],
+                value["mooney_cross"][:, None],
+                value["mooney_square"][:, None],
+                _stretch(curve, level),
             )
         ),
     ),
@@ -151,8 +157,8 @@ RUBBER = (
         ),
     ),
 )
-"""Mooney and Rivlin's, Yeoh's and Ogden's laws with one term and with two. Priors (set by hand): neo-Hooke,
-with a third of the initial stiffness gained or lost at a compression to half the height."""
+"""Laws of Mooney and Rivlin, Yeoh, and Ogden (one term, two terms). Priors (set by hand): about neo-Hooke, wide
+enough for what least squares gives of silicone cylinders."""
 
 
 def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
