@@ -16,7 +16,7 @@ from fem.indentation.trace_noise import NoContactNoise, TraceNoise, joint_clock
 STEPS, ENOUGH = 40, 0.02
 #: forward differences on the unknowns' own scales
 NUDGE = 1e-4
-SHARE, SHARE_SD = 0.01, 0.7
+SHARE, SHARE_SD = 0.01, 0.5
 """Least share of the force that any law in the catalogue leaves unexplained, and how fast larger ones become
 improbable (half a normal in the logarithm). With half of it, effects that are not there were named of silicone
 cylinders (the development mixtures of benchmarks/silicone_cylinders.py)."""

@@ -7,6 +7,7 @@ from scipy.special import logsumexp
 
 from fem.indentation.contact_law import OWN
 from fem.indentation.fit import TraceFit
+from fem.indentation.rig_share import widened
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter, mixture
 
 PRESENT = 0.01
@@ -70,13 +71,14 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
 
     p(H) = prior(H) evidence(H) / sum. An effect is there or not, independent of the others. Every law stands
     twice: with the share of the force that a law in the catalogue leaves, and, in "unknown", with the share
-    that is left where physics outside the catalogue is at work. E is the mixture over all of it.
+    that is left where physics outside the catalogue is at work. E is the mixture over all of it; with physics
+    outside the catalogue the share of the force that is not explained is one of E as well.
     """
     count = len(forms)
     logs: dict[str, list[float]] = {}
     prior_of: dict[str, float] = {}
     best: dict[str, TraceFit] = {}
-    others, weights = [], []
+    others, weights, moduli = [], [], []
     for one in fits:
         effects = [effect.name for effect in one.law.effects]
         prior = len(effects) * np.log(PRESENT) + (count - len(effects)) * np.log1p(-PRESENT)
@@ -86,7 +88,8 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
         other = prior + np.log(OTHER) + one.log_evidence_of_other
         logs.setdefault(one.law.name, []).append(known)
         others.append(other)
-        weights.append(np.logaddexp(known, other))
+        weights += [known, other]
+        moduli += [modulus_of(one), widened(modulus_of(one), one.share)]
         if one.law.name not in best or one.log_evidence > best[one.law.name].log_evidence:
             best[one.law.name] = one
     score = {name: float(logsumexp(group)) for name, group in logs.items()} | {UNKNOWN: float(logsumexp(others))}
@@ -99,7 +102,7 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
         probability={name: float(np.exp(score[name] - total)) for name in ordered},
         log_evidence={name: score[name] - prior for name, prior in prior_of.items()},
         best=best,
-        modulus=mixture(list(np.exp(np.array(weights) - max(weights))), [modulus_of(one) for one in fits]),
+        modulus=mixture(list(np.exp(np.array(weights) - max(weights))), moduli),
         log_odds=log_any - np.log(-np.expm1(prior_of_none)) - (plain - prior_of_none),
     )
 

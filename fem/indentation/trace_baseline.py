@@ -10,8 +10,8 @@ from fem.indentation.unknowns import Unknown
 #: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
 #: that are small no more, a ball that is not quite one, friction under it
 BEND_SD = 0.1
-#: prior sd of the onset over the travel, and of the zero over the peak force (set by hand)
-ONSET_SD, ZERO_SD = 0.05, 0.01
+#: prior sd of the onset over the travel, and of the zero of a load cell over the peak force (set by hand)
+ONSET_SD, ZERO_SD = 0.15, 0.005
 #: prior sd of the logarithm of the toe's width: a factor of 2.7 either way
 TOE_SD = 1.0
 #: prior sd on the logit of `ends_held`: flat from 0.1 to 0.9, with tails that reach sliding and held ends
@@ -51,7 +51,9 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
 
 
 def _own(trace: IndenterTrace, number: int, toe_mm: float) -> tuple[Unknown, ...]:
-    """First touch, zero and toe of one recording."""
+    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force: the zero's
+    standard deviation holds all of it.
+    """
     touch = first_touch(trace)
     onset_mm = float(trace.travel_mm[max(touch - 1, 0)])
     peak = float(np.abs(trace.force_N).max())
@@ -63,6 +65,8 @@ def _own(trace: IndenterTrace, number: int, toe_mm: float) -> tuple[Unknown, ...
     )
     return (
         Unknown(name=f"onset_mm{at}", unit="mm", scale="linear", mean=onset_mm, sd=ONSET_SD * spread),
-        Unknown(name=f"zero_N{at}", unit="N", scale="linear", mean=zero, sd=ZERO_SD * peak),
+        Unknown(
+            name=f"zero_N{at}", unit="N", scale="linear", mean=zero, sd=float(np.hypot(ZERO_SD * peak, zero))
+        ),
         *([toe] if toe_mm else []),
     )
