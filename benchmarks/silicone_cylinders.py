@@ -247,7 +247,9 @@ def main() -> None:
     args = parser.parse_args()
     published = json.loads((args.folder / "published.json").read_text())["E"]
     chosen = [
-        name for name in published if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
+        name
+        for name in published
+        if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
     ]
     paths = [
         path

@@ -94,7 +94,7 @@ def account_for(
         withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {bound}"
         before, after = WITHHELD, WITHHELD
         ranking = tuple(replace(one, modulus=None) for one in ranking)
-    notes = (*ruptured, *rig.notes, *_notes(trace, chosen), *_strangers(trace, chosen))
+    notes = (*ruptured, *rig.notes, *_notes(trace, chosen), *strangers(trace, chosen))
     linear = predict_law(fits[0], trace, no_contact)
     try:
         predicted = predict_law(chosen, trace, no_contact)
@@ -161,7 +161,7 @@ def _when(trace: IndenterTrace, linear: TraceFit) -> str:
     return top if share[top] >= MOST else "all"
 
 
-def _strangers(trace: IndenterTrace, chosen: TraceFit) -> tuple[str, ...]:
+def strangers(trace: IndenterTrace, chosen: TraceFit) -> tuple[str, ...]:
     """Recordings whose force is by a factor off what the law of all of them says: those in which the evidence
     for a modulus of their own outweighs STRANGE against.
     """

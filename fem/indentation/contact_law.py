@@ -63,7 +63,8 @@ class Law:
         value = self.values(scaled)
         parts = [
             self._part_N(
-                part, {**value, **{name: value[at] for name in OWN if (at := f"{name}{suffix_of(k)}") in value}}
+                part,
+                {**value, **{name: value[at] for name in OWN if (at := f"{name}{suffix_of(k)}") in value}},
             )
             for k, part in enumerate(trace.parts)
         ]

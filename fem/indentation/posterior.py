@@ -92,7 +92,9 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
         moduli += [modulus_of(one), widened(modulus_of(one), one.share)]
         if one.law.name not in best or one.log_evidence > best[one.law.name].log_evidence:
             best[one.law.name] = one
-    score = {name: float(logsumexp(group)) for name, group in logs.items()} | {UNKNOWN: float(logsumexp(others))}
+    score = {name: float(logsumexp(group)) for name, group in logs.items()} | {
+        UNKNOWN: float(logsumexp(others))
+    }
     total = float(logsumexp(list(score.values())))
     ordered = sorted(score, key=lambda name: -score[name])
     plain = float(logsumexp(logs[NONE]))

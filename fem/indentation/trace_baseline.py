@@ -30,7 +30,8 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
     own = [_own(part, k, curve.toe_mm) for k, part in enumerate(trace.parts)]
     peaks = [float(np.abs(part.force_N).max()) for part in trace.parts]
     guesses = [
-        peak / float(curve.force_N_per_MPa(np.array(max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3))))
+        peak
+        / float(curve.force_N_per_MPa(np.array(max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3))))
         for part, unknowns, peak in zip(trace.parts, own, peaks, strict=True)
     ]
     guess = float(np.exp(np.mean(np.log(guesses))))

@@ -113,7 +113,8 @@ def test_recovery_after_unloading_is_predicted_from_the_hold():
     trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,)))
     no_contact = no_contact_noise(trace, first_touch(trace))
     plain, relaxing = (
-        predict_law(fitted(trace, *effects, rng=rng), trace, no_contact) for effects in ((), (viscoelastic(1),))
+        predict_law(fitted(trace, *effects, rng=rng), trace, no_contact)
+        for effects in ((), (viscoelastic(1),))
     )
     assert np.array_equal(np.isfinite(plain.end_N), future_frames(trace))
     assert np.isfinite(relaxing.blocks_N).all()

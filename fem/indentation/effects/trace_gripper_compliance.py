@@ -13,7 +13,6 @@ from fem.mismatch.effects.gripper_compliance import SPEC
 MACHINE_N_PER_MM, MACHINE_SD = 100.0, 1.5
 
 
-
 def _give_mm(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
     pushing = trace.force_N - value["zero_N"][:, None]
     return np.asarray(value["mm_per_N"][:, None] * pushing)
@@ -21,9 +20,7 @@ def _give_mm(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
 
 GRIPPER_COMPLIANCE = TraceEffect(
     name=SPEC.name,
-    unknowns=(
-        unknown(SPEC, "mm_per_N", scale="log", mean=-float(np.log(MACHINE_N_PER_MM)), sd=MACHINE_SD),
-    ),
+    unknowns=(unknown(SPEC, "mm_per_N", scale="log", mean=-float(np.log(MACHINE_N_PER_MM)), sd=MACHINE_SD),),
     give_mm=_give_mm,
 )
 """True depth = travel - c F with the measured F."""

@@ -94,7 +94,9 @@ def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n
     """
     log = np.log(np.minimum(stretch, 1 - 1e-6))
     # l^(a-1) - l^(-a/2-1) = 2 l^(a/4-1) sinh(3/4 a ln l), which holds its limit at a = 0
-    sinh = np.where(np.abs(power) > 1e-6, np.sinh(0.75 * power * log) / np.where(power, power, 1.0), 0.75 * log)
+    sinh = np.where(
+        np.abs(power) > 1e-6, np.sinh(0.75 * power * log) / np.where(power, power, 1.0), 0.75 * log
+    )
     return np.asarray(4 * np.exp((power / 4 - 1) * log) * sinh / (np.exp(log) - np.exp(-2 * log)))
 
 
@@ -130,9 +132,7 @@ RUBBER = (
         name=SPEC.name,
         unknowns=(_share("yeoh_second", 0.2), _share("yeoh_third", 0.05)),
         stress_factor=lambda value, curve, level: _positive(
-            yeoh_share(
-                value["yeoh_second"][:, None], value["yeoh_third"][:, None], _stretch(curve, level)
-            )
+            yeoh_share(value["yeoh_second"][:, None], value["yeoh_third"][:, None], _stretch(curve, level))
         ),
     ),
     TraceEffect(
