@@ -6,8 +6,8 @@ not see.
     python benchmarks/public_traces.py cylinder FOLDER [...]
 
 ball: the workbooks of github.com/SarahIaquinta/perineal_indentation
-(indentation/experiments/zwick/raw_data), a sheet for each press of a ball of 5 mm on meat and silicone; or such
-sheets as tables DAY__KIND__NAME.csv of time, force, travel and gap.
+(indentation/experiments/zwick/raw_data), a sheet for each press of a ball of 5 mm on meat and silicone;
+or such sheets as tables DAY__KIND__NAME.csv of time, force, travel and gap.
 gripper: the tables of github.com/SheepLiu712/FruitRuptureEstimate (kiwi, mango, banana), jaws on
 whole fruit to rupture; the fruit's size is not said, and the trace is taken as a ball's of 30 mm, so that E
 is no flesh's modulus but orders the fruit. cylinder: the sheets of github.com/LivingMatterLab/CANN

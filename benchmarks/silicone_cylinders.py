@@ -1,20 +1,21 @@
 """Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
 
-    python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all] [--tests A1 B2 ...]
-        [--jobs 2]
+    python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
+        [--tests A1 B2 ...] [--jobs 2]
 
-FOLDER: a folder of tables for each mixture, and published.json, of github.com/abubakardawood/
-tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0): cylinders of 50 mm diameter and 30 mm
-height, 10 mm/min, to 67 % strain; the end condition is not stated. The published E is the slope of a line through
-the recorded origin over 0 to 10 % strain, an apparent modulus. `development` are the mixtures that the laws and
-priors were chosen on; `last` were scored once afterwards. Prints a line for each mixture and totals:
+FOLDER: a folder of tables for each mixture, and published.json, of
+github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
+cylinders of 50 mm diameter and 30 mm height, 10 mm/min, to 67 % strain; the end condition is not stated. The
+published E is the slope of a line through the recorded origin over 0 to 10 % strain, an apparent modulus.
+`development` are the mixtures that laws and priors were chosen on; `last` were scored once afterwards. Prints a
+line for each curve and mixture, and totals:
 
-slope   of such a line, by the law fitted to the whole curve with its first touch and ends, against the curve's own
-E       initial modulus of the material, with its standard deviation
-ends    log evidence of held, and of any, over sliding ends
-verdict none or stiffening; sensor_drift alone or in a list
-last fifth  error of the force predicted from the first four fifths, over its root mean square; beside it the best of
-        six published laws (sliding ends, zero as recorded), refitted to the same part by least squares
+slope       of such a line, by the law fitted to the whole curve with its first touch and ends, and the curve's
+E           initial modulus of the material, with its standard deviation
+ends        log evidence of held, and of any, over sliding ends
+verdict     none or stiffening; sensor_drift alone or in a list
+last fifth  error of the force predicted from the first four fifths, over its root mean square; beside it the
+            best of six published laws (sliding ends, zero as recorded), refitted to the same part
 """
 
 import argparse
@@ -32,7 +33,6 @@ from scipy.stats import kendalltau
 
 from fem.indentation.account import account_for
 from fem.indentation.compressed_cylinder import Cylinder, Ends
-from fem.indentation.fit import TraceFit
 from fem.indentation.no_contact import pooled_noise
 from fem.indentation.posterior import posterior
 from fem.indentation.search import candidate_fits
@@ -48,7 +48,7 @@ RANGE_N = 1000.0
 """Of the load cell, as the tables state."""
 NU = 0.49
 """Of silicone. Assumed."""
-FRAMES = 250
+FRAMES = 150
 """Of each curve, spread evenly over time, force and travel."""
 SLOPE_UP_TO = 0.1
 """Greatest strain of the line through the recorded origin."""
@@ -163,16 +163,11 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
 
 
 def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
-    """Of the rest, by the likeliest law of the part that is seen."""
-    part = until(trace, seen)
-    chosen = account_for(part, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)).named
-    return rest_error(chosen, trace, seen)
-
-
-def rest_error(chosen: TraceFit, trace: IndenterTrace, seen: np.ndarray) -> float:
-    """Root mean square error over that of the force."""
-    force = chosen.law.force_N(trace, chosen.scaled[None])[0]
-    gap = (force - trace.force_N)[~seen]
+    """Of the rest, by the mean over the laws fitted to the part that is seen; over the rest's root mean square."""
+    account = account_for(
+        until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
+    )
+    gap = (account.posterior.force_N(trace) - trace.force_N)[~seen]
     return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
 
 
@@ -189,7 +184,7 @@ def scored(path: Path) -> dict[str, object]:
         "mixture": path.parent.name,
         "curve": path.stem.removeprefix(f"{path.parent.name}_"),
         "own_kPa": slope_kPa(trace, trace.force_N),
-        "law_kPa": slope_kPa(trace, account.named.force_N),
+        "law_kPa": slope_kPa(trace, account.posterior.force_N(trace)),
         "E_kPa": 1e3 * said.after.value,
         "E_sd_kPa": 1e3 * said.after.sd,
         "onset_mm": float(account.named.scaled[names.index("onset_mm")]),

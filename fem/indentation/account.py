@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_law import suffix_of
@@ -27,8 +28,8 @@ MOST = 0.6
 #: frames in the table of secant moduli
 CELLS = 24
 STRANGER_SD, STRANGE = 0.5, 100.0
-"""Standard deviation of ln E of a recording of another specimen, and the odds from which it is named: a recording
-in a hundred is one."""
+"""Standard deviation of ln E of a recording of another specimen, and the odds from which it is named: a
+recording in a hundred is one."""
 #: recordings from which on it can be told which of them does not belong
 FEWEST_PARTS = 3
 #: E that is not given: not a number, which files write as null
@@ -162,30 +163,52 @@ def _when(trace: IndenterTrace, linear: TraceFit) -> str:
 
 
 def strangers(trace: IndenterTrace, chosen: TraceFit) -> tuple[str, ...]:
-    """Recordings whose force is by a factor off what the law of all of them says: those in which the evidence
-    for a modulus of their own outweighs STRANGE against.
+    """Recordings that do not have the modulus of the others: the likeliest first, then the next given this
+    one, while the evidence for a modulus of its own outweighs STRANGE against.
     """
-    said = []
-    for k, (part, frames) in enumerate(zip(trace.parts, trace.slices, strict=True)):
-        if len(trace.parts) < FEWEST_PARTS:
+    said: dict[int, str] = {}
+    off = chosen.scaled - np.array([u.mean for u in chosen.law.unknowns])
+    precision = np.array([u.sd**-2.0 for u in chosen.law.unknowns])
+    slope = chosen.jacobian
+    while len(said) < len(trace.parts) - FEWEST_PARTS + 1:
+        factors: dict[int, tuple[float, float, np.ndarray]] = {}
+        for k, frames in enumerate(trace.slices):
+            column = np.zeros(len(trace.time_s))
+            column[frames] = chosen.jacobian[frames, 0]
+            if k not in said:
+                factors[k] = (
+                    *_own_modulus(np.column_stack([slope, column]), trace, chosen, precision, off),
+                    column,
+                )
+        k = max(factors, key=lambda one: factors[one][0])
+        log_factor, ln_ratio, column = factors[k]
+        if log_factor < np.log(STRANGE):
             break
-        column = np.zeros(len(trace.time_s))
-        column[frames] = chosen.jacobian[frames, 0]
-        slope = np.column_stack([chosen.jacobian, column])
-        weighted = chosen.noise.solve(np.column_stack([slope, trace.force_N - chosen.force_N]))
-        prior = np.array([*(u.sd**-2.0 for u in chosen.law.unknowns), STRANGER_SD**-2.0])
-        off = np.append(chosen.scaled - [u.mean for u in chosen.law.unknowns], 0.0)
-        matrix = slope.T @ weighted[:, :-1] + np.diag(prior)
-        step = np.linalg.solve(matrix, slope.T @ weighted[:, -1] - prior * off)
-        variance = float(np.linalg.inv(matrix)[-1, -1])
-        # Savage and Dickey: prior over posterior density of no difference
-        log_factor = 0.5 * (step[-1] ** 2 / variance + np.log(variance / STRANGER_SD**2))
-        if log_factor > np.log(STRANGE):
-            said.append(
-                f"Recording {k + 1} does not belong to the others: by itself its modulus is "
-                f"{np.exp(step[-1]):.2f} times theirs. Check that it is the same specimen."
-            )
-    return tuple(said)
+        said[k] = (
+            f"Recording {k + 1} does not belong to the others: its modulus is {np.exp(ln_ratio):.2f} times "
+            "theirs. Check that it is the same specimen."
+        )
+        slope, off = np.column_stack([slope, column]), np.append(off, 0.0)
+        precision = np.append(precision, STRANGER_SD**-2.0)
+    return tuple(said.values())
+
+
+def _own_modulus(
+    slope: Float[np.ndarray, "t k1"],
+    trace: IndenterTrace,
+    chosen: TraceFit,
+    precision: Float[np.ndarray, " k"],
+    off: Float[np.ndarray, " k"],
+) -> tuple[float, float]:
+    """Log Bayes factor for the last column's unknown against none (Savage and Dickey: prior over posterior
+    density at nought), and its value.
+    """
+    weighted = chosen.noise.solve(np.column_stack([slope, trace.force_N - chosen.force_N]))
+    prior = np.append(precision, STRANGER_SD**-2.0)
+    matrix = slope.T @ weighted[:, :-1] + np.diag(prior)
+    step = np.linalg.solve(matrix, slope.T @ weighted[:, -1] - prior * np.append(off, 0.0))
+    variance = float(np.linalg.inv(matrix)[-1, -1])
+    return float(0.5 * (step[-1] ** 2 / variance + np.log(variance / STRANGER_SD**2))), float(step[-1])
 
 
 def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
@@ -215,12 +238,11 @@ def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -
 
 def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
     """What a reader must know of this trace."""
-    names = [u.name for u in named.law.unknowns]
+    names, at, sd = [u.name for u in named.law.unknowns], named.scaled, named.sd
     notes: list[str] = []
     for k, part in enumerate(trace.parts):
         of = f"Recording {k + 1}: " if len(trace.parts) > 1 else ""
         onset, zero = (names.index(f"{name}{suffix_of(k)}") for name in ("onset_mm", "zero_N"))
-        at, sd = named.scaled, named.sd
         notes.append(
             f"{of}First touch {at[onset] - part.travel_mm[0]:.3g} ± {sd[onset]:.2g} mm into the travel, with "
             f"the load cell at {at[zero]:.3g} ± {sd[zero]:.2g} N before it."
@@ -235,13 +257,12 @@ def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
             "has come back from the one before, and with the damage and set of none."
         )
     if "ends_held" in names:
-        held = named.law.unknowns[names.index("ends_held")]
-        at = names.index("ends_held")
-        said = held.parameter(float(named.scaled[at]), float(named.sd[at]))
+        at_ends = names.index("ends_held")
+        said = named.law.unknowns[at_ends].parameter(float(at[at_ends]), float(sd[at_ends]))
         low, high = said.interval or (0.0, 1.0)
         notes.append(
-            f"The ends are not stated. From 0 (sliding) to 1 (held) the curve says {low:.2f} to {high:.2f}; E's "
-            "error bar holds what that leaves open."
+            f"The ends are not stated. From 0 (sliding) to 1 (held) the curve says {low:.2f} to {high:.2f}; "
+            "E's error bar includes this uncertainty."
         )
     curve = named.law.curve
     for name, why in curve.without.items():

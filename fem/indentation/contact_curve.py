@@ -52,7 +52,7 @@ class ContactCurve(Protocol):
         """
 
     def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"] | None:
-        """Force with held ends over that with sliding ends; None where the ends are known or there are none."""
+        """Force with held ends over that with sliding ends; None where the ends are known or absent."""
 
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""

@@ -79,7 +79,7 @@ def elastic_force(
         rows = zip(level_mm, touched, strict=True)
         last = np.stack([np.searchsorted(level, depth, side="right") for level, depth in rows]) - 1
         w, m, q = (np.take_along_axis(total, last, axis=1) for total in sums)
-        return touched * w - m if times == 0 else touched * (touched * w / 2 - m) + q / 2
+        return np.asarray(touched * w - m if times == 0 else touched * (touched * w / 2 - m) + q / 2)
 
     if toe_mm is None:
         return np.asarray(np.where(depth_mm > 0, integral(depth_mm, 0), 0.0))

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from fem.indentation.contact_law import OWN
 from fem.indentation.fit import TraceFit
 from fem.indentation.rig_share import widened
+from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter, mixture
 
 PRESENT = 0.01
@@ -17,17 +19,21 @@ OTHER = 0.01
 the force unexplained."""
 CONTAINED = 0.95
 """Probability that the verdict holds the truth."""
+LEAST_WEIGHT = 1e-4
+"""Probability of a law below which its force is left out of the mean."""
 NUISANCES = (*OWN, "ends_held")
 """Unknowns of the plain law that are reported with every effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the likeliest
-    fit of each name; `modulus`: E over all of them; `log_odds` of any effect or other physics over none, without
-    their prior.
+    """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the
+    likeliest fit of each name; `modulus`: E over all `fits` by their `weights`; `log_odds` of any effect or
+    other physics over none, without their prior.
     """
 
+    fits: tuple[TraceFit, ...]
+    weights: Float[np.ndarray, " f"]
     probability: dict[str, float]
     log_evidence: dict[str, float]
     best: dict[str, TraceFit]
@@ -46,6 +52,12 @@ class Posterior:
     def likeliest(self) -> TraceFit:
         """The fit of the likeliest law; of other physics, the best of the catalogue."""
         return self.best[next(name for name in self.probability if name != UNKNOWN)]
+
+    def force_N(self, trace: IndenterTrace) -> Float[np.ndarray, " t"]:
+        """Mean over the laws, by their probabilities."""
+        likely = np.flatnonzero(self.weights > LEAST_WEIGHT)
+        forces = [self.fits[k].law.force_N(trace, self.fits[k].scaled[None])[0] for k in likely]
+        return np.asarray(self.weights[likely] @ np.array(forces) / self.weights[likely].sum())
 
     @property
     def ranking(self) -> tuple[Candidate, ...]:
@@ -100,11 +112,14 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
     plain = float(logsumexp(logs[NONE]))
     prior_of_none = count * np.log1p(-PRESENT) + np.log1p(-OTHER)
     log_any = float(logsumexp([value for name, value in score.items() if name != NONE]))
+    weight = np.exp(np.array(weights) - max(weights)).reshape(-1, 2)
     return Posterior(
+        fits=tuple(fits),
+        weights=weight.sum(axis=1) / weight.sum(),
         probability={name: float(np.exp(score[name] - total)) for name in ordered},
         log_evidence={name: score[name] - prior for name, prior in prior_of.items()},
         best=best,
-        modulus=mixture(list(np.exp(np.array(weights) - max(weights))), moduli),
+        modulus=mixture(weight.ravel().tolist(), moduli),
         log_odds=log_any - np.log(-np.expm1(prior_of_none)) - (plain - prior_of_none),
     )
 

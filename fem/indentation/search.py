@@ -27,8 +27,8 @@ def candidate_fits(
     rng: np.random.Generator,
     effects: Sequence[TraceEffectSpec] = TRACE_EFFECTS,
 ) -> tuple[list[TraceFit], dict[str, int]]:
-    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones. And how
-    many forms each effect has.
+    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones. And
+    how many forms each effect has.
 
     Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
     with several forms a pair takes the best and, where that has one arm, two arms as well: what a second

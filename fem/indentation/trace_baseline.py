@@ -1,4 +1,4 @@
-"""The plain law of a geometry, with what is never a finding: onset, toe, zero, drift, ends, theory's error."""
+"""The plain law of a geometry, with its nuisances: onset, toe, zero, drift, ends, and the theory's error."""
 
 import numpy as np
 
@@ -52,8 +52,8 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
 
 
 def _own(trace: IndenterTrace, number: int, toe_mm: float) -> tuple[Unknown, ...]:
-    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force: the zero's
-    standard deviation holds all of it.
+    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force:
+    the zero's standard deviation holds all of it.
     """
     touch = first_touch(trace)
     onset_mm = float(trace.travel_mm[max(touch - 1, 0)])

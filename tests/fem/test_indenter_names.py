@@ -56,7 +56,7 @@ def test_a_drift_that_the_air_shows_is_named():
 
 
 def test_a_drift_that_the_cell_cannot_have_is_not_named_in_a_ramp():
-    """Stiffening flesh in one ramp, in which time is travel: a drift of a third of the force would fit too."""
+    """Stiffening flesh in one ramp, in which time is travel: a large drift would fit too."""
     time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=0.0, depth_mm=4.0)
     force = hertz_N(depth) * np.exp(1.5 * depth / RADIUS)
     said = account(time, force + noise, travel).explanation

@@ -7,7 +7,6 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.sensor_drift import SPEC
 
-
 #: drift of a faulty load cell over that of its class, which the plain law allows for (set by hand)
 FAULT = 10.0
 

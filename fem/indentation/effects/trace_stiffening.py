@@ -57,7 +57,7 @@ def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
 
 def _stretch(curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
     """Height over the first one, between the plates."""
-    return np.maximum(1 - level_mm / curve.length_mm, FLATTEST)
+    return np.asarray(np.maximum(1 - level_mm / curve.length_mm, FLATTEST))
 
 
 def mooney_rivlin_share(
@@ -69,8 +69,8 @@ def mooney_rivlin_share(
     """P/P_nH of W = C10 x + C01 y + C11 x y + C20 x^2, x = I1 - 3, y = I2 - 3, in uniaxial compression;
     `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
 
-    P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic deformations of isotropic
-    materials IV", Phil. Trans. R. Soc. A 241, 1948.
+    P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic
+    deformations of isotropic materials IV", Phil. Trans. R. Soc. A 241, 1948.
     """
     x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
     return np.asarray(1 - second + cross * y + 2 * square * x + (second + cross * x) / stretch)
@@ -106,7 +106,7 @@ def _share(name: str, sd: float, mean: float = 0.0) -> Unknown:
 
 def _positive(share: np.ndarray) -> np.ndarray:
     """A force that a solid can have: parameters far off their range are tried in the search."""
-    return np.maximum(share, 1e-3)
+    return np.asarray(np.maximum(share, 1e-3))
 
 
 FUNG = TraceEffect(
@@ -157,8 +157,8 @@ RUBBER = (
         ),
     ),
 )
-"""Laws of Mooney and Rivlin, Yeoh, and Ogden (one term, two terms). Priors (set by hand): about neo-Hooke, wide
-enough for what least squares gives of silicone cylinders."""
+"""Laws of Mooney and Rivlin, Yeoh, and Ogden (one term, two terms). Priors (set by hand): about neo-Hooke,
+wide enough for what least squares gives of silicone cylinders."""
 
 
 def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
