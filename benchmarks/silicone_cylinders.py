@@ -7,10 +7,10 @@ FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
 cylinders of 50 mm diameter and 30 mm height, 10 mm/min, to 67 % strain; the end condition is not stated. The
 published E is the slope of a line through the recorded origin over 0 to 10 % strain, an apparent modulus.
-`development` are the mixtures that laws and priors were chosen on; `last` were scored once afterwards. Prints a
-line for each curve and mixture, and totals:
+`development` are the mixtures that laws and priors were chosen on; `last` were scored once afterwards. Prints
+a line for each curve and mixture, and totals:
 
-slope       of such a line, by the law fitted to the whole curve with its first touch and ends, and the curve's
+slope       of such a line: the curve's, and by the laws fitted to the whole curve with first touch and ends
 E           initial modulus of the material, with its standard deviation
 ends        log evidence of held, and of any, over sliding ends
 verdict     none or stiffening; sensor_drift alone or in a list
@@ -163,7 +163,7 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
 
 
 def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
-    """Of the rest, by the mean over the laws fitted to the part that is seen; over the rest's root mean square."""
+    """Of the rest by the mean over the laws fitted to the seen part, over the rest's root mean square."""
     account = account_for(
         until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
     )
