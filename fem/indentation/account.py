@@ -12,7 +12,7 @@ from fem.indentation.fit import TraceFit
 from fem.indentation.heldout import LawPrediction, predict_law
 from fem.indentation.next_trace import next_press
 from fem.indentation.no_contact import pooled_noise, require_force
-from fem.indentation.posterior import Posterior, modulus_of, posterior
+from fem.indentation.posterior import CurvePosterior, modulus_of, posterior
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
 from fem.indentation.rupture import Rupture, before_rupture, find_rupture
 from fem.indentation.search import candidate_fits
@@ -44,7 +44,7 @@ class Account:
 
     explanation: Explanation
     trace: IndenterTrace
-    posterior: Posterior
+    posterior: CurvePosterior
     linear: TraceFit
     named: TraceFit
     before: LawPrediction

@@ -18,8 +18,8 @@ STEPS, ENOUGH = 40, 0.02
 NUDGE = 1e-4
 SHARE, SHARE_SD = 0.02, 0.5
 """Least share of the force that any law in the catalogue leaves unexplained, and how fast larger ones get
-improbable (half a normal in the logarithm). Of 1, 2 and 3 %, the least with which laws fitted to four fifths of
-a curve predict the last one (development mixtures of benchmarks/silicone_cylinders.py)."""
+improbable (half a normal in the logarithm). Of 1, 2 and 3 % it is the least with which laws fitted to four
+fifths of a curve predict the last one (development mixtures of benchmarks/silicone_cylinders.py)."""
 OTHER = 5.0
 """Times as much is left by physics that is not in the catalogue."""
 #: shares among which each fit chooses

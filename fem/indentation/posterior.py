@@ -26,7 +26,7 @@ NUISANCES = (*OWN, "ends_held")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Posterior:
+class CurvePosterior:
     """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the
     likeliest fit of each name; `modulus`: E over all `fits` by their `weights`; `log_odds` of any effect or
     other physics over none, without their prior.
@@ -78,7 +78,7 @@ class Posterior:
         )
 
 
-def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
+def posterior(fits: list[TraceFit], forms: dict[str, int]) -> CurvePosterior:
     """Of all fitted laws; `forms`: how many forms each effect has, which share its prior.
 
     p(H) = prior(H) evidence(H) / sum. An effect is there or not, independent of the others. Every law stands
@@ -113,7 +113,7 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> Posterior:
     prior_of_none = count * np.log1p(-PRESENT) + np.log1p(-OTHER)
     log_any = float(logsumexp([value for name, value in score.items() if name != NONE]))
     weight = np.exp(np.array(weights) - max(weights)).reshape(-1, 2)
-    return Posterior(
+    return CurvePosterior(
         fits=tuple(fits),
         weights=weight.sum(axis=1) / weight.sum(),
         probability={name: float(np.exp(score[name] - total)) for name in ordered},
