@@ -91,10 +91,8 @@ def log_evidence(trace: IndenterTrace) -> float:
     """Of the plain law and of stiffening together."""
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
     stiffening = [effect for effect in TRACE_EFFECTS if effect.spec.name == "stiffening"]
-    fits, forms = candidate_fits(
-        law, trace, pooled_noise(trace), rng=np.random.default_rng(0), effects=stiffening
-    )
-    answer = posterior(fits, forms)
+    fits = candidate_fits(law, trace, pooled_noise(trace), rng=np.random.default_rng(0), effects=stiffening)
+    answer = posterior(fits)
     return float(np.logaddexp(*(answer.log_evidence[name] for name in ("none", "stiffening"))))
 
 

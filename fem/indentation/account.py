@@ -78,8 +78,8 @@ def account_for(
     ruptured = [rupture.said for _, rupture in whole if rupture is not None]
     no_contact = pooled_noise(trace)
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    fits, forms = candidate_fits(law, trace, no_contact, rng=rng)
-    answer = posterior(fits, forms)
+    fits = candidate_fits(law, trace, no_contact, rng=rng)
+    answer = posterior(fits)
     chosen, verdict = answer.likeliest, answer.verdict
     names = verdict if isinstance(verdict, tuple) else (verdict,)
     rig_sd = rig_spread(chosen, trace, no_contact)

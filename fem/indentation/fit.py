@@ -16,7 +16,7 @@ from fem.indentation.trace_noise import NoContactNoise, TraceNoise, joint_clock
 STEPS, ENOUGH = 40, 0.02
 #: forward differences on the unknowns' own scales
 NUDGE = 1e-4
-SHARE, SHARE_SD = 0.02, 0.5
+SHARE, SHARE_SD = 0.02, 0.35
 """Least share of the force that any law in the catalogue leaves unexplained, and how fast larger ones get
 improbable (half a normal in the logarithm). Of 1, 2 and 3 % it is the least with which laws fitted to four
 fifths of a curve predict the last one (development mixtures of benchmarks/silicone_cylinders.py)."""
@@ -53,6 +53,12 @@ class TraceFit:
     log_evidence_of_other: float
     chi_square: float
     converged: bool
+
+    @property
+    def log_score(self) -> float:
+        """Log evidence with the prior of the effects' forms: each further unknown halves it."""
+        count = sum(len(effect.unknowns) for effect in self.law.effects)
+        return self.log_evidence + count * float(np.log(0.5))
 
     @property
     def sd(self) -> Float[np.ndarray, " k"]:

@@ -78,14 +78,18 @@ class CurvePosterior:
         )
 
 
-def posterior(fits: list[TraceFit], forms: dict[str, int]) -> CurvePosterior:
-    """Of all fitted laws; `forms`: how many forms each effect has, which share its prior.
+def posterior(fits: list[TraceFit]) -> CurvePosterior:
+    """Of all fitted laws, with each effect by itself in all of its forms.
 
-    p(H) = prior(H) evidence(H) / sum. An effect is there or not, independent of the others. Every law stands
-    twice: with the share of the force that a law in the catalogue leaves, and, in "unknown", with the share
-    that is left where physics outside the catalogue is at work. E is the mixture over all of it; with physics
-    outside the catalogue the share of the force that is not explained is one of E as well.
+    p(H) = prior(H) evidence(H) / sum. An effect is there or not, independent of the others; its forms share
+    its prior, half as much for each further unknown. Every law stands twice: with the share of the force that
+    a law in the catalogue leaves, and, in "unknown", with the share that is left where physics outside the
+    catalogue is at work. E is the mixture over all of it; with physics outside the catalogue the share of the
+    force that is not explained is one of E as well.
     """
+    forms: dict[str, float] = {}
+    for effect in (one.law.effects[0] for one in fits if len(one.law.effects) == 1):
+        forms[effect.name] = forms.get(effect.name, 0.0) + 0.5 ** len(effect.unknowns)
     count = len(forms)
     logs: dict[str, list[float]] = {}
     prior_of: dict[str, float] = {}
@@ -95,14 +99,14 @@ def posterior(fits: list[TraceFit], forms: dict[str, int]) -> CurvePosterior:
         effects = [effect.name for effect in one.law.effects]
         prior = len(effects) * np.log(PRESENT) + (count - len(effects)) * np.log1p(-PRESENT)
         prior_of[one.law.name] = float(prior)
-        prior -= sum(np.log(forms[name]) for name in effects)
+        prior += sum(np.log(0.5 ** len(effect.unknowns) / forms[effect.name]) for effect in one.law.effects)
         known = prior + np.log1p(-OTHER) + one.log_evidence
         other = prior + np.log(OTHER) + one.log_evidence_of_other
         logs.setdefault(one.law.name, []).append(known)
         others.append(other)
         weights += [known, other]
         moduli += [modulus_of(one), widened(modulus_of(one), one.share)]
-        if one.law.name not in best or one.log_evidence > best[one.law.name].log_evidence:
+        if one.law.name not in best or one.log_score > best[one.law.name].log_score:
             best[one.law.name] = one
     score = {name: float(logsumexp(group)) for name, group in logs.items()} | {
         UNKNOWN: float(logsumexp(others))

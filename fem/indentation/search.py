@@ -26,9 +26,8 @@ def candidate_fits(
     *,
     rng: np.random.Generator,
     effects: Sequence[TraceEffectSpec] = TRACE_EFFECTS,
-) -> tuple[list[TraceFit], dict[str, int]]:
-    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones. And
-    how many forms each effect has.
+) -> list[TraceFit]:
+    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
     Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
     with several forms a pair takes the best and, where that has one arm, two arms as well: what a second
@@ -44,7 +43,7 @@ def candidate_fits(
             known = [fits[0], *singles.get(effect.name, [])[-1:]]
             singles.setdefault(effect.name, []).append(fit(law, trace, no_contact, _starts(law, known, rng)))
     fits += [one for group in singles.values() for one in group]
-    best = {name: max(group, key=lambda f: f.log_evidence) for name, group in singles.items()}
+    best = {name: max(group, key=lambda f: f.log_score) for name, group in singles.items()}
     top = max(best, key=lambda name: best[name].log_evidence)
     reach = best[top].log_evidence - BEHIND
     for pair in combinations(best, 2):
@@ -60,7 +59,7 @@ def candidate_fits(
                     curve=linear.curve, baseline=linear.baseline, effects=one.law.effects + other.law.effects
                 )
                 fits.append(fit(law, trace, no_contact, _starts(law, [one, other], rng), follow=1))
-    return fits, {name: len(group) for name, group in singles.items()}
+    return fits
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:

@@ -40,7 +40,7 @@ NOTHING = {
 
 def scaled(law, **values):
     """Rows of unknowns: E of 1 MPa, touch at 0, no zero, and the effect's as given."""
-    known = {"E_MPa": 1.0, "onset_mm": 0.0, "zero_N": 0.0, "bend": 0.0, **values}
+    known = {"E_MPa": 1.0, "onset_mm": 0.0, "zero_N": 0.0, "bend": 0.0, "toe_mm": 1e-6, **values}
 
     def on_scale(u):
         value = known.get(u.name)
