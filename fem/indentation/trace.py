@@ -14,10 +14,10 @@ from fem.indentation.contact_curve import Geometry
 FEWEST_FRAMES = 20
 DRIFT_SHARE_PER_MIN, RANGE_OVER_PEAK = 1.2e-4, 10.0
 """Standard deviation of the drift of a load cell, share of its range per minute, and the range over the peak
-force where nothing is stated. OIML R 60 (creep) lets a cell's reading under constant load change by 0.7 times
-the permissible error within 30 min; of the usual class, C with 3000 intervals, that is 0.7 * 0.7 * 1.5 / 3000
-of the range. It is taken as two standard deviations, and all of it may come within a minute. Assumed: the
-peak force is a tenth of the range or more."""
+force where nothing is stated. By OIML R 60-1, 5.5.1, a cell's reading under constant load changes by less
+than 0.7 of the permissible error within 30 min; of the usual class, C with 3000 intervals, that is
+0.7 * 0.7 * 1.5 / 3000 of the range. It is taken as two standard deviations, and all of it may come within a
+minute. Assumed: the peak force is a tenth of the range or more."""
 #: travel slower than this share of the fastest counts as standing still
 STILL = 0.05
 
