@@ -60,8 +60,8 @@ def test_probability_is_prior_times_evidence(fitted):
     assert answer.probability["none"] == pytest.approx(expected[0], rel=1e-6)
     assert answer.probability["creep"] == pytest.approx(expected[1], rel=1e-6)
     assert answer.probability["wear"] == pytest.approx(expected[2], rel=1e-6)
-    odds = (np.exp(3.0) + np.exp(1.0)) * PRESENT * (1 - PRESENT) * (1 - OTHER)
-    assert np.exp(answer.log_odds) == pytest.approx(odds / (1 - (1 - PRESENT) ** 2 * (1 - OTHER)), rel=1e-6)
+    ratio = (np.exp(3.0) + np.exp(1.0)) * PRESENT * (1 - PRESENT) * (1 - OTHER)
+    assert np.exp(answer.log_odds) == pytest.approx(ratio / (1 - (1 - PRESENT) ** 2 * (1 - OTHER)), rel=1e-6)
 
 
 def test_forms_of_an_effect_share_its_prior_and_each_further_unknown_halves_it(fitted):
