@@ -21,7 +21,7 @@ from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_catalogue import OF_THE_MACHINE
 from fem.indentation.trace_checks import checks
 from fem.indentation.trace_noise import NoContactNoise
-from fem.mismatch.result import NONE, Explanation, HeldOut, Modulus, ModulusCell, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
 #: a phase with this share of the excess misfit is when the mismatch shows
 MOST = 0.6
@@ -34,6 +34,7 @@ recording in a hundred is one."""
 FEWEST_PARTS = 3
 #: E that is not given: not a number, which files write as null
 WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
+UNEXPLAINED = "no effect of the catalogue explains this recording, and what does can change E without limit"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +94,9 @@ def account_for(
             trace, no_contact, after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
         )
         withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {bound}"
+    elif verdict == UNKNOWN:
+        withheld = UNEXPLAINED
+    if withheld is not None:
         before, after = WITHHELD, WITHHELD
         ranking = tuple(replace(one, modulus=None) for one in ranking)
     notes = (*ruptured, *rig.notes, *_notes(trace, chosen), *strangers(trace, chosen))
