@@ -59,9 +59,9 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     top = read_table(
         topics, TactileProblem.UNREADABLE_FRAMES, what="the names of the topics (docs/formats.md)"
     )
-    top.refuse_unknown({"aperture", "length", "left", "right", "tip"})
-    length = MM[top.choice("length", MM) if "length" in top.values else "m"]
     pads = ("tip",) if "tip" in top.values else ("left", "right")
+    top.refuse_unknown({"aperture", "length", *pads})
+    length = MM[top.choice("length", MM) if "length" in top.values else "m"]
     named: dict[str, str] = {}
     for pad in pads:
         table = top.table(pad, needed=True)
@@ -149,7 +149,12 @@ def _number(message: Any) -> np.ndarray:
 
 
 def _rows(message: Any) -> np.ndarray:
-    return np.array(message.data, dtype=np.float64).reshape(-1, 3)
+    """x, y, z of each marker; raises ValueError for an array whose layout says otherwise."""
+    sizes = [axis.size for axis in message.layout.dim]
+    if len(sizes) > 1 and sizes[-1] != 3:
+        raise ValueError(f"a layout of {sizes}, x, y, z are not the last axis")
+    values = np.array(message.data, dtype=np.float64)[message.layout.data_offset :]
+    return values.reshape(-1, 3)
 
 
 def _cloud(message: Any) -> np.ndarray:
@@ -164,7 +169,8 @@ def _cloud(message: Any) -> np.ndarray:
             "itemsize": message.point_step,
         }
     )
-    points = np.frombuffer(bytes(message.data), layout, count=message.width * message.height)
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, -1)  # may end in padding
+    points = np.frombuffer(rows[:, : message.width * message.point_step].tobytes(), layout)
     return np.stack([points[name] for name in "xyz"], axis=1).astype(np.float64)
 
 
