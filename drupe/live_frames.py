@@ -22,7 +22,7 @@ from tactile.contact import frames_in_air, neighbourhood, touching_markers
 from tactile.io.recording import GelPad, Recording
 from tactile.io.sensor_file import is_rigid
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, no_contact_noise
-from tactile.registration import depth_along
+from tactile.registration import FARTHEST_SHARE, depth_along
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,8 +150,9 @@ def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
     pose = pad.pose[frames - 1]
     where, ahead = pad.rest_mm @ pose[:3, :3].T + pose[:3, 3], pose[:3, 2]
     depth = depth_along(where, ahead, shape.vertices[shape.faces])
-    used = depth - np.nanmin(depth, initial=np.inf) <= travel_mm
-    if not used.any():
+    nearest = np.nanmin(depth, initial=np.inf)
+    used = depth - nearest <= travel_mm
+    if not used.any() or nearest < -FARTHEST_SHARE * float(np.ptp(shape.vertices, axis=0).max()):
         raise DrupeError(
             f"air: pad {pad.name}: found no fruit in front of the pad, expected the mesh there; check the "
             "poses' frame and that z of the pose points into the fruit"

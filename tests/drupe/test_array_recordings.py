@@ -173,6 +173,17 @@ def test_settings_reach_the_batch_whole_and_a_single_recording_is_a_list_of_it(s
     }
 
 
+AWAY = np.diag([1.0, -1, -1, 1])
+PAST = np.array([[1.0, 0, 0, 500], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("moved", [AWAY, PAST])
+def test_pads_that_look_away_from_the_fruit_or_past_it_give_no_live_modulus(stored, moved):
+    away = replace(stored, pads=tuple(replace(pad, pose=pad.pose @ moved) for pad in stored.pads))
+    with pytest.raises(drupe.DrupeError, match="pad left: found no fruit in front of the pad"):
+        drupe.live(read_mesh(DATA / "fruit.ply"), away, travel_mm=1.0, pit="none", nu=0.45)
+
+
 def test_jaws_close_on_the_centre_and_poses_are_rigid():
     aperture = np.array([60.0, 55.0])
     left, right = drupe.jaw_poses(aperture, centre_mm=(1, 2, 3), closing=(0, 5, 0), up=(0.1, 1, 2))
