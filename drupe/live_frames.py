@@ -113,7 +113,7 @@ def live(
 
     Raises DrupeError where `air` has too few frames in the air, or the pads do not face the fruit.
     """
-    if not travel_mm > 0:
+    if not numbers("travel_mm", travel_mm, ()) > 0:
         raise DrupeError(f"travel_mm: found {travel_mm:g}, expected a travel above 0 mm")
     given = array_batch(mesh, [air], pit=pit, nu=nu, category=category, settings=settings)
     with given as root, threadpool_limits(1):

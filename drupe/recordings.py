@@ -145,6 +145,10 @@ def write_recording(path: str | Path, held: Recording) -> None:
     or the place cannot be written to: drupe never overwrites a file of yours.
     """
     path = Path(path)
+    if path.suffix != ".h5":
+        raise DrupeError(
+            f'{path}: found the ending "{path.suffix}", expected .h5, which drupe grade looks for'
+        )
     if path.exists() or path.is_symlink():
         raise DrupeError(f"{path}: exists already; give another name, or move the file away")
     with refusals(), scratch() as folder:

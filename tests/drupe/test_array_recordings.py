@@ -62,6 +62,8 @@ def test_nothing_is_overwritten(arrays, tmp_path):
     with pytest.raises(drupe.DrupeError, match=r"grasp\.h5: exists already"):
         drupe.write_recording(mine, drupe.recording(**arrays))
     assert mine.read_text() == "my notes"
+    with pytest.raises(drupe.DrupeError, match=r'found the ending "", expected \.h5'):
+        drupe.write_recording(tmp_path / "grasp", drupe.recording(**arrays))
 
 
 @pytest.mark.parametrize(
