@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from drupe.numbers import PerPad, numbers, per_pad
 from drupe.refusal import DrupeError, refusals
+from pipeline.batch.input_names import RECORDINGS
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
 from tactile.io.recording import GelPad, Recording
@@ -145,10 +146,8 @@ def write_recording(path: str | Path, held: Recording) -> None:
     or the place cannot be written to: drupe never overwrites a file of yours.
     """
     path = Path(path)
-    if path.suffix != ".h5":
-        raise DrupeError(
-            f'{path}: found the ending "{path.suffix}", expected .h5, which drupe grade looks for'
-        )
+    if path.suffix.lower() not in RECORDINGS:
+        raise DrupeError(f'{path}: found the ending "{path.suffix}", expected .h5, as drupe grade reads it')
     if path.exists() or path.is_symlink():
         raise DrupeError(f"{path}: exists already; give another name, or move the file away")
     with refusals(), scratch() as folder:
