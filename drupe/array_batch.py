@@ -57,7 +57,7 @@ def array_batch(
     named = sorted({held.fruit_id for held in given} - {"unknown", ""})
     if len(named) > 1:
         raise DrupeError(f"recordings: found fruit {', '.join(named)}, expected one fruit")
-    stated = {"category": category or ANY_CATEGORY}
+    stated: dict[str, Any] = {"category": category or ANY_CATEGORY}
     if nu is not None:
         stated["poisson_ratio"] = float(numbers("nu", nu, ()))
     further = _plain({} if settings is None else settings)
