@@ -83,9 +83,10 @@ def array_batch(
         write_mesh(fruit.root / "fruit.ply", *_surface("mesh", mesh))
         if not isinstance(pit, str):
             write_mesh(fruit.root / "pit.ply", *_surface("pit", pit))
+        digits = len(str(len(given)))  # files are read in the order of their names
         for k, held in enumerate(given, start=1):
             known = replace(held, fruit_id=FRUIT_ID, category=stated["category"])
-            write_recording(fruit.grasps / f"recording-{k}.h5", known)
+            write_recording(fruit.grasps / f"recording-{k:0{digits}}.h5", known)
         with refusals(root):
             yield root
 
