@@ -24,6 +24,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.files.plain_file import NotReadable, not_plain, open_plain, size
+from tactile.io.flange_table import NOT_ROTATION
 from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import unusable
 from tactile.io.toml_table import read_table
@@ -196,13 +197,12 @@ def _poses(
     """Rigid transforms in mm at other times: shifts linear in between, turns at constant rate."""
     if series.values.shape[1:] != (7,):
         raise unusable(f"{path.name}: {topic}", "no poses", "geometry_msgs/msg/PoseStamped")
+    lengths = np.linalg.norm(series.values[:, 3:], axis=1)
+    if not (np.abs(lengths - 1) < NOT_ROTATION).all():
+        found = f"orientations of length {lengths.min():.3g} to {lengths.max():.3g}"
+        raise unusable(f"{path.name}: {topic}", found, "unit quaternions")
     pose = np.tile(np.eye(4), (len(when), 1, 1))
-    try:
-        turns = Slerp(series.time_s, Rotation.from_quat(series.values[:, 3:]))
-        pose[:, :3, :3] = turns(when).as_matrix()
-    except ValueError as cause:
-        found = f"orientations without a length, or times that do not increase ({cause})"
-        raise unusable(f"{path.name}: {topic}", found, "unit quaternions") from cause
+    pose[:, :3, :3] = Slerp(series.time_s, Rotation.from_quat(series.values[:, 3:]))(when).as_matrix()
     pose[:, :3, 3] = MM["m"] * at_times(when, series.time_s, series.values[:, :3])
     return pose
 

@@ -169,6 +169,10 @@ def cut(path: Path) -> None:
         (lambda topics: topics.pop("/left/force"), "grasp.mcap: /left/force: found no message"),
         (lambda topics: topics.update({"/left/force": topics["/aperture"]}), "force_N: found shape (12,)"),
         (lambda topics: topics.update({"/left/pose": topics["/aperture"]}), "/left/pose: found no poses"),
+        (
+            lambda topics: topics["/left/pose"].append((START_S + 9, pose([0, 0, 0], [0, 0, 0, 0.5]))),
+            "/left/pose: found orientations of length 0.5 to 1, expected unit quaternions",
+        ),
         (lambda topics: topics["/aperture"].__delitem__(slice(1, None)), "/aperture: found 1 messages"),
         (lambda topics: topics.update({"/left/moved": planar(topics["/left/moved"])}), "not the last axis"),
         (
