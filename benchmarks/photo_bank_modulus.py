@@ -43,7 +43,7 @@ import pandas as pd
 from recon.pit.priors import FOLDER
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import SampleFruit, SamplePit, Skin
+from samples.fruit import SampleFruit, SamplePit, Skin, box_mm
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import NotInEquilibrium
@@ -121,21 +121,23 @@ def category_of_bank(kind: str) -> str:
 def write_batch(
     batch: Path,
     folder: Path,
-    scene: dict[str, Any],
+    fruit: SampleFruit,
     *,
-    grasps: int,
-    fineness: Fineness,
-    shape: str,
-    pits: str,
+    kind: str,
+    grasps: int = 2,
+    fineness: Fineness = SHIPPED,
+    shape: str = "photos",
+    pits: str = "category",
 ) -> None:
     """The batch folder of one set; recordings that are there are kept.
 
     Raises NotInEquilibrium where a grasp cannot be simulated.
     """
-    fruit, kind = fruit_of_scene(scene), scene["fruit"]["kind"]
     where = batch / "fruits" / fruit.fruit_id
     (where / "grasps").mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(folder / "mat.json", batch / "mat.json")
+    on_mat = (folder / "mat.json").is_file()
+    if on_mat:
+        shutil.copyfile(folder / "mat.json", batch / "mat.json")
     if shape == "photos":
         shutil.copytree(folder / "photos", where / "photos", dirs_exist_ok=True)
     else:
@@ -149,7 +151,8 @@ def write_batch(
         (batch / category).write_text(category_of_bank(kind), encoding="utf-8")
     settings = _SETTINGS.format(kind=category, poisson_ratio=fruit.poisson_ratio)
     (batch / "batch.toml").write_text(settings, encoding="utf-8")
-    (batch / "fruits.csv").write_text(f"fruit_id\n{fruit.fruit_id}\n", encoding="utf-8")
+    height = "" if on_mat else f"{np.ptp([end[2] for end in box_mm(fruit.skin)]):.1f}"
+    (batch / "fruits.csv").write_text(f"fruit_id,height_mm\n{fruit.fruit_id},{height}\n", encoding="utf-8")
     for k, plan in enumerate(planned(fruit, count=grasps)):
         path = where / "grasps" / f"{plan.name}.h5"
         if path.is_file():
@@ -232,7 +235,8 @@ def main() -> int:
                 write_batch(
                     batch,
                     folder,
-                    scene,
+                    fruit_of_scene(scene),
+                    kind=scene["fruit"]["kind"],
                     grasps=options.grasps,
                     fineness=FINER if options.finer else SHIPPED,
                     shape=options.shape,

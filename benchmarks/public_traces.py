@@ -6,7 +6,8 @@ not see.
     python benchmarks/public_traces.py cylinder FOLDER [...]
 
 ball: the workbooks of github.com/SarahIaquinta/perineal_indentation
-(indentation/experiments/zwick/raw_data), a sheet for each press of a ball of 5 mm on meat and silicone.
+(indentation/experiments/zwick/raw_data), a sheet for each press of a ball of 5 mm on meat and silicone;
+or such sheets as tables DAY__KIND__NAME.csv of time, force, travel and gap.
 gripper: the tables of github.com/SheepLiu712/FruitRuptureEstimate (kiwi, mango, banana), jaws on
 whole fruit to rupture; the fruit's size is not said, and the trace is taken as a ball's of 30 mm, so that E
 is no flesh's modulus but orders the fruit. cylinder: the sheets of github.com/LivingMatterLab/CANN
@@ -77,6 +78,11 @@ def of_ball(folder: Path) -> Iterator[NamedTrace]:
             yield NamedTrace(
                 f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", trace, known
             )
+    for path in sorted(folder.glob("*__*.csv")):
+        time_s, force_N, travel_mm, gap_mm = np.loadtxt(path, delimiter=",", skiprows=1).T
+        known = float(gap_mm[0]) if gap_mm[0] > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
+        trace = trace_of(time_s, force_N, travel_mm, Ball(radius_mm=BALL_MM))
+        yield NamedTrace(path.stem.replace("__", " "), trace, known)
 
 
 def of_gripper(folder: Path) -> Iterator[NamedTrace]:
@@ -167,7 +173,6 @@ def explained(one: NamedTrace) -> dict[str, object]:
     except FemFailure as failure:
         return {"trace": one.name, "verdict": f"refused: {failure.problem.value}"}
     said, trace = account.explanation, account.trace
-    end, blocks = account.end.rms(trace.force_N), account.blocks.rms(trace.force_N)
     verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
     names = [u.name for u in account.linear.law.unknowns]
     onset = float(account.linear.scaled[names.index("onset_mm")])
@@ -181,10 +186,10 @@ def explained(one: NamedTrace) -> dict[str, object]:
         "E_linear_kPa": 1e3 * float(np.exp(account.linear.scaled[0])),
         "slope_kPa": slope_kPa(one.trace),
         "unexplained": account.named.share,
-        "end_before": end[0],
-        "end_after": end[1],
-        "blocks_before": blocks[0],
-        "blocks_after": blocks[1],
+        "end_before": account.before.end_share,
+        "end_after": account.after.end_share,
+        "blocks_before": account.before.blocks_share,
+        "blocks_after": account.after.blocks_share,
         "exponent": exponent_of(trace, onset),
         "peak_N": float(one.trace.force_N.max()),
         "ruptured": any("break" in note or "rupture" in note.lower() for note in said.notes),

@@ -106,9 +106,13 @@ def rigidly_on_truth(
     """Vertices turned and shifted, never scaled, onto the truth: by the cameras, then point to plane."""
     T, _ = fitted_similarity(places, np.array([truth.places[n] for n in names]))
     turn = T[:3, :3] / np.cbrt(np.linalg.det(T[:3, :3]))
+    return onto_truth(truth, (vertices - vertices.mean(0)) @ turn.T + moved(vertices, T).mean(0), faces)
+
+
+def onto_truth(truth: Truth, placed: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertices that lie about right, turned and shifted onto the true surface, point to plane."""
     target, normals = even_points(truth)
     tree = cKDTree(target)
-    placed = (vertices - vertices.mean(0)) @ turn.T + moved(vertices, T).mean(0)
     surface = trimesh.Trimesh(placed, faces, process=False)
     source, _ = trimesh.sample.sample_surface(surface, 6000, seed=1)
     source = np.asarray(source)

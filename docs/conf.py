@@ -13,13 +13,16 @@ from pipeline.cli import app as drupe
 
 project = "drupe"
 version = release = metadata.version("drupe")
-extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc", "sphinxcontrib.mermaid"]
+extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_show_copyright = False
 html_math_renderer = "mathml"  # no script from the network
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
-myst_fence_as_directive = ["math", "mermaid"]  # as GitHub shows them
+myst_fence_as_directive = ["math"]  # as GitHub shows it
+suppress_warnings = [
+    "misc.highlighting_failure"
+]  # a diagram is its own source here: no script from the network
 default_role = "code"  # docstrings write `name`
 autodoc_typehints = "none"  # signatures show names; docstrings give shapes and units
 

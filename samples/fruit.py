@@ -1,6 +1,7 @@
 """Nectarines that never grew: a star-shaped skin, a true pit beside its prior, a known modulus."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -56,6 +57,10 @@ class Skin:
     def points_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """The skin's points in the fruit frame."""
         return np.asarray(np.asarray(self.centre_mm) + self.radius_mm(directions)[:, None] * directions)
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Its numbers by name, for JSON."""
+        return {**asdict(self), "cubic": self.cubic.tolist()}
 
 
 @dataclass(frozen=True, kw_only=True)

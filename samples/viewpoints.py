@@ -15,6 +15,12 @@ class Viewpoint:
     width_px: int
     height_px: int
 
+    @property
+    def azimuth_deg(self) -> float:
+        """Of the camera's place about the z axis, from +x towards +y."""
+        x, y = (-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])[:2]
+        return float(np.degrees(np.arctan2(y, x)))
+
     def pixels(self, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Image coordinates; the centre of the first pixel is (0, 0)."""
         seen = points_mm @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]

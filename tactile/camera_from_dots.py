@@ -3,6 +3,10 @@
 The dots lie on a grid of known pitch on the gel's face. With the distance given, one picture tells the focal
 length, the first radial distortion, how the camera is turned and what it points at: seven numbers from a pair
 for each dot. One picture of a face cannot tell the distance itself: focal length goes with it.
+
+A camera's pixels are square. If no such camera sees the dots, the picture may have been resized without its
+proportions: the ratio of the focal lengths along x and y is then the eighth number. Distortion is a function
+of directions, not of pixels, so resizing does not change it.
 """
 
 from dataclasses import dataclass
@@ -10,10 +14,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from tactile.gel.gel_sides import GelOutline
-from tactile.gel_camera import project
+from tactile.gel_camera import has_square_pixels, project
 from tactile.markers.smooth_lattice import FEWEST, lattice_places
 from tactile.markers.tracking import reference_of
 from tactile.sensors import GelCamera
@@ -24,11 +28,15 @@ OFF_GRID = 0.06
 0.021 to 0.048 of it (135 first frames), printed dots as such;
 loaded ones reach 0.14."""
 
+SQUARE = 7
+"""Numbers of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFound:
     """`rows` and `columns` of the grid, `dots` of it that were found, `off_px` what they are off by (root
-    mean square).
+    mean square). `aspect`: of a resized picture, focal length along x over that along y and its standard
+    deviation (of the fit; both pitches taken as exact); None: the pixels are square.
     """
 
     camera: GelCamera
@@ -36,6 +44,7 @@ class CameraFound:
     columns: int
     dots: int
     off_px: float
+    aspect: tuple[float, float] | None = None
 
 
 def camera_from_dots(
@@ -70,35 +79,57 @@ def camera_from_dots(
     if outline is not None:
         on_face[:, 2] = outline.face_mm(on_face[:, 0], on_face[:, 1])
 
-    def camera_of(values: Float[np.ndarray, " 7"]) -> GelCamera:
+    def camera_of(values: Float[np.ndarray, " p"]) -> GelCamera:
         turn = cv2.Rodrigues(np.asarray(values[2:5]))[0]
         pose = np.eye(4)
         pose[:3, :3] = turn
         pose[:3, 3] = [values[5], values[6], -distance_mm]
+        focal, aspect = np.exp(values[0]), np.exp(values[7]) if len(values) > SQUARE else 1.0
         return GelCamera(
             image_px=(width, height),
-            focal_px=(float(np.exp(values[0])),) * 2,
+            focal_px=(float(focal * np.sqrt(aspect)), float(focal / np.sqrt(aspect))),
             centre_px=((width - 1) / 2, (height - 1) / 2),
             distortion=(float(values[1]), 0.0, 0.0, 0.0, 0.0),
             gel_from_camera=pose,
         )
 
-    def misfit(values: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " m"]:
+    def misfit(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " m"]:
         return np.asarray((project(camera_of(values), on_face) - seen).ravel())
 
     spacing = reference.lattice.spacing_px
-    start = np.array([np.log(spacing / np.mean(pitch_mm) * distance_mm), 0, 0, 0, 0, 0, 0], dtype=float)
-    unit = np.array([0.1, 0.1, 0.1, 0.1, 0.1, *(0.5 * np.asarray(pitch_mm))])
-    found = least_squares(misfit, start, loss="soft_l1", f_scale=0.02 * spacing, x_scale=unit)
-    off = float(np.sqrt(np.mean(np.sum(misfit(found.x).reshape(-1, 2) ** 2, axis=1))))
-    if off > OFF_GRID * spacing:
+    start = np.array([np.log(spacing / np.mean(pitch_mm) * distance_mm), 0, 0, 0, 0, 0, 0, 0], dtype=float)
+    unit = np.array([0.1, 0.1, 0.1, 0.1, 0.1, *(0.5 * np.asarray(pitch_mm)), 0.1])
+    for count in (SQUARE, SQUARE + 1):
+        found = least_squares(
+            misfit, start[:count], loss="soft_l1", f_scale=0.02 * spacing, x_scale=unit[:count]
+        )
+        off = float(np.sqrt(np.mean(np.sum(misfit(found.x).reshape(-1, 2) ** 2, axis=1))))
+        camera = camera_of(found.x)
+        if off <= OFF_GRID * spacing and (count == SQUARE or not has_square_pixels(camera)):
+            break
+    else:
         raise _refused(
             source,
             f"dots that deviate by {off:.3g} px from a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm "
             "behind any camera",
             f"at most {OFF_GRID * spacing:.3g} px; check that the gel is untouched and the pitch is right",
         )
-    return CameraFound(camera=camera_of(found.x), rows=rows, columns=columns, dots=len(places), off_px=off)
+    return CameraFound(
+        camera=camera,
+        rows=rows,
+        columns=columns,
+        dots=len(places),
+        off_px=off,
+        aspect=None if count == SQUARE else _aspect(camera, found),
+    )
+
+
+def _aspect(camera: GelCamera, fit: OptimizeResult) -> tuple[float, float]:
+    """Ratio of the focal lengths, and its standard deviation by the misfit of the dots."""
+    freedom = len(fit.fun) - len(fit.x)
+    variance = np.linalg.inv(fit.jac.T @ fit.jac)[-1, -1] * float(fit.fun @ fit.fun) / freedom
+    ratio = camera.focal_px[0] / camera.focal_px[1]
+    return ratio, float(ratio * np.sqrt(variance))
 
 
 def _middle_of_grid(

@@ -27,6 +27,7 @@ from tactile.markers.pad_frames import (
 from tactile.markers.reference_places import places_of
 from tactile.markers.tracking import TrackedMarkers, reference_of
 from tactile.sensors import Sensor
+from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 from tactile.view_edge import edge_said
 
@@ -48,6 +49,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
     are not where the description has them; said as swapped pads where each fits the other's), markers-lost,
     and whatever the frames' readers refuse.
     """
+    raw = with_square_pixels(raw)
     _refuse_other_pads_markers(raw)
     read = [_fields(raw, pad, progress, covariance=covariance) for pad in raw.pads]
     start, end = max(one.time_s[0] for one in read), min(one.time_s[-1] for one in read)

@@ -11,6 +11,15 @@ DOME_STEPS = 6
 """Of the fixed point where a ray meets a dome: each is nearer by the face's slope, a tenth or less."""
 UNDISTORT_STEPS = 50
 """Of OpenCV's fixed-point search, at most; it ends at 1e-12."""
+SQUARE_TO = 0.03
+"""Ratio of the focal lengths less 1, up to which pixels count as square: calibrations have up to 0.004, and
+dots tell resized pictures from 0.04 on."""
+
+
+def has_square_pixels(camera: GelCamera) -> bool:
+    """Whether the camera's picture has its own proportions; a picture resized without them has not."""
+    fx, fy = camera.focal_px
+    return abs(fx / fy - 1.0) <= SQUARE_TO
 
 
 def project(camera: GelCamera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -17,6 +17,7 @@ from tactile.markers.smooth_lattice import lattice_places
 from tactile.markers.tracking import FrameMarkers, ReferenceMarkers, reference_of
 from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera, Sensor
+from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure
 
 LOOKED_AT = 12
@@ -100,7 +101,7 @@ def pad_reference(sensor: Sensor, view: RawCamera, camera: GelCamera, *, source:
 def references_said(raw: RawGrasp) -> list[str]:
     """A sentence on each pad whose reference bears a print; raises as `pad_reference` does."""
     said: list[str] = []
-    for pad in raw.pads:
+    for pad in with_square_pixels(raw).pads:
         if pad.sensor.camera is not None:
             source = f"{raw.source}/{pad.name}"
             try:

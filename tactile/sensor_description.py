@@ -72,7 +72,8 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         source=source,
         grid=grid,
     )
-    spread = _spread(model, model.pitch_mm, model.distance_mm)
+    ratio, ratio_sd = found.aspect or (1.0, 0.0)
+    spread = _spread(model, model.pitch_mm, model.distance_mm, ratio_sd=ratio_sd / ratio)
     table = {
         "kind": model.kind,
         "name": model.name,
@@ -81,11 +82,18 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         "markers": {"rows": found.rows, "columns": found.columns, "pitch_mm": list(_two(model.pitch_mm))},
         "spread": spread,
     }
-    seen = (
+    seen = [
         f"{source}: {found.dots} dots of a grid of {found.rows} x {found.columns}, {found.off_px:.2g} "
         "px off the grid of the fitted camera"
-    )
-    return Described(table=table, said=(seen, *_said(model, _forces(model), spread)))
+    ]
+    if found.aspect is not None:
+        seen.append(
+            f"{source}: the picture was resized without its proportions. A millimetre along x has "
+            f"{ratio:.3f} ± {ratio_sd:.3f} times the pixels of a millimetre along y. drupe reads frames "
+            "of this size as they are. The ratio takes both pitches as exact: if nobody resized the "
+            "frames, correct --pitch-mm"
+        )
+    return Described(table=table, said=(*seen, *_said(model, _forces(model), spread)))
 
 
 def with_given(model: SensorModel, given: dict[str, tuple[tuple[float, ...], float]]) -> SensorModel:
@@ -117,14 +125,18 @@ def _forces(model: SensorModel) -> dict[str, float]:
     }
 
 
-def _spread(model: SensorModel, pitch: Published, distance: Published) -> dict[str, float]:
+def _spread(
+    model: SensorModel, pitch: Published, distance: Published, *, ratio_sd: float
+) -> dict[str, float]:
     """Relative standard deviations of force and displacement, which all markers and frames share.
 
-    A force is taken from displacements, so it has their scale's error as well.
+    A force is taken from displacements, so it has their scale's error as well. `ratio_sd`: of the focal
+    lengths' ratio in a resized picture.
     """
     depth = OF_DEPTH * distance.relative_sd
-    force = float(np.linalg.norm([*_forces(model).values(), pitch.relative_sd, depth]))
-    return {"force": round(force, 4), "displacement": round(pitch.relative_sd, 4)}
+    scale = float(np.hypot(pitch.relative_sd, ratio_sd))
+    force = float(np.linalg.norm([*_forces(model).values(), scale, depth]))
+    return {"force": round(force, 4), "displacement": round(scale, 4)}
 
 
 def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]) -> tuple[str, ...]:

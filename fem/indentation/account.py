@@ -1,17 +1,18 @@
 """All that is known of one trace: the answer, and the fits and predicted forces behind it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.contact_law import OWN, suffix_of
-from fem.indentation.fit import TraceFit, fit
-from fem.indentation.heldout import Prediction, predictions
-from fem.indentation.naming import Forecasts, named, with_bound, with_rig_spread
+from fem.indentation.contact_law import suffix_of
+from fem.indentation.fit import TraceFit
+from fem.indentation.heldout import LawPrediction, predict_law
 from fem.indentation.next_trace import next_press
 from fem.indentation.no_contact import pooled_noise, require_force
-from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
+from fem.indentation.posterior import CurvePosterior, modulus_of, posterior
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
 from fem.indentation.rupture import Rupture, before_rupture, find_rupture
 from fem.indentation.search import candidate_fits
@@ -19,32 +20,35 @@ from fem.indentation.trace import IndenterTrace, joined
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_catalogue import OF_THE_MACHINE
 from fem.indentation.trace_checks import checks
-from fem.indentation.trace_detection import Detection, detect
 from fem.indentation.trace_noise import NoContactNoise
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
+from fem.mismatch.result import NONE, Explanation, HeldOut, Modulus, ModulusCell, Where
 
 #: a phase with this share of the excess misfit is when the mismatch shows
 MOST = 0.6
 #: frames in the table of secant moduli
 CELLS = 24
-#: standard deviation, over the travel, of an onset that is not fitted
-FIXED = 1e-6
+STRANGER_SD, STRANGE = 0.5, 100.0
+"""Standard deviation of ln E of a recording of another specimen, and the odds from which it is named: a
+recording in a hundred is one."""
+#: recordings from which on it can be told which of them does not belong
+FEWEST_PARTS = 3
 #: E that is not given: not a number, which files write as null
 WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: predicted forces.
+    """`linear`, `named`: fits of the plain law and of the likeliest; `before`, `after`: what they predict.
     `trace`: what was explained, cut before a rupture where there is one.
     """
 
     explanation: Explanation
     trace: IndenterTrace
+    posterior: CurvePosterior
     linear: TraceFit
     named: TraceFit
-    end: Prediction
-    blocks: Prediction
+    before: LawPrediction
+    after: LawPrediction
     no_contact: NoContactNoise
 
 
@@ -56,7 +60,7 @@ def account_for(
     rng: np.random.Generator,
     rig_N_per_mm: float | None = None,
 ) -> Account:
-    """Detection, selection, refit, held-out frames and advice; see `explain_trace` for units and failures."""
+    """The posterior over all laws, held-out frames and advice; see `explain_trace` for units and failures."""
     if not 0 <= poisson_ratio < 0.5:
         raise FemFailure(
             FemProblem.BAD_POISSON_RATIO,
@@ -71,70 +75,55 @@ def account_for(
         )
     whole = [_up_to_rupture(part) for part in trace.parts]
     trace = joined([part for part, _ in whole])
-    ruptured = [found.said for _, found in whole if found is not None]
+    ruptured = [rupture.said for _, rupture in whole if rupture is not None]
     no_contact = pooled_noise(trace)
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     fits = candidate_fits(law, trace, no_contact, rng=rng)
-    candidates, best = ranking(fits)
-    log_odds = log_odds_of_any(fits)
-    found = detect(fits[0], trace, no_contact, log_odds=log_odds, rng=rng)
-    proposed = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
-    forecasts = Forecasts(best, trace, no_contact)
-    naming = named(proposed, candidates, best, forecasts, trace)
-    rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
-    rig_notes = rig.notes
-    if rig.bound is not None and naming.after is None:
-        rig_notes = (*rig_notes, f"E would be a lower bound at best: {rig.bound}.")
-    if rig.bound is not None and naming.after is not None:
-        least_MPa = least_modulus(
-            trace, no_contact, naming.after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
-        )
-        naming = with_bound(naming, least_MPa=least_MPa, why=rig.bound)
-    rig_sd = rig_spread(fits[0], trace, no_contact)
-    if rig_sd > 0.0:
-        own = naming.verdict if isinstance(naming.verdict, str) else naming.verdict[0]
-        of_named = rig_sd if own not in best or own == NONE else rig_spread(best[own], trace, no_contact)
-        naming = with_rig_spread(naming, of_named)
-        if naming.after is not None and (why := unsure_E(naming.after, of_named)) is not None:
-            least_MPa = least_modulus(
-                trace, no_contact, naming.after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
-            )
-            naming = with_bound(naming, least_MPa=least_MPa, why=why)
-    verdict = naming.verdict
+    answer = posterior(fits)
+    chosen, verdict = answer.likeliest, answer.verdict
     names = verdict if isinstance(verdict, tuple) else (verdict,)
-    likeliest = naming.ranking[0].effect if verdict == UNKNOWN else names[0]
-    chosen = best[likeliest]
-    notes = (
-        *ruptured,
-        *rig_notes,
-        *naming.notes,
-        *_notes(trace, chosen),
-        *(_with_onset_zero(trace, chosen, no_contact) if naming.after is not None else ()),
-    )
+    rig_sd = rig_spread(chosen, trace, no_contact)
+    before, after = (widened(one, rig_sd) for one in (modulus_of(fits[0]), answer.modulus))
+    rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
+    withheld, ranking, bound = None, answer.ranking, rig.bound
+    if bound is None and rig_sd > 0.0:
+        bound = unsure_E(after, rig_sd)
+    if bound is not None:
+        least_MPa = least_modulus(
+            trace, no_contact, after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
+        )
+        withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {bound}"
+        before, after = WITHHELD, WITHHELD
+        ranking = tuple(replace(one, modulus=None) for one in ranking)
+    notes = (*ruptured, *rig.notes, *_notes(trace, chosen), *strangers(trace, chosen))
+    linear = predict_law(fits[0], trace, no_contact)
     try:
-        predicted = forecasts.of(likeliest)
+        predicted = predict_law(chosen, trace, no_contact)
     except FemFailure as failure:
-        predicted = forecasts.of(NONE)
-        notes = (*notes, f"No prediction with {likeliest}: {failure.detail}.")
-    end, blocks = predictions(forecasts.of(NONE), predicted)
-    out = np.isfinite(end.before_N)
-    noise = no_contact.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
+        predicted = linear
+        notes = (*notes, f"No prediction with {chosen.law.name}: {failure.detail}.")
+    out = np.isfinite(linear.end_N)
+    p_value = float(np.exp(-max(answer.log_odds, 0.0)))
     explanation = Explanation(
-        detected=verdict != NONE,
-        p_value=found.p_value,
-        statistics=found.statistics,
-        where=Where(region=_where(verdict)),
-        when=_when(trace, found),
+        detected=NONE not in names,
+        p_value=p_value,
+        statistics={"evidence": p_value},
+        where=Where(region=_where(names)),
+        when=_when(trace, fits[0]),
         component="normal",
-        ranking=naming.ranking,
+        ranking=ranking,
         verdict=verdict,
-        before=WITHHELD if naming.before is None else widened(naming.before, rig_sd),
-        after=naming.after or WITHHELD,
-        withheld=naming.withheld,
+        before=before,
+        after=after,
+        withheld=withheld,
         heldout=HeldOut(
-            rms_before=forecasts.of(NONE).end_share, rms_after=predicted.end_share, noise_rms=noise
+            rms_before=linear.end_share,
+            rms_after=predicted.end_share,
+            noise_rms=no_contact.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2))),
         ),
-        next_grasp=next_press([best[name] for name in names if name in best], trace.parts[0], no_contact),
+        next_grasp=next_press(
+            [answer.best[name] for name in names if name in answer.best], trace.parts[0], no_contact
+        ),
         cells=_cells(trace, fits[0], no_contact),
         checks=checks(trace, fits[0], chosen, rng=rng),
         notes=notes,
@@ -142,10 +131,11 @@ def account_for(
     return Account(
         explanation=explanation,
         trace=trace,
+        posterior=answer,
         linear=fits[0],
         named=chosen,
-        end=end,
-        blocks=blocks,
+        before=linear,
+        after=predicted,
         no_contact=no_contact,
     )
 
@@ -157,44 +147,68 @@ def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]
     return (trace if found is None else before_rupture(trace, found)), found
 
 
-def _with_onset_zero(trace: IndenterTrace, chosen: TraceFit, no_contact: NoContactNoise) -> tuple[str, ...]:
-    """The same law with the first touch where the travel starts, where the fit has it before that."""
-    start = float(trace.travel_mm[0])
-    at = [u.name for u in chosen.law.unknowns].index("onset_mm")
-    if len(trace.parts) > 1 or not chosen.scaled[at] < start:
-        return ()
-    fixed = tuple(
-        replace(u, mean=start, sd=FIXED * float(np.ptp(trace.travel_mm))) if u.name == "onset_mm" else u
-        for u in chosen.law.baseline
-    )
-    guess = chosen.scaled.copy()
-    guess[at] = start
-    again = fit(replace(chosen.law, baseline=fixed), trace, no_contact, guess[None], follow=1)
-    modulus = modulus_of(again)
-    return (
-        f"The fitted onset lies {start - chosen.scaled[at]:.2f} mm before the travel starts. With onset 0 "
-        f"E is {modulus.value:.3g} ± {modulus.sd:.2g} MPa, and {again.share:.1%} of the force is left "
-        "unexplained.",
-    )
-
-
-def _where(verdict: str | tuple[str, ...]) -> str:
+def _where(verdict: Sequence[str]) -> str:
     """The machine ("tip") where every name is the machine's, else the flesh."""
-    names = {
-        part for name in ([verdict] if isinstance(verdict, str) else verdict) for part in name.split("+")
-    }
+    names = {part for name in verdict for part in name.split("+")}
     return "tip" if names <= OF_THE_MACHINE else "flesh"
 
 
-def _when(trace: IndenterTrace, found: Detection) -> str:
-    """The phase that holds most of the misfit beyond noise."""
+def _when(trace: IndenterTrace, linear: TraceFit) -> str:
+    """The phase that holds most of what the plain law leaves of the force."""
     phases = np.array(trace.phases)
-    excess = np.maximum(found.whitened**2 - 1, 0)
-    share = {
-        p: float(excess[phases == p].sum() / max(excess.sum(), 1e-12)) for p in ("load", "hold", "unload")
-    }
+    left = (trace.force_N - linear.force_N) ** 2
+    share = {p: float(left[phases == p].sum() / left.sum()) for p in ("load", "hold", "unload")}
     top = max(share, key=lambda p: share[p])
     return top if share[top] >= MOST else "all"
+
+
+def strangers(trace: IndenterTrace, chosen: TraceFit) -> tuple[str, ...]:
+    """Recordings that do not have the modulus of the others: the likeliest first, then the next given this
+    one, while the evidence for a modulus of its own outweighs STRANGE against.
+    """
+    said: dict[int, str] = {}
+    off = chosen.scaled - np.array([u.mean for u in chosen.law.unknowns])
+    precision = np.array([u.sd**-2.0 for u in chosen.law.unknowns])
+    slope = chosen.jacobian
+    while len(said) < len(trace.parts) - FEWEST_PARTS + 1:
+        factors: dict[int, tuple[float, float, np.ndarray]] = {}
+        for k, frames in enumerate(trace.slices):
+            column = np.zeros(len(trace.time_s))
+            column[frames] = chosen.jacobian[frames, 0]
+            if k not in said:
+                factors[k] = (
+                    *_own_modulus(np.column_stack([slope, column]), trace, chosen, precision, off),
+                    column,
+                )
+        k = max(factors, key=lambda one: factors[one][0])
+        log_factor, ln_ratio, column = factors[k]
+        if log_factor < np.log(STRANGE):
+            break
+        said[k] = (
+            f"Recording {k + 1} does not belong to the others: its modulus is {np.exp(ln_ratio):.2f} times "
+            "theirs. Check that it is the same specimen."
+        )
+        slope, off = np.column_stack([slope, column]), np.append(off, 0.0)
+        precision = np.append(precision, STRANGER_SD**-2.0)
+    return tuple(said.values())
+
+
+def _own_modulus(
+    slope: Float[np.ndarray, "t k1"],
+    trace: IndenterTrace,
+    chosen: TraceFit,
+    precision: Float[np.ndarray, " k"],
+    off: Float[np.ndarray, " k"],
+) -> tuple[float, float]:
+    """Log Bayes factor for the last column's unknown against none (Savage and Dickey: prior over posterior
+    density at nought), and its value.
+    """
+    weighted = chosen.noise.solve(np.column_stack([slope, trace.force_N - chosen.force_N]))
+    prior = np.append(precision, STRANGER_SD**-2.0)
+    matrix = slope.T @ weighted[:, :-1] + np.diag(prior)
+    step = np.linalg.solve(matrix, slope.T @ weighted[:, -1] - prior * np.append(off, 0.0))
+    variance = float(np.linalg.inv(matrix)[-1, -1])
+    return float(0.5 * (step[-1] ** 2 / variance + np.log(variance / STRANGER_SD**2))), float(step[-1])
 
 
 def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
@@ -205,7 +219,8 @@ def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -
     zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
     curve = linear.law.curve
     bent = (1 + np.maximum(depth, 0) / curve.length_mm) ** float(value["bend"][0])
-    per_MPa = curve.force_N_per_MPa(depth) * bent
+    held = curve.held_over_sliding(depth)
+    per_MPa = curve.force_N_per_MPa(depth) * bent * (1.0 if held is None else held ** value["ends_held"][0])
     loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
     phases = trace.phases
     return tuple(
@@ -223,12 +238,11 @@ def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -
 
 def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
     """What a reader must know of this trace."""
-    names = [u.name for u in named.law.unknowns]
+    names, at, sd = [u.name for u in named.law.unknowns], named.scaled, named.sd
     notes: list[str] = []
     for k, part in enumerate(trace.parts):
         of = f"Recording {k + 1}: " if len(trace.parts) > 1 else ""
-        onset, zero = (names.index(f"{one}{suffix_of(k)}") for one in OWN)
-        at, sd = named.scaled, named.sd
+        onset, zero = (names.index(f"{name}{suffix_of(k)}") for name in ("onset_mm", "zero_N"))
         notes.append(
             f"{of}First touch {at[onset] - part.travel_mm[0]:.3g} ± {sd[onset]:.2g} mm into the travel, with "
             f"the load cell at {at[zero]:.3g} ± {sd[zero]:.2g} N before it."
@@ -241,6 +255,14 @@ def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
         notes.append(
             f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
             "has come back from the one before, and with the damage and set of none."
+        )
+    if "ends_held" in names:
+        at_ends = names.index("ends_held")
+        said = named.law.unknowns[at_ends].parameter(float(at[at_ends]), float(sd[at_ends]))
+        low, high = said.interval or (0.0, 1.0)
+        notes.append(
+            f"The ends are not stated. From 0 (sliding) to 1 (held) the curve says {low:.2f} to {high:.2f}; "
+            "E's error bar includes this uncertainty."
         )
     curve = named.law.curve
     for name, why in curve.without.items():

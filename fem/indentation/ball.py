@@ -166,6 +166,14 @@ class BallOnSlab:
         """The slab's factor on the force at this depth."""
         return np.asarray(self.slab_spline(np.sqrt(np.maximum(depth_mm, 0.0) / self.radius_mm)))
 
+    @property
+    def toe_mm(self) -> float:
+        """Contact starts at a point."""
+        return 0.0
+
+    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
+        """There are no ends."""
+
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         depth = np.maximum(depth_mm, 0.0) / self.radius_mm

@@ -185,6 +185,14 @@ class CompressedEllipsoid:
         ]
         return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
 
+    @property
+    def toe_mm(self) -> float:
+        """Contact starts at a point."""
+        return 0.0
+
+    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
+        """There are no ends."""
+
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         depth = np.asarray(np.maximum(depth_mm, 0.0))

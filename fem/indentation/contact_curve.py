@@ -45,6 +45,15 @@ class ContactCurve(Protocol):
     def shape_sd(self) -> float:
         """Relative standard deviation of E from the geometry alone: what closed form or table err by."""
 
+    @property
+    def toe_mm(self) -> float:
+        """Typical width of the first touches of an end that is not quite parallel to its plate; 0: the tool
+        touches at a point.
+        """
+
+    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"] | None:
+        """Force with held ends over that with sliding ends; None where the ends are known or absent."""
+
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
 

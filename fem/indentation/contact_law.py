@@ -14,7 +14,7 @@ from fem.indentation.unknowns import Unknown
 #: least depth that the springs are laid out for, mm
 SHALLOWEST_MM = 1e-3
 #: unknowns that each of several recordings has for itself
-OWN = ("onset_mm", "zero_N")
+OWN = ("onset_mm", "zero_N", "toe_mm")
 
 
 def suffix_of(part: int) -> str:
@@ -54,14 +54,18 @@ class Law:
         """Recorded force per frame for each row of unknowns (on their scales).
 
         F(t) = zero + added + E factor(deepest) sum of springs of phi(d) (1 + d/R)^bend Phi(d),
-        R the curve's length, d = travel - onset - give. Effects have their parts in added, factor, Phi, the
+        R the curve's length, d = travel - onset - give, times (held/sliding)^ends_held where the ends are not
+        known. Effects have their parts in added, factor, Phi, the
         springs' slack and relaxation, and give (TraceEffect). The measured force, not the model's, gives way
         in the machine: its noise times c is small against travel, and no equation is left to solve. Each of
         several recordings has its own onset and zero, and begins with flesh at rest and unhurt.
         """
         value = self.values(scaled)
         parts = [
-            self._part_N(part, {**value, **{one: value[f"{one}{suffix_of(k)}"] for one in OWN}})
+            self._part_N(
+                part,
+                {**value, **{name: value[at] for name in OWN if (at := f"{name}{suffix_of(k)}") in value}},
+            )
             for k, part in enumerate(trace.parts)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
@@ -77,6 +81,9 @@ class Law:
         def curve(level: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
             strain = level / self.curve.length_mm
             phi = self.curve.force_N_per_MPa(level) * (1 + strain) ** value["bend"][:, None]
+            held = self.curve.held_over_sliding(level)
+            if held is not None:
+                phi = phi * held ** value["ends_held"][:, None]
             for effect in self.effects:
                 if effect.stress_factor is not None:
                     phi = phi * effect.stress_factor(value, self.curve, level)
@@ -90,14 +97,18 @@ class Law:
                 slack = own if slack is None else slack + own
         relaxation = next((one.relaxation for one in self.effects if one.relaxation is not None), None)
         if relaxation is None:
-            force = elastic_force(depth, slack, level, stiffness)
+            force = elastic_force(depth, slack, level, stiffness, value.get("toe_mm"))
         else:
             share, tau_s = relaxation(value)
-            force = relaxing_force(trace.time_s, depth, slack, level, stiffness, share, tau_s)
+            force = relaxing_force(
+                trace.time_s, depth, slack, level, stiffness, share, tau_s, value.get("toe_mm")
+            )
         for effect in self.effects:
             if effect.force_factor is not None:
                 force = force * effect.force_factor(value, self.curve, depth, deepest)
-        total = value["E_MPa"][:, None] * force + value["zero_N"][:, None]
+        elapsed_min = (trace.time_s - trace.time_s[0]) / 60
+        drift = value["drift_N_per_min"][:, None] * elapsed_min
+        total = value["E_MPa"][:, None] * force + value["zero_N"][:, None] + drift
         for effect in self.effects:
             if effect.added_N is not None:
                 total = total + effect.added_N(value, trace)

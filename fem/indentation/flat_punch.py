@@ -126,6 +126,14 @@ class PunchOnSlab:
         """Of the finite elements that the law was held to (tests/fem/test_flat_punch.py)."""
         return 0.01
 
+    @property
+    def toe_mm(self) -> float:
+        """Its width is left to the `bend` of the baseline."""
+        return 0.0
+
+    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
+        """There are no ends."""
+
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         slope = 2 * self.radius_mm * self.kappa / (1 - self.poisson_ratio**2)

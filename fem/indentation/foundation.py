@@ -37,17 +37,55 @@ def springs(
     return level[:, :-1], np.diff(slope, prepend=0.0, axis=1)
 
 
+def pressed_mm(
+    depth_mm: Float[np.ndarray, "p t"],
+    slack_mm: Float[np.ndarray, "p t n"] | None,
+    level_mm: Float[np.ndarray, "p n"],
+    toe_mm: Float[np.ndarray, " p"] | None = None,
+) -> Float[np.ndarray, "p t n"]:
+    """Compression of each spring, (d - y - slack)+: the mean over first touches that are spread evenly over a
+    width w round the onset, ((x + w/2)+^2 - (x - w/2)+^2)/(2 w), where `toe_mm` is given.
+    """
+    pressed = depth_mm[:, :, None] - level_mm[:, None]
+    if slack_mm is not None:
+        pressed = pressed - slack_mm
+    if toe_mm is None:
+        return np.asarray(np.maximum(pressed, 0.0))
+    half = toe_mm[:, None, None] / 2
+    inside = np.clip(pressed, -half, half)
+    return np.asarray(np.maximum(pressed - half, 0.0) + (inside + half) ** 2 / (4 * half))
+
+
 def elastic_force(
     depth_mm: Float[np.ndarray, "p t"],
     slack_mm: Float[np.ndarray, "p t n"] | None,
     level_mm: Float[np.ndarray, "p n"],
     stiffness: Float[np.ndarray, "p n"],
+    toe_mm: Float[np.ndarray, " p"] | None = None,
 ) -> Float[np.ndarray, "p t"]:
-    """Without memory: sum of w (d - y - slack)+."""
-    pressed = depth_mm[:, :, None] - level_mm[:, None]
+    """Without memory: the springs' compressions times their stiffnesses.
+
+    Without slack only the springs above a depth d count, of which sums of w, w y and w y^2 are enough:
+    sum w (d - y)+ = d W - M, and its integral over d, which a toe asks for, d^2 W/2 - d M + Q/2.
+    """
     if slack_mm is not None:
-        pressed = pressed - slack_mm
-    return np.asarray(np.einsum("ptn,pn->pt", np.maximum(pressed, 0.0), stiffness))
+        return np.asarray(
+            np.einsum("ptn,pn->pt", pressed_mm(depth_mm, slack_mm, level_mm, toe_mm), stiffness)
+        )
+    sums = [np.cumsum(stiffness * level_mm**k, axis=1) for k in (0, 1, 2)]
+
+    def integral(depth: Float[np.ndarray, "p t"], times: int) -> Float[np.ndarray, "p t"]:
+        touched = np.maximum(depth, 0.0)
+        rows = zip(level_mm, touched, strict=True)
+        last = np.stack([np.searchsorted(level, depth, side="right") for level, depth in rows]) - 1
+        w, m, q = (np.take_along_axis(total, last, axis=1) for total in sums)
+        return np.asarray(touched * w - m if times == 0 else touched * (touched * w / 2 - m) + q / 2)
+
+    if toe_mm is None:
+        return np.asarray(np.where(depth_mm > 0, integral(depth_mm, 0), 0.0))
+    half = toe_mm[:, None] / 2
+    upper, lower = (np.where(at > 0, integral(at, 1), 0.0) for at in (depth_mm + half, depth_mm - half))
+    return np.asarray((upper - lower) / (2 * half))
 
 
 def relaxing_force(
@@ -58,6 +96,7 @@ def relaxing_force(
     stiffness: Float[np.ndarray, "p n"],
     share: Float[np.ndarray, "k p"],
     tau_s: Float[np.ndarray, "k p"],
+    toe_mm: Float[np.ndarray, " p"] | None = None,
 ) -> Float[np.ndarray, "p t"]:
     """With memory R(t) = 1 - sum g + sum g exp(-t/tau): p rows side by side, depth linear between frames.
 
@@ -70,22 +109,19 @@ def relaxing_force(
     take = share * -np.expm1(-step) / step
     rest = 1 - share.sum(axis=0)
     turn = last_growing_frame(depth_mm)
-    pressed = depth_mm[:, : turn + 1, None] - level_mm[:, None]
-    if slack_mm is not None:
-        pressed = pressed - slack_mm[:, : turn + 1]
-    pressed = np.maximum(pressed, 0.0)
-    whole = np.einsum("ptn,pn->tp", pressed, stiffness)
+    first = None if slack_mm is None else slack_mm[:, : turn + 1]
+    whole = elastic_force(depth_mm[:, : turn + 1], first, level_mm, stiffness, toe_mm).T
     arms = np.zeros((turn + 1, *tau_s.shape))
     arms[1:] = _kept(fade[:turn], take[:turn] * np.diff(whole, axis=0)[:, None])
     growing = rest * whole + arms.sum(axis=1)
     if turn == len(time_s) - 1:
         return np.asarray(growing.T)
 
+    pressed = pressed_mm(depth_mm[:, : turn + 1], first, level_mm, toe_mm)
     weight = take[:turn] * np.exp(-(time_s[turn] - time_s[1 : turn + 1])[:, None, None] / tau_s)
     state = np.einsum("tkp,ptn->kpn", weight, np.diff(pressed, axis=1), optimize=True)
-    demanded = np.moveaxis(depth_mm[:, turn + 1 :, None] - level_mm[:, None], 1, 0)
-    if slack_mm is not None:
-        demanded = demanded - np.moveaxis(slack_mm[:, turn + 1 :], 1, 0)
+    later = None if slack_mm is None else slack_mm[:, turn + 1 :]
+    demanded = np.moveaxis(pressed_mm(depth_mm[:, turn + 1 :], later, level_mm, toe_mm), 1, 0)
     always = np.ones((len(time_s) - 1 - turn, 1, len(rest)))
     springs_N = _any_path(
         demanded,

@@ -23,19 +23,6 @@ FIRST, STAYS = 0.1, 3
 TAKEN = 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Prediction:
-    """Force of the frames left out, NaN elsewhere, by the linear law and by the named one."""
-
-    protocol: str
-    before_N: Float[np.ndarray, " t"]
-    after_N: Float[np.ndarray, " t"]
-
-    def rms(self, force_N: Float[np.ndarray, " t"]) -> tuple[float, float]:
-        """Root mean square error over that of the force left out, before and after."""
-        return _share(self.before_N, force_N), _share(self.after_N, force_N)
-
-
 def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     """What is predicted from the past: all from the start of unloading, else the second half of the hold.
 
@@ -64,18 +51,6 @@ class LawPrediction:
     blocks_N: Float[np.ndarray, " t"]
     end_share: float
     blocks_share: float
-
-    @property
-    def product(self) -> float:
-        """Of both shares: its root is their geometric mean."""
-        return self.end_share * self.blocks_share
-
-    def gains_on(self, other: "LawPrediction", *, by: float = 0.0) -> bool:
-        """Whether it misses less, by so large a share, of the end or of the blocks: what shows in the ramp
-        alone helps to predict no hold.
-        """
-        keeps = 1 - by
-        return self.end_share < keeps * other.end_share or self.blocks_share < keeps * other.blocks_share
 
 
 def whole_recordings(trace: IndenterTrace) -> list[Bool[np.ndarray, " t"]]:
@@ -111,21 +86,6 @@ def predict_law(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNois
         end_share=_share(end, trace.force_N),
         blocks_share=_share(blocks, trace.force_N),
     )
-
-
-def predictions(before: LawPrediction, after: LawPrediction) -> tuple[Prediction, Prediction]:
-    """Both laws side by side: the trace's end, and its blocks."""
-    return (
-        Prediction(protocol="end", before_N=before.end_N, after_N=after.end_N),
-        Prediction(protocol="blocks", before_N=before.blocks_N, after_N=after.blocks_N),
-    )
-
-
-def predict(
-    linear: TraceFit, named: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
-) -> tuple[Prediction, Prediction]:
-    """What both laws predict of the trace's end, and of its blocks."""
-    return predictions(predict_law(linear, trace, no_contact), predict_law(named, trace, no_contact))
 
 
 def _share(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:

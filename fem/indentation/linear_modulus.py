@@ -4,7 +4,7 @@ import numpy as np
 
 from fem.indentation.fit import fit
 from fem.indentation.no_contact import pooled_noise
-from fem.indentation.rank import modulus_of
+from fem.indentation.posterior import modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.mismatch.result import Modulus

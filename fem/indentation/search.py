@@ -1,5 +1,6 @@
 """Which laws are tried: the linear one, every effect alone, and the pairs worth the time."""
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +10,7 @@ from fem.indentation.contact_law import Law
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_catalogue import TRACE_EFFECTS
+from fem.indentation.trace_effect import TraceEffectSpec
 from fem.indentation.trace_noise import NoContactNoise
 
 #: starts drawn from the prior beside those that simpler laws suggest
@@ -18,7 +20,12 @@ BEHIND = 30.0
 
 
 def candidate_fits(
-    linear: Law, trace: IndenterTrace, no_contact: NoContactNoise, *, rng: np.random.Generator
+    linear: Law,
+    trace: IndenterTrace,
+    no_contact: NoContactNoise,
+    *,
+    rng: np.random.Generator,
+    effects: Sequence[TraceEffectSpec] = TRACE_EFFECTS,
 ) -> list[TraceFit]:
     """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
@@ -28,7 +35,7 @@ def candidate_fits(
     """
     fits = [fit(linear, trace, no_contact, _starts(linear, [], rng))]
     singles: dict[str, list[TraceFit]] = {}
-    for sought in TRACE_EFFECTS:
+    for sought in effects:
         if sought.spec.name in linear.curve.without:
             continue
         for effect in sought.forms(trace):
@@ -36,7 +43,7 @@ def candidate_fits(
             known = [fits[0], *singles.get(effect.name, [])[-1:]]
             singles.setdefault(effect.name, []).append(fit(law, trace, no_contact, _starts(law, known, rng)))
     fits += [one for group in singles.values() for one in group]
-    best = {name: max(group, key=lambda f: f.log_evidence) for name, group in singles.items()}
+    best = {name: max(group, key=lambda f: f.log_score) for name, group in singles.items()}
     top = max(best, key=lambda name: best[name].log_evidence)
     reach = best[top].log_evidence - BEHIND
     for pair in combinations(best, 2):

@@ -12,6 +12,12 @@ from fem.indentation.contact_curve import Geometry
 
 #: fewest frames that a fit with a dozen unknowns can be asked to explain
 FEWEST_FRAMES = 20
+DRIFT_SHARE_PER_MIN, RANGE_OVER_PEAK = 1.2e-4, 10.0
+"""Standard deviation of the drift of a load cell, share of its range per minute, and the range over the peak
+force where nothing is stated. By OIML R 60-1, 5.5.1, a cell's reading under constant load changes by less
+than 0.7 of the permissible error within 30 min; of the usual class, C with 3000 intervals, that is
+0.7 * 0.7 * 1.5 / 3000 of the range. It is taken as two standard deviations, and all of it may come within a
+minute. Assumed: the peak force is a tenth of the range or more."""
 #: travel slower than this share of the fastest counts as standing still
 STILL = 0.05
 
@@ -24,7 +30,7 @@ class IndenterTrace:
     `starts`: first frames of the recordings of one specimen that are joined here, each from its own travel on
     (`joined`); one trace alone has one.
     Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
-    which all frames share.
+    which all frames share. `drift_N_per_min`: standard deviation of the load cell's drift, where it is known.
     Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
     """
 
@@ -35,6 +41,7 @@ class IndenterTrace:
     starts: tuple[int, ...] = (0,)
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
+    drift_N_per_min: float | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time_s)
@@ -84,6 +91,7 @@ class IndenterTrace:
                 geometry=self.geometry,
                 rig_give_mm=None if self.rig_give_mm is None else self.rig_give_mm[part],
                 rig_sd_mm=None if self.rig_sd_mm is None else self.rig_sd_mm[part],
+                drift_N_per_min=self.drift_N_per_min,
             )
             for part in self.slices
         )
@@ -93,6 +101,13 @@ class IndenterTrace:
         """Frames of each recording."""
         ends = (*self.starts[1:], len(self.time_s))
         return tuple(slice(start, end) for start, end in zip(self.starts, ends, strict=True))
+
+    @property
+    def drift_sd_N_per_min(self) -> float:
+        """As stated, or of a load cell of the weakest class (DRIFT_SHARE_PER_MIN)."""
+        if self.drift_N_per_min is not None:
+            return self.drift_N_per_min
+        return DRIFT_SHARE_PER_MIN * RANGE_OVER_PEAK * float(np.abs(self.force_N).max())
 
     @property
     def elapsed_s(self) -> Float[np.ndarray, " t"]:
@@ -131,6 +146,7 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
         starts=tuple(int(k) for k in starts),
         rig_give_mm=_together([one.rig_give_mm for one in traces], traces),
         rig_sd_mm=_together([one.rig_sd_mm for one in traces], traces),
+        drift_N_per_min=traces[0].drift_N_per_min,
     )
 
 

@@ -25,9 +25,6 @@ Values: TypeAlias = Mapping[str, Float[np.ndarray, " p"]]
 class TraceEffect:
     """One missing physics, in one of its forms (the number of relaxing arms is a form, not an effect).
 
-    `error`: share of the force by which its law is off once its parameters, E and the nuisances have taken up
-    what they can, as finite elements tell: the least that a fit with it leaves unexplained.
-
     How it changes the force (fem.indentation.contact_law), each None where it does not: `give_mm` of the
     machine, taken off the travel; `stress_factor` on the force at a level; `slack_mm` of each spring at
     each level; `relaxation`: shares and times (s) of its arms; `force_factor` at a depth after the
@@ -38,7 +35,6 @@ class TraceEffect:
     name: str
     unknowns: tuple[Unknown, ...]
     arms: int = 0
-    error: float = 4e-4
     give_mm: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
     stress_factor: Callable[[Values, ContactCurve, np.ndarray], Float[np.ndarray, "p n"]] | None = None
     slack_mm: Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t n"]] | None = (

@@ -9,8 +9,9 @@ from scipy.linalg.lapack import dpttrf, dpttrs
 from fem.cached_value import cached_value
 from fem.indentation.trace import IndenterTrace
 
-#: independent looks at a model's error per peak force passed, and per recording
-LOOKS = 20.0
+#: independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave of
+#: silicone cylinders changes sign some five times in a ramp (benchmarks/silicone_cylinders.py)
+LOOKS = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)

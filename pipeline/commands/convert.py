@@ -96,7 +96,8 @@ def convert(
     ends: Annotated[
         EndsChoice | None,
         typer.Option(
-            help="Ends of the cylinder: bonded (glued or rough plates) or lubricated (oiled plates)."
+            help="Ends of the cylinder: bonded (glued or rough plates) or lubricated (oiled plates). "
+            "Without it drupe estimates them from the curve, and the error bar of E is wider."
         ),
     ] = None,
     diameters_mm: Annotated[

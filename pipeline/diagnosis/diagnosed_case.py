@@ -43,6 +43,7 @@ class CaseSettings(Strict):
     mesh_sd_mm: Annotated[float, Field(ge=1e-3, le=10)] | None = None
     thickness_mm: Annotated[float, Field(ge=0.1, le=200)] | None = None
     rig_N_per_mm: Annotated[float, Field(ge=0.01, le=1e6)] | None = None
+    drift_N_per_min: Annotated[float, Field(gt=0, le=1e3)] | None = None
     specimen: Literal["cylinder", "fruit"] | None = None
     height_mm: Length | None = None
     diameter_mm: Length | None = None
@@ -76,6 +77,7 @@ class Case:
     stated: Stated
     mesh_sd_mm: float | None = None
     rig_N_per_mm: float | None = None
+    drift_N_per_min: float | None = None
     notes: tuple[str, ...] = ()
 
     def input_files(self) -> tuple[Path, ...]:
@@ -174,6 +176,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         mesh_sd_mm=said.mesh_sd_mm,
         stated=Stated(specimen=said.of_specimen, where="case.toml", name_of=KEYS),
         rig_N_per_mm=said.rig_N_per_mm,
+        drift_N_per_min=said.drift_N_per_min,
         notes=notes,
     )
 

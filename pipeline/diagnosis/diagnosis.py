@@ -191,7 +191,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
     with log.stage("explanation"):
         found = explain_trace(
-            bare.trace,
+            replace(bare.trace, drift_N_per_min=case.drift_N_per_min),
             thickness_mm=bare.known.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),

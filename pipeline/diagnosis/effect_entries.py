@@ -8,6 +8,15 @@ from fem.mismatch.effect_spec import EffectWords
 OF_A_TRACE = {
     "onset_mm": "travel at first contact",
     "zero_N": "load cell reading before first contact",
+    "toe_mm": "travel over which an end that is not parallel to its plate comes into contact",
+    "ends_held": "ends of the specimen: 0 slide, 1 are held",
+    "mooney_second": "law of Mooney and Rivlin: C01 / (C10 + C01)",
+    "mooney_cross": "law of Mooney and Rivlin: C11 / (C10 + C01)",
+    "mooney_square": "law of Mooney and Rivlin: C20 / (C10 + C01)",
+    "yeoh_second": "law of Yeoh: C2 / C1",
+    "yeoh_third": "law of Yeoh: C3 / C1",
+    "ogden_power": "law of Ogden: exponent of a term",
+    "ogden_weight_2": "law of Ogden: share of the second term in the initial stiffness",
 }
 """Parameters that only the trace of a bare indenter has; they belong to no effect."""
 

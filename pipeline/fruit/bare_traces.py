@@ -212,7 +212,7 @@ def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tup
             f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "
             "evenly over time, force and travel."
         )
-        kept = kept[_spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
+        kept = kept[spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
     trace = IndenterTrace(
         time_s=recording.time_s[kept],
         force_N=one.pad.force_z_N[kept],
@@ -224,7 +224,7 @@ def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tup
     return trace, said
 
 
-def _spread(
+def spread(
     time_s: Float[np.ndarray, " t"],
     travel_mm: Float[np.ndarray, " t"],
     force_N: Float[np.ndarray, " t"],

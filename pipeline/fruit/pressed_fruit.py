@@ -19,7 +19,6 @@ from fem.fem_failure import FemFailure
 from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.linear_modulus import linear_modulus
-from fem.indentation.naming import ONE_RAMP
 from fem.indentation.no_contact import first_touch, require_force
 from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
@@ -375,14 +374,12 @@ def _weights(found: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
 
 
 def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
-    """What changes E: a rig that gives way, a single ramp, effects that move it, diameters that disagree."""
+    """What changes E: a rig that gives way, effects that move it, diameters that disagree."""
     said = []
     for one in found:
         if all(part.rig_give_mm is None for part in one.traces.trace.parts):
             rig = rig_share(one.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
             said += [note for note in rig.notes if note not in said]
-        if ONE_RAMP in one.found.notes and ONE_RAMP not in said:
-            said.append(ONE_RAMP)
         before, after = one.found.before, one.found.after
         if one.found.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
             said.append(

@@ -19,7 +19,7 @@ OF_SLABS = frozenset({"thickness_mm"})
 OF_CYLINDERS = frozenset({"kind", "height_mm", "diameter_mm", "ends"})
 OF_FRUIT = frozenset({"kind", "diameters_mm", "axis", "pit_share"})
 NEEDED: dict[SpecimenKind, tuple[str, ...]] = {
-    "cylinder": ("height_mm", "diameter_mm", "ends"),
+    "cylinder": ("height_mm", "diameter_mm"),
     "fruit": ("diameters_mm", "axis"),
 }
 """Fields of a specimen between plates without which no force follows."""
@@ -36,7 +36,6 @@ OPTIONS = {name: f"--{key.replace('_', '-')}" for name, key in KEYS.items()}
 EXAMPLES = {
     "height_mm": "12",
     "diameter_mm": "15",
-    "ends": "bonded|lubricated",
     "diameters_mm": "61 60 58",
     "axis": "a|b|c",
 }
@@ -130,7 +129,7 @@ def geometry_of(
     if missing:
         ways = _ways(missing, name_of)
         raise refused(source, f"does not fully describe the {kind} between the plates; give {ways}.")
-    if specimen.height_mm is not None and specimen.diameter_mm is not None and specimen.ends is not None:
+    if specimen.height_mm is not None and specimen.diameter_mm is not None:
         size = {"diameter_mm": specimen.diameter_mm, "height_mm": specimen.height_mm}
         return TraceGeometry(geometry=Cylinder(**size, ends=specimen.ends), thickness_mm=None)
     return _fruit(specimen, pit_share, name_of)

@@ -17,6 +17,14 @@ from recon.recon_failure import ReconFailure, ReconProblem
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
 """Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
 and 18 mm within 95 mm."""
+BORDERS = (1, 2)
+"""Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
+PLACED, SHARP = 0.3, 0.05
+"""Of a tag's side: its corners lie so near to where the mat has them if their order is right (a quarter turn
+moves them by 1), and if the border is right too. Drawn tags 16 px wide have up to 0.05. Kalibr's grids read
+with a border of one cell have 0.08 and more."""
+LEAST_SIDE_PX = 30.0
+"""A shorter side counts as this long: corners are off by fractions of a pixel, whatever the tag's size."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
 """Factors to mm of the units in which a tag's side may have been typed."""
 
@@ -180,18 +188,49 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 
 
 def detect_tags(
-    image: UInt8[np.ndarray, "h w 3"], mat: Mat
+    image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
     """The mat's tags in a photo: their numbers and corners, px (pixel centres whole), to a fraction of a
     pixel.
+
+    Corners come in the mat's order, whichever corner of a printed tag is its first: AprilTag's own images are
+    turned by half a turn against OpenCV's. `borders` are tried in turn until the tags fit the mat. Tags that
+    do not fit, and fewer than four, are as OpenCV reads them.
     """
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    as_read, placed = [], []
+    for border in borders:
+        tags, corners = _read(grey, mat, border)
+        as_read.append((tags, corners))
+        printed_mm = np.array([mat.corners_mm[t] for t in tags.tolist()]).reshape(-1, 4, 3)
+        expected = _expected(corners, printed_mm)
+        if expected is None:
+            continue
+        turned = np.stack([np.roll(corners, k, axis=1) for k in range(4)])
+        side = np.maximum(np.linalg.norm(expected[:, 1] - expected[:, 0], axis=1), LEAST_SIDE_PX)
+        off = np.median(np.linalg.norm(turned - expected, axis=3).max(axis=2) / side, axis=1)
+        if off.min() > PLACED:
+            continue
+        inside = ((expected >= 0) & (expected <= np.array(grey.shape[::-1]) - 1)).all(axis=(1, 2))
+        ordered = (tags, turned[off.argmin()])
+        placed.append(ordered if border == 1 else (tags[inside], _refined(grey, expected[inside])))
+        if off.min() < SHARP:
+            break
+    return max(reversed(placed), key=lambda one: len(one[0]), default=as_read[0])
+
+
+def _read(
+    grey: UInt8[np.ndarray, "h w"], mat: Mat, border: int
+) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
+    """Tags of the mat that OpenCV reads once each, by number, if their border has so many cells."""
     parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.cornerRefinementWinSize = 4
     parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = 7, 35
     parameters.adaptiveThreshWinSizeStep = 14
     detector = cv2.aruco.ArucoDetector(_dictionary(mat.dictionary), parameters)
-    found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+    found, numbers, _ = detector.detectMarkers(grey)
     if numbers is None or len(numbers) == 0:
         return np.empty(0, int), np.empty((0, 4, 2))
     tags = np.asarray(numbers, int).ravel()
@@ -199,6 +238,49 @@ def detect_tags(
     once = np.array([tag in mat.corners_mm and (tags == tag).sum() == 1 for tag in tags.tolist()])
     order = np.argsort(tags[once])
     return tags[once][order], corners[once][order]
+
+
+def _expected(
+    corners: Float[np.ndarray, "t 4 2"], printed_mm: Float[np.ndarray, "t 4 3"]
+) -> Float[np.ndarray, "t 4 2"] | None:
+    """Where the mat has its corners round the tags' middles, px; None for fewer than four tags or a line.
+
+    The homography of the middles gives shape and turn of each tag. Its own middle gives the place, so the
+    lens's distortion counts only within a tag.
+    """
+    if len(corners) < 4:
+        return None
+    middles, flat_mm = _crossing(corners)[:, None], printed_mm[:, :, :2]
+    middles_mm = flat_mm.mean(axis=1, keepdims=True)
+    H = cv2.findHomography(middles_mm, middles, cv2.LMEDS)[0]
+    if H is None:
+        return None
+    away = middles - cv2.perspectiveTransform(middles_mm, H)
+    return np.asarray(cv2.perspectiveTransform(flat_mm, H) + away)
+
+
+def _crossing(corners: Float[np.ndarray, "t 4 2"]) -> Float[np.ndarray, "t 2"]:
+    """Where the diagonals of each tag meet: the picture of its middle."""
+    start, along, other = corners[:, 0], corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    between = corners[:, 1] - start
+    share = (between[:, 0] * other[:, 1] - between[:, 1] * other[:, 0]) / (
+        along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
+    )
+    return np.asarray(start + share[:, None] * along)
+
+
+def _refined(
+    grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2"]
+) -> Float[np.ndarray, "t 4 2"]:
+    """Corners to a fraction of a pixel; Kalibr's tags touch squares there, which cut the outline short.
+
+    The window reaches 0.08 of a side: the border is 0.2 wide.
+    """
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)
+    points = corners.reshape(-1, 1, 2).astype(np.float32)
+    side = np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))
+    reach = (max(4, round(0.08 * float(side))),) * 2
+    return np.asarray(cv2.cornerSubPix(grey, points, reach, (-1, -1), stop), float).reshape(-1, 4, 2)
 
 
 def _dictionary(name: str) -> Any:

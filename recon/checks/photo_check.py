@@ -13,7 +13,7 @@ import numpy as np
 from recon.cameras.mat_poses import FEWEST_TAGS
 from recon.cameras.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
-from recon.cameras.printed_mat import Mat, detect_tags, standard_mat
+from recon.cameras.printed_mat import BORDERS, Mat, detect_tags, standard_mat
 from recon.cameras.tag_optics import TagOptics, tag_optics
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed
@@ -131,11 +131,12 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
 def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
     """What is measured of a photo: tags, sharpness, light."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
-    tags, corners = detect_tags(photo.image, mat)
+    borders = BORDERS if on_mat else BORDERS[:1]
+    tags, corners = detect_tags(photo.image, mat, borders=borders)
     mirrored = False
     if len(tags) < FEWEST_TAGS:
         back = np.ascontiguousarray(photo.image[:, ::-1])
-        mirrored = len(detect_tags(back, mat)[0]) >= FEWEST_TAGS
+        mirrored = len(detect_tags(back, mat, borders=borders)[0]) >= FEWEST_TAGS
     small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     edges = np.abs(cv2.Laplacian(grey, cv2.CV_16S))
     bright = float(np.percentile(small, 95))

@@ -14,19 +14,21 @@ from samples.scenes.scene_fruit import draw_fruit
 from samples.scenes.sheet import Sheet, draw_sheet
 from samples.scenes.skin_optics import SkinLook, draw_skin
 from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, ScenePhoto, draw_camera, hand_held
+from samples.scenes.turntable import Turntable, before_turntable, draw_turntable, on_tripod
 from samples.viewpoints import Viewpoint
 
-FAMILIES = ("mat", "phone")
-FIRST_SEED = {"mat": 4000, "phone": 7000}
+FAMILIES = ("mat", "phone", "turntable")
+FIRST_SEED = {"mat": 4000, "phone": 7000, "turntable": 10000}
 """Scenes of a family have seeds from here on, apart from each other."""
-_SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN = range(8)
+_SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN, _TURNTABLE = range(9)
 """Numbers of the streams; a factor that is added comes last, so that none of the others changes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """Everything that is true of one set of photos. `half` is work (even index) or scored (odd: kept for a
-    final score, nobody tunes on it). Of the family phone `sheet` is None: no mat, at most a coin.
+    final score, nobody tunes on it). Of the family phone `sheet` is None: no mat, at most a coin. Of the
+    family turntable the mat lies on a disc that turns before a fixed camera.
     """
 
     family: str
@@ -44,6 +46,7 @@ class Scene:
     pipeline: Pipeline
     shots: tuple[Shot, ...]
     views: tuple[Viewpoint, ...]
+    turntable: Turntable | None = None
 
     @property
     def name(self) -> str:
@@ -51,19 +54,22 @@ class Scene:
         return f"{'set' if self.family == 'mat' else self.family}-{self.index:03d}"
 
 
-def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
-    """Scene number `index` of a family, the same for the same arguments; seed 4000 (7000) + index.
+def draw_scene(
+    index: int, *, photos: int, family: str = "mat", fruit: tuple[str, SampleFruit] | None = None
+) -> Scene:
+    """Scene number `index` of a family, the same for the same arguments; seed FIRST_SEED + index.
 
+    `fruit`: kind and fruit that stand in the drawn fruit's place; all else stays as drawn.
     Raises KeyError for a family that is not one of FAMILIES.
     """
     seed = FIRST_SEED[family] + index
-    phone = family == "phone"
+    phone, turns = family == "phone", family == "turntable"
 
     def stream(factor: int) -> np.random.Generator:
         return np.random.default_rng([seed, factor])
 
-    kind, fruit = draw_fruit(stream(_SHAPE), fruit_id=f"{family}-{index:03d}", seed=seed)
-    low, high = box_mm(fruit.skin)
+    kind, stands = fruit or draw_fruit(stream(_SHAPE), fruit_id=f"{family}-{index:03d}", seed=seed)
+    low, high = box_mm(stands.skin)
     size = float((high - low).max())
     sheet = None if phone else draw_sheet(stream(_SHEET), fruit_kind=kind)
     coin = draw_coin(stream(_COIN), fruit_radius_mm=float(high[:2].max())) if phone else None
@@ -75,7 +81,9 @@ def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
         stream(_PIPELINE), photos=photos, kinds=("phone",) if phone else PIPELINES
     )
     camera = draw_camera(stream(_CAMERA), photos=photos, field_mm=field, fewest_rings=1 if phone else 2)
-    views = hand_held(
+    if turns:
+        camera = on_tripod(camera)
+    views = (before_turntable if turns else hand_held)(
         camera,
         aim_mm=(0.0, 0.0, 0.42 * float(high[2])),
         focal_scales=np.array([shot.focal_scale for shot in shots]),
@@ -86,7 +94,7 @@ def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
         seed=seed,
         half="scored" if index % 2 else "work",
         fruit_kind=kind,
-        fruit=fruit,
+        fruit=stands,
         skin=draw_skin(stream(_SKIN)),
         ground=draw_ground(stream(_GROUND), kinds=("cloth", "wood") if phone else GROUNDS),
         sheet=sheet,
@@ -96,6 +104,7 @@ def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
         pipeline=pipeline,
         shots=shots,
         views=views,
+        turntable=draw_turntable(stream(_TURNTABLE)) if turns else None,
     )
 
 
@@ -118,13 +127,14 @@ def scene_mapping(scene: Scene) -> dict[str, Any]:
             "E_MPa": fruit.E_MPa,
             "poisson_ratio": fruit.poisson_ratio,
             "ripeness": fruit.ripeness,
-            "shape": {**asdict(fruit.skin), "cubic": fruit.skin.cubic.tolist()},
+            "shape": fruit.skin.as_mapping(),
             "pit": asdict(fruit.pit),
         },
         "skin": asdict(scene.skin),
         "ground": asdict(scene.ground),
         "mat": asdict(scene.sheet) if scene.sheet is not None else None,
         "coin": asdict(scene.coin) if scene.coin is not None else None,
+        "turntable": asdict(scene.turntable) if scene.turntable is not None else None,
         "light": asdict(scene.light),
         "camera": {**asdict(scene.camera), "width_px": WIDTH_PX, "height_px": HEIGHT_PX},
         "pipeline": asdict(scene.pipeline),

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
 from samples.renderer import denoiser, layers_of, mitsuba, sensor, vertex_normals, window_sensor
+from samples.scanned_skin import ScannedSkin
 from samples.scenes.draw import Scene
 from samples.scenes.euro_coin import coin_mesh
 from samples.scenes.ground import ground_shape
@@ -18,6 +19,7 @@ from samples.scenes.lens import margin_px
 from samples.scenes.light import flash_mesh, flash_radiance, photographer_mesh, standing_lights
 from samples.scenes.sheet import sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import skin_attributes, skin_bsdf
+from samples.scenes.turntable import turntable_shapes
 from samples.viewpoints import Viewpoint
 
 _PAPER_BELOW_MM = 0.02
@@ -129,8 +131,13 @@ class World:
 def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
     """Everything of the scene for the renderer; what moves with the camera stands as in the first view."""
     first = scene.views[0]
-    shapes: dict[str, Any] = {"type": "scene", **standing_lights(mi, scene.light)}
-    shapes["table"] = ground_shape(mi, scene.ground, z_mm=-_TABLE_BELOW_MM if scene.sheet else 0.0)
+    lights = standing_lights(mi, scene.light)
+    shapes: dict[str, Any] = {"type": "scene", **lights}
+    table_mm = -_TABLE_BELOW_MM if scene.sheet else 0.0
+    if scene.turntable is not None:
+        shapes |= turntable_shapes(mi, scene.turntable, z_mm=table_mm)
+        table_mm -= scene.turntable.height_mm
+    shapes["table"] = ground_shape(mi, scene.ground, z_mm=table_mm)
     shapes["fruit"] = _fruit(mi, scene, options)
     if scene.sheet is not None:
         mat = sheet_mat(scene.sheet)
@@ -161,13 +168,19 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
         }
         shapes["body"] = _mesh(mi, "body", points, triangles, bsdf=cloth)
         moving["body"] = lambda view: photographer_mesh(view)[0]
+    turning = {}
+    if scene.turntable is not None:  # in the mat's frame what stands still turns with the camera
+        turning = {name: shapes[name]["to_world"] for name in (*lights, "table", "card")}
     loaded = mi.load_dict(shapes)
 
     def stand(view: Viewpoint) -> None:
-        if moving:
+        if moving or turning:
             values = mi.traverse(loaded)
             for name, points_of in moving.items():
                 values[f"{name}.vertex_positions"] = points_of(view).astype(np.float32).ravel()
+            turn = mi.ScalarTransform4f().rotate([0, 0, 1], view.azimuth_deg)
+            for name, placed in turning.items():
+                values[f"{name}.to_world"] = mi.Transform4f((turn @ placed).matrix)
             values.update()
 
     return World(scene=loaded, stand=stand)
@@ -179,11 +192,15 @@ def widened(view: Viewpoint, margin: int) -> Viewpoint:
 
 
 def _fruit(mi: Any, scene: Scene, options: RenderOptions) -> Any:
-    sphere = even_sphere(options.skin_cells)
+    sphere, skin = even_sphere(options.skin_cells), scene.fruit.skin
+    points, triangles = skin.points_mm(sphere.directions), sphere.triangles()
     colour, roughness = skin_attributes(scene.skin, sphere.directions)
+    if isinstance(skin, ScannedSkin):
+        colour, normals = skin.colours(sphere.directions), skin.normals(sphere.directions)
+    else:
+        normals = vertex_normals(points, triangles)
     return _mesh(
-        mi, "fruit", scene.fruit.skin.points_mm(sphere.directions), sphere.triangles(),
-        bsdf=skin_bsdf(scene.skin), smooth=True,
+        mi, "fruit", points, triangles, bsdf=skin_bsdf(scene.skin), normals=normals,
         attributes={"vertex_color": colour, "vertex_roughness": roughness},
     )  # fmt: skip
 
@@ -197,7 +214,7 @@ def _mesh(
     bsdf: dict[str, Any],
     emitter: dict[str, Any] | None = None,
     uv: Float[np.ndarray, "n 2"] | None = None,
-    smooth: bool = False,
+    normals: Float[np.ndarray, "n 3"] | None = None,
     attributes: dict[str, np.ndarray] | None = None,
 ) -> Any:
     """A mesh for the renderer with its colours or texture coordinates."""
@@ -206,7 +223,7 @@ def _mesh(
     if emitter is not None:
         properties["emitter"] = mi.load_dict(emitter)
     mesh = mi.Mesh(
-        name, len(points), len(triangles), props=properties, has_vertex_normals=smooth,
+        name, len(points), len(triangles), props=properties, has_vertex_normals=normals is not None,
         has_vertex_texcoords=uv is not None,
     )  # fmt: skip
     for key, values in (attributes or {}).items():
@@ -214,8 +231,8 @@ def _mesh(
     parts = mi.traverse(mesh)
     parts["vertex_positions"] = points.astype(np.float32).ravel()
     parts["faces"] = triangles.astype(np.uint32).ravel()
-    if smooth:
-        parts["vertex_normals"] = vertex_normals(points, triangles).astype(np.float32).ravel()
+    if normals is not None:
+        parts["vertex_normals"] = normals.astype(np.float32).ravel()
     if uv is not None:
         parts["vertex_texcoords"] = uv.astype(np.float32).ravel()
     parts.update()

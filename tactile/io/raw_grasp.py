@@ -182,7 +182,8 @@ def _pad(
             TactileProblem.WRONG_SENSOR,
             f"{folder.name}, pad {name}, {untouched.source}: "
             f"found {first.shape[1]} x {first.shape[0]} pixels, expected {width} x {height} as "
-            f"{description.name} says; is it this sensor's description?",
+            f"{description.name} says; is it this sensor's description? Resized frames need a description "
+            "from a picture of their own size (drupe sensor).",
         )
     second = None
     if described.kind == "markers-stereo":

@@ -25,8 +25,9 @@ REACH = 0.35
 hand."""
 ASLANT = 0.6
 """Least sine of the angle of a grid's two steps: 37 degrees; a square one has 1, a hexagonal one 0.87."""
-NEAREST_STEP = 1.3
-"""Of the spacing: up to it a pair is of neighbours along a step; a square's diagonal has 1.41."""
+FARTHEST_STEP = 2.4
+"""Of the spacing: a grid's longer step is at most this long. A square grid in a picture that was squeezed
+from 16:9 to 1:1 has 1.78; `voted` counts steps up to 2.5."""
 USUAL_MISFIT_PX = 0.5
 """Misfit from which on a marker weighs less: what printed dots have of themselves, 0.35 to 0.6 px (43 empty
 gels, benchmarks/gel_references.py FOLDER --half even)."""
@@ -101,17 +102,18 @@ def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.
 
 
 def _first_steps(lattice: Lattice, tree: cKDTree) -> Float[np.ndarray, "2 2"] | None:
-    """The two commonest steps between neighbours, to the right and down; None where they have none."""
-    pairs = tree.query_pairs(NEAREST_STEP * lattice.spacing_px, output_type="ndarray")
+    """The two shortest common steps between neighbours, to the right and down; None where they have none."""
+    pairs = tree.query_pairs(FARTHEST_STEP * lattice.spacing_px, output_type="ndarray")
     offsets = lattice.rest_px[pairs[:, 1]] - lattice.rest_px[pairs[:, 0]]
     kinds = voted(np.concatenate([offsets, -offsets]), lattice.spacing_px, most=8)
-    if not kinds:
-        return None
-    right = max(kinds, key=lambda v: float(v[0]))
-    sine = [float(right[0] * v[1] - right[1] * v[0]) / np.linalg.norm(right) / np.linalg.norm(v)
-            for v in kinds]  # fmt: skip
-    aslant = [v for v, s in zip(kinds, sine, strict=True) if abs(s) > ASLANT]
-    return np.stack([right, max(aslant, key=lambda v: float(v[1]))]) if aslant else None
+    kinds.sort(key=lambda v: float(np.linalg.norm(v)))
+    for v in kinds[1:]:
+        first = kinds[0]
+        sine = float(first[0] * v[1] - first[1] * v[0]) / np.linalg.norm(first) / np.linalg.norm(v)
+        if abs(sine) > ASLANT:
+            right, down = sorted((first, v), key=lambda step: -abs(float(step[0])))
+            return np.stack([right * (1 if right[0] > 0 else -1), down * (1 if down[1] > 0 else -1)])
+    return None
 
 
 def fitted_lens(

@@ -75,3 +75,11 @@ def test_what_the_table_does_not_hold_is_refused():
         Cylinder(diameter_mm=1.0, height_mm=1.0, ends="bonded").curve(thickness_mm=5.0, poisson_ratio=0.4)
     with pytest.raises(FemFailure, match="height 0 mm"):
         Cylinder(diameter_mm=1.0, height_mm=0.0, ends="bonded")
+
+
+def test_held_ends_beyond_the_table_follow_coarse_finite_elements():
+    """Up to 44 %, where the coarse mesh stops; a finer one stops earlier."""
+    solid = cylinder(nu=0.49, radius=0.5, height=0.6, bonded=True, across=8, up=6)
+    strain = np.arange(0.04, 0.45, 0.04)
+    truth = np.array([solid.force_at(0.3 * (1 - e)) for e in strain])
+    assert force(strain, ends="bonded", nu=0.49, height=0.6) == pytest.approx(truth, rel=0.05)

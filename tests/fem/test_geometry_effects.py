@@ -11,7 +11,7 @@ from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.contact_law import Law
 from fem.indentation.flat_punch import FlatPunch
-from fem.indentation.rank import modulus_of
+from fem.indentation.posterior import modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_catalogue import TRACE_EFFECTS
@@ -40,7 +40,7 @@ NOTHING = {
 
 def scaled(law, **values):
     """Rows of unknowns: E of 1 MPa, touch at 0, no zero, and the effect's as given."""
-    known = {"E_MPa": 1.0, "onset_mm": 0.0, "zero_N": 0.0, "bend": 0.0, **values}
+    known = {"E_MPa": 1.0, "onset_mm": 0.0, "zero_N": 0.0, "bend": 0.0, "toe_mm": 1e-6, **values}
 
     def on_scale(u):
         value = known.get(u.name)

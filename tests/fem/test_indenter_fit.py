@@ -7,12 +7,12 @@ from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
-from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
+from fem.indentation.effects.trace_gripper_compliance import GRIPPER_COMPLIANCE
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit
-from fem.indentation.heldout import future_frames, predict
+from fem.indentation.heldout import future_frames, predict_law
 from fem.indentation.no_contact import first_touch, no_contact_noise
-from fem.indentation.rank import parameters_of
+from fem.indentation.posterior import parameters_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
@@ -112,12 +112,14 @@ def test_recovery_after_unloading_is_predicted_from_the_hold():
     rng = np.random.default_rng(6)
     trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,)))
     no_contact = no_contact_noise(trace, first_touch(trace))
-    end, blocks = predict(fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng), trace, no_contact)
-    assert np.array_equal(np.isfinite(end.before_N), future_frames(trace))
-    assert np.isfinite(blocks.after_N).all()
-    for forecast in (end, blocks):
-        before, after = forecast.rms(trace.force_N)
-        assert before > 5 * after
+    plain, relaxing = (
+        predict_law(fitted(trace, *effects, rng=rng), trace, no_contact)
+        for effects in ((), (viscoelastic(1),))
+    )
+    assert np.array_equal(np.isfinite(plain.end_N), future_frames(trace))
+    assert np.isfinite(relaxing.blocks_N).all()
+    assert plain.end_share > 5 * relaxing.end_share
+    assert plain.blocks_share > 5 * relaxing.blocks_share
 
 
 def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
@@ -125,10 +127,9 @@ def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
     rng = np.random.default_rng(8)
     trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
     no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
-    travel = float(np.ptp(trace.travel_mm)) / float(np.abs(trace.force_N).max())
-    named = fitted(trace, gripper_compliance(specimen_mm_per_N=travel), rng=rng)
+    named = fitted(trace, GRIPPER_COMPLIANCE, rng=rng)
     with pytest.raises(FemFailure, match="gives way still changes") as failure:
-        predict(fitted(trace, rng=rng), named, trace, no_contact)
+        predict_law(named, trace, no_contact)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
@@ -148,6 +149,6 @@ def test_the_past_does_not_know_the_future():
     late = future_frames(trace)
     changed = trace_of((columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2]))
     no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
-    linear, named = fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng)
-    forces = [predict(linear, named, one, no_contact)[0].after_N[late] for one in (trace, changed)]
+    named = fitted(trace, viscoelastic(1), rng=rng)
+    forces = [predict_law(named, one, no_contact).end_N[late] for one in (trace, changed)]
     assert forces[0] == pytest.approx(forces[1], abs=1e-3 * DEEPEST_MM)

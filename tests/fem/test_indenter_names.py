@@ -1,7 +1,5 @@
 """Names that may be given of a trace: closed-form presses (Hertz's F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5)."""
 
-import re
-
 import numpy as np
 import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
@@ -9,14 +7,8 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 from fem.fem_failure import FemFailure
 from fem.indentation.account import account_for
 from fem.indentation.ball import Ball
-from fem.indentation.contact_law import Law
-from fem.indentation.fit import fit
-from fem.indentation.naming import DISTINCT, ONE_RAMP, drift_apart, hides_drift
-from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.rupture import find_rupture
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_catalogue import TRACE_EFFECTS
 
 E_MPa, RADIUS = 0.3, 20.0
 
@@ -32,8 +24,14 @@ def ramp(rng, *, air_s=1.0, ramp_s=6.0, hold_s=0.0, depth_mm=0.8, rate_hz=25.0, 
     return time, depth - depth[0], depth, noise_N * rng.standard_normal(len(time))
 
 
-def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None):
-    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=radius_mm))
+def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None, drift_N_per_min=None):
+    trace = IndenterTrace(
+        time_s=time,
+        force_N=force,
+        travel_mm=travel,
+        geometry=Ball(radius_mm=radius_mm),
+        drift_N_per_min=drift_N_per_min,
+    )
     return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0))
 
 
@@ -49,75 +47,39 @@ def test_hertz_alone_is_nothing_missing_and_zero_and_onset_are_reported_side_by_
 
 
 def test_a_drift_that_the_air_shows_is_named():
+    """Of a load cell whose class allows a tenth of it."""
     time, travel, depth, noise = ramp(np.random.default_rng(2), air_s=6.0, hold_s=6.0)
-    said = account(time, hertz_N(depth) + 0.03 * time + noise, travel).explanation
+    said = account(time, hertz_N(depth) + 0.03 * time + noise, travel, drift_N_per_min=0.18).explanation
     assert said.verdict == "sensor_drift"
-    assert said.ranking[0].parameters["newton_per_s"].value == pytest.approx(0.03, rel=0.05)
+    assert said.ranking[0].parameters["newton_per_s"].value == pytest.approx(0.03, rel=0.1)
     assert said.after.value == pytest.approx(E_MPa, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("air_s", "hold_s", "apart"), [(0.0, 0.0, False), (6.0, 0.0, True), (0.0, 6.0, True)]
-)
-def test_a_drift_stands_apart_from_a_force_over_the_travel_only_where_time_passes_without_one(
-    air_s, hold_s, apart
-):
-    time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=air_s, hold_s=hold_s)
-    trace = IndenterTrace(
-        time_s=time,
-        force_N=hertz_N(depth) + 0.1 * time + noise,
-        travel_mm=travel,
-        geometry=Ball(radius_mm=RADIUS),
-    )
-    no_contact = no_contact_noise(trace, first_touch(trace))
-    linear = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
-    drift = next(one for one in TRACE_EFFECTS if one.spec.name == "sensor_drift").forms(trace)
-    law = Law(curve=linear.curve, baseline=linear.baseline, effects=drift)
-    truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0, "newton_per_s": 0.1}
-    start = np.array([[truth[u.name] for u in law.unknowns]])
-    assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == apart
+def test_a_drift_that_the_cell_cannot_have_is_not_named_in_a_ramp():
+    """Stiffening flesh in one ramp, in which time is travel: a large drift would fit too."""
+    time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=0.0, depth_mm=4.0)
+    force = hertz_N(depth) * np.exp(1.5 * depth / RADIUS)
+    said = account(time, force + noise, travel).explanation
+    names = (said.verdict,) if isinstance(said.verdict, str) else said.verdict
+    assert not any("sensor_drift" in name for name in names)
+    assert sum(c.probability for c in said.ranking if "sensor_drift" in c.effect) < 0.05
 
 
-@pytest.mark.proof
-def test_a_drift_in_a_single_ramp_is_not_the_only_name():
+def test_a_drift_that_the_cell_may_have_is_in_the_error_bar_of_a_single_ramp():
     time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=0.0)
-    said = account(time, hertz_N(depth) + 0.3 * time + noise, travel).explanation
-    assert said.verdict != "sensor_drift"
-    assert all(c.probability < 0.95 for c in said.ranking if "sensor_drift" in c.effect)
-    assert said.withheld is not None or abs(said.after.value - E_MPa) < 2 * said.after.sd
-    assert any("one ramp" in note for note in said.notes)
-
-
-@pytest.mark.parametrize(
-    ("corners_s", "corners_mm", "hidden"),
-    [
-        ([0, 8], [0, 2], True),
-        ([0, 0.4, 8], [-0.1, 0, 2], True),
-        ([0, 30], [0, 2], True),
-        ([0, 5, 13], [-0.5, 0, 2], False),
-        ([0, 8, 10], [0, 2, 2], False),
-        ([0, 8, 16], [0, 2, 0], False),
-        ([0, 8, 10, 18], [0, 2, 2, 0], False),
-        ([0, 1, 9, 11, 19], [-0.1, 0, 2, 2, 0], False),
-    ],
-)
-def test_one_ramp_is_a_matter_of_the_course_and_not_of_a_small_fitted_drift(corners_s, corners_mm, hidden):
-    time = np.arange(0, corners_s[-1], 0.04)
-    depth = np.interp(time, corners_s, corners_mm)
-    force = hertz_N(depth) + 0.02 * np.random.default_rng(1).standard_normal(len(time))
-    trace = IndenterTrace(
-        time_s=time, force_N=force, travel_mm=depth - depth[0], geometry=Ball(radius_mm=RADIUS)
-    )
-    law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
-    truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0}
-    start = np.array([[truth[u.name] for u in law.unknowns]])
-    found = fit(law, trace, no_contact_noise(trace, first_touch(trace)), start, follow=1)
-    assert hides_drift([found], trace) == hidden
+    force = hertz_N(depth) + noise
+    sure = account(time, force, travel, drift_N_per_min=1e-4).explanation
+    for drift_N_per_min in (-1.0, 1.0):
+        said = account(time, force + drift_N_per_min * time / 60, travel, drift_N_per_min=1.0).explanation
+        assert said.after.sd > 2 * sure.after.sd
+        assert abs(said.after.value - E_MPa) < 2 * said.after.sd
 
 
 @pytest.mark.parametrize(("hold_s", "fall_s", "noise_N"), [(2.0, 8.0, 0.1), (0.0, 0.0, 0.01)])
-def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_says_so(hold_s, fall_s, noise_N):
-    """Flesh that relaxes by a tenth within 2 s: a press with hold and way back, and one ramp."""
+def test_flesh_that_relaxes_a_little_gives_E_held_or_not(hold_s, fall_s, noise_N):
+    """Flesh that relaxes by a tenth within 2 s: a press with hold and way back gives its initial modulus; one
+    ramp, which cannot show relaxation, a modulus between the relaxed and the initial one.
+    """
     step, tau_s, share = 0.05, 2.0, 0.1
     time = np.arange(0, 8 + hold_s + fall_s, step)
     travel = np.interp(time, [0, 8, 8 + hold_s, 8 + hold_s + fall_s], [0, 2, 2, 0 if fall_s else 2])
@@ -129,9 +91,9 @@ def test_flesh_that_relaxes_gives_E_held_or_not_and_one_ramp_says_so(hold_s, fal
     force = force + noise_N * np.random.default_rng(1).standard_normal(len(time))
     said = account(time, force, travel).explanation
     assert said.withheld is None
-    assert abs(said.after.value - 1.0) < 2 * said.after.sd
+    relaxed = 1.0 if hold_s else 1.0 - share
+    assert relaxed - 2 * said.after.sd < said.after.value < 1.0 + 2 * said.after.sd
     assert said.after.sd < 0.15
-    assert (ONE_RAMP in said.notes) == (not hold_s)
 
 
 @pytest.mark.parametrize("left", [pytest.param(0.3, marks=pytest.mark.proof), 0.7])
@@ -202,25 +164,20 @@ def test_a_rupture_at_once_leaves_too_little_and_says_so():
         account(time, force, travel)
 
 
-def test_what_is_not_predicted_is_unknown_and_its_E_is_withheld():
+def test_what_no_law_explains_is_unknown_and_E_has_a_wide_error_bar():
     time, travel, depth, noise = ramp(np.random.default_rng(8), air_s=2.0, ramp_s=8.0)
     jerks = np.exp(0.8 * np.sin(3.0 * time) + np.maximum(time - 6, 0) * 0.9)
     said = account(time, hertz_N(depth) * jerks + noise, travel).explanation
     assert said.verdict == "unknown"
-    assert said.withheld is not None
-    assert np.isnan(said.before.value)
-    assert np.isnan(said.after.value)
-    assert all(c.modulus is None for c in said.ranking)
+    assert said.withheld is None
+    assert said.after.sd > 0.1 * said.after.value
 
 
 @pytest.mark.proof
-def test_a_press_that_began_in_contact_is_answered_with_onset_zero_as_well():
+def test_a_press_that_began_in_contact_has_the_modulus_of_its_flesh():
     rng = np.random.default_rng(9)
     time = np.arange(0, 8, 0.04)
     travel = np.minimum(0.8 * time / 6, 0.8)
     force = hertz_N(travel + 0.3) + 0.003 * rng.standard_normal(len(time))
     said = account(time, force, travel).explanation
-    note = next(note for note in said.notes if "With onset 0" in note)
-    E_from_zero = float(re.search(r"With onset 0 E is ([0-9.]+)", note)[1])
     assert said.after.value == pytest.approx(E_MPa, rel=0.1)
-    assert E_from_zero > 1.2 * E_MPa

@@ -5,7 +5,7 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_damage import DAMAGE
-from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
+from fem.indentation.effects.trace_gripper_compliance import GRIPPER_COMPLIANCE
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit
 from fem.indentation.next_trace import PRESSES, next_press
@@ -26,7 +26,7 @@ def short_ramp():
     air = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
     fits = []
-    for effect in (viscoelastic(1), DAMAGE, gripper_compliance(specimen_mm_per_N=0.5)):
+    for effect in (viscoelastic(1), DAMAGE, GRIPPER_COMPLIANCE):
         law = Law(curve=linear.curve, baseline=linear.baseline, effects=(effect,))
         fits.append(fit(law, trace, air, np.array([[u.mean for u in law.unknowns]])))
     return trace, air, fits

@@ -62,11 +62,12 @@ def test_a_joined_trace_has_each_recordings_force_and_phases():
     whole = joined(parts)
     law = linear_law(whole, thickness_mm=THICK_MM, poisson_ratio=NU)
     names = [u.name for u in law.unknowns]
-    assert names == ["E_MPa", *(f"{n}{k}" for k in ("", "_2", "_3") for n in ("onset_mm", "zero_N")), "bend"]
+    own = [f"{n}{k}" for k in ("", "_2", "_3") for n in ("onset_mm", "zero_N")]
+    assert names == ["E_MPa", *own, "bend", "drift_N_per_min"]
     scaled = np.array([u.mean for u in law.unknowns])
     force = law.force_N(whole, scaled[None])[0]
     second = linear_law(parts[1], thickness_mm=THICK_MM, poisson_ratio=NU)
-    own = second.force_N(parts[1], scaled[[0, 3, 4, 7]][None])[0]
+    own = second.force_N(parts[1], scaled[[0, 3, 4, 7, 8]][None])[0]
     assert force[whole.slices[1]] == pytest.approx(own)
     assert whole.phases == tuple(phase for part in parts for phase in part.phases)
     assert (np.diff(whole.time_s) > 0).all()

@@ -9,7 +9,7 @@ import numpy as np
 
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
-from recon.cameras.printed_mat import Mat, standard_mat, tag_bits
+from recon.cameras.printed_mat import Mat, tag_bits
 
 FAR = (120.0, 115.0, 110.0)
 WOOD = (70.0, 105.0, 140.0)
@@ -67,10 +67,17 @@ def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) ->
     return cameras
 
 
-def photographed(cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, seed: int = 0) -> list[Photo]:
-    """What the cameras see, four rays a pixel, with a little noise."""
+def photographed(
+    cameras: list[Camera],
+    *,
+    egg: Egg | None,
+    mat: Mat | None,
+    seed: int = 0,
+    page: np.ndarray | None = None,
+) -> list[Photo]:
+    """What the cameras see, four rays a pixel, with a little noise; `page`: a print at 4 px to the mm."""
     rng = np.random.default_rng(seed)
-    print_ = _printed(mat or standard_mat()) if mat is not None else None
+    print_ = _printed(mat) if mat is not None and page is None else page
     wood = cv2.GaussianBlur(rng.normal(0, 1, (700, 700)), (0, 0), 1.5)
     wood = wood / wood.std()
     waves = rng.normal(size=(24, 3)) * np.repeat([0.25, 0.7, 1.6], 8)[:, None]

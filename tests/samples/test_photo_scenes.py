@@ -19,7 +19,7 @@ from samples.scenes.euro_coin import DIAMETER_MM, coin_mesh
 from samples.scenes.ground import GROUNDS, ground_texture
 from samples.scenes.lens import distorted_pixels
 from samples.scenes.light import LIGHTS, flash_mesh, photographer_mesh, room_picture
-from samples.scenes.render import RenderOptions, fruit_mask
+from samples.scenes.render import RenderOptions, fruit_mask, pictures
 from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import COLOURS, GLOSSES, skin_attributes
@@ -249,6 +249,39 @@ def test_phone_family_has_no_mat_and_in_some_scenes_a_coin_of_its_true_size_besi
         assert 15 <= np.linalg.norm(centre) - box_mm(scene.fruit.skin)[1][:2].max() - DIAMETER_MM / 2 <= 40
         a, b, c = (points[triangles[:, k]] for k in range(3))
         assert np.cross(b - a, c - a)[:, 2].sum() > 0
+
+
+def turned_about_z(points_mm: np.ndarray, angle_deg: float) -> np.ndarray:
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    return np.asarray(points_mm @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]]))
+
+
+def test_before_a_turntable_the_camera_stands_still_and_the_fruit_makes_one_turn() -> None:
+    room = np.random.default_rng(0).uniform(-200, 200, (20, 3))
+    for scene in (draw_scene(k, photos=6, family="turntable") for k in range(6)):
+        turns = np.array([view.azimuth_deg for view in scene.views])
+        rays = [
+            (view.pixels(turned_about_z(room, turn)) - [(view.width_px - 1) / 2, (view.height_px - 1) / 2])
+            / view.focal_px
+            for view, turn in zip(scene.views, turns, strict=True)
+        ]
+        assert np.ptp(rays, axis=0).max() < 1e-9
+        assert np.diff(np.degrees(np.unwrap(np.radians(turns)))) == pytest.approx(60.0, abs=8.0)
+        assert scene.turntable is not None
+        assert scene.turntable.card_mm > scene.turntable.radius_mm > 150.0
+
+
+def test_renderer_leaves_the_card_behind_a_turntable_where_it_is_and_turns_the_mat() -> None:
+    pytest.importorskip("mitsuba")
+    pytest.importorskip("pyoidn")
+    scene = draw_scene(97, photos=6, family="turntable")
+    scene = smaller(scene, photos=6, shrink=4)
+    still = tuple(replace(v, focal_px=scene.views[0].focal_px) for v in (scene.views[0], scene.views[2]))
+    first, other = pictures(replace(scene, views=still, shots=scene.shots[:2]), options=SKETCH)
+    card = slice(2, 32)
+    change = np.abs(first - other)
+    assert np.median(change[card, 40:-40]) < 0.1 * np.median(first[card, 40:-40])
+    assert np.mean(change[60:].max(axis=2) > 0.5 * first[60:].max(axis=2)) > 0.1
 
 
 def test_renderer_sees_the_true_fruit_where_the_true_cameras_put_it(scenes: tuple[Scene, ...]) -> None:

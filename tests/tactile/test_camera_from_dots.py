@@ -97,6 +97,34 @@ def test_a_pressed_gel_is_refused() -> None:
         found(picture(eye(), rest))
 
 
+@pytest.mark.parametrize("size_px", [(240, 240), (320, 180), (180, 240), (480, 200)])
+def test_a_resized_picture_has_two_focal_lengths(size_px: tuple[int, int]) -> None:
+    true = eye(tilt_rad=0.08)
+    one = found(cv2.resize(picture(true, dots()), size_px, interpolation=cv2.INTER_AREA))
+    expected = np.array(true.focal_px) * size_px / true.image_px
+    np.testing.assert_allclose(one.camera.focal_px, expected, rtol=0.01)
+    assert one.aspect is not None
+    ratio, sd = one.aspect
+    assert ratio == pytest.approx(expected[0] / expected[1], abs=4 * sd)
+    assert sd < 0.01 * ratio
+    assert one.camera.distortion[0] == pytest.approx(true.distortion[0], abs=0.02)
+
+
+def test_a_picture_of_its_own_proportions_has_square_pixels() -> None:
+    one = found(cv2.resize(picture(eye(), dots()), (240, 180), interpolation=cv2.INTER_AREA))
+    assert one.aspect is None
+    assert one.camera.focal_px[0] == one.camera.focal_px[1]
+
+
+def test_a_pressed_gel_in_a_resized_picture_is_refused() -> None:
+    rest = dots()
+    push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
+    rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
+    resized = cv2.resize(picture(eye(), rest), (240, 240), interpolation=cv2.INTER_AREA)
+    with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
+        found(resized)
+
+
 def test_a_picture_without_dots_says_so() -> None:
     with pytest.raises(TactileFailure, match=r"empty\.png"):
         found(np.full((240, 320, 3), 120, dtype=np.uint8))

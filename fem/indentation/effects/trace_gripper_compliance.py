@@ -7,15 +7,9 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.gripper_compliance import SPEC
 
-
-def gripper_compliance(*, specimen_mm_per_N: float) -> TraceEffect:
-    """True depth = travel - c F with the measured F; c is a few per cent of the specimen's own give."""
-    mean = float(np.log(0.05 * specimen_mm_per_N))
-    return TraceEffect(
-        name=SPEC.name,
-        unknowns=(unknown(SPEC, "mm_per_N", scale="log", mean=mean, sd=1.2),),
-        give_mm=_give_mm,
-    )
+#: stiffness of a machine of which nothing is known, and the standard deviation of its logarithm: grippers
+#: with soft pads have 8 N/mm, arms 10 to 50, presses on a frame hundreds to thousands (set by hand)
+MACHINE_N_PER_MM, MACHINE_SD = 100.0, 1.5
 
 
 def _give_mm(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
@@ -23,11 +17,11 @@ def _give_mm(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
     return np.asarray(value["mm_per_N"][:, None] * pushing)
 
 
-def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
-    peak = float(np.abs(trace.force_N).max())
-    travel = float(np.ptp(trace.travel_mm))
-    return (gripper_compliance(specimen_mm_per_N=travel / peak),)
-
-
-EFFECT = TraceEffectSpec(spec=SPEC, rank=50, forms=_forms)
+GRIPPER_COMPLIANCE = TraceEffect(
+    name=SPEC.name,
+    unknowns=(unknown(SPEC, "mm_per_N", scale="log", mean=-float(np.log(MACHINE_N_PER_MM)), sd=MACHINE_SD),),
+    give_mm=_give_mm,
+)
+"""True depth = travel - c F with the measured F."""
+EFFECT = TraceEffectSpec(spec=SPEC, rank=50, forms=lambda _: (GRIPPER_COMPLIANCE,))
 """Its place in the search: see TraceEffectSpec."""

@@ -1,4 +1,6 @@
-"""Flesh that grows stiffer the more energy it holds: Fung's exponential."""
+"""Flesh that grows stiffer than the plain law: Fung's exponential under a ball, and in an even field also the
+laws of rubber beyond neo-Hooke.
+"""
 
 from functools import lru_cache
 
@@ -6,15 +8,20 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import energy_classes, force_share
+from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.indentation.unknowns import Unknown
 from fem.mismatch.effects.stiffening import SPEC
 
 #: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
 ESCAPE = 0.19
 #: largest b depth/R of the table
 LARGEST = 100.0
+#: least height over the first one at which the laws of rubber are evaluated
+FLATTEST = 0.1
 
 
 def stiffening_share(
@@ -41,20 +48,123 @@ def _log_share(poisson_ratio: float) -> CubicSpline:
     return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])
 
 
-def _factor(
-    value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
-) -> Float[np.ndarray, "p n"]:
+def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
     b, strain = value["b"][:, None], curve.energy_strain(level_mm)
     if curve.field == "uniform":  # nowhere to escape to: the law itself
         return np.asarray(np.exp(np.minimum(b * strain, LARGEST)))
     return stiffening_share(b, strain, poisson_ratio=curve.poisson_ratio)
 
 
-STIFFENING = TraceEffect(
+def _stretch(curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
+    """Height over the first one, between the plates."""
+    return np.asarray(np.maximum(1 - level_mm / curve.length_mm, FLATTEST))
+
+
+def mooney_rivlin_share(
+    second: Float[np.ndarray, "p 1"],
+    cross: Float[np.ndarray, "p 1"],
+    square: Float[np.ndarray, "p 1"],
+    stretch: Float[np.ndarray, "p n"],
+) -> np.ndarray:
+    """P/P_nH of W = C10 x + C01 y + C11 x y + C20 x^2, x = I1 - 3, y = I2 - 3, in uniaxial compression;
+    `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
+
+    P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic
+    deformations of isotropic materials IV", Phil. Trans. R. Soc. A 241, 1948.
+    """
+    x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
+    return np.asarray(1 - second + cross * y + 2 * square * x + (second + cross * x) / stretch)
+
+
+def yeoh_share(
+    second: Float[np.ndarray, "p 1"], third: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]
+) -> np.ndarray:
+    """P/P_nH of W = C1 x + C2 x^2 + C3 x^3, x = I1 - 3; `second`, `third` are C2/C1 and C3/C1.
+
+    Source: Yeoh, "Some forms of the strain energy function for rubber", Rubber Chem. Technol. 66, 1993.
+    """
+    x = stretch**2 + 2 / stretch - 3
+    return np.asarray(1 + 2 * second * x + 3 * third * x**2)
+
+
+def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]) -> np.ndarray:
+    """P/P_nH of W = 2 mu/a^2 (l1^a + l2^a + l3^a - 3): 2/a (l^(a-1) - l^(-a/2-1))/(l - l^-2); 1 at a = 2.
+
+    Source: Ogden, "Large deformation isotropic elasticity", Proc. R. Soc. A 326, 1972.
+    """
+    log = np.log(np.minimum(stretch, 1 - 1e-6))
+    # l^(a-1) - l^(-a/2-1) = 2 l^(a/4-1) sinh(3/4 a ln l), which holds its limit at a = 0
+    sinh = np.where(
+        np.abs(power) > 1e-6, np.sinh(0.75 * power * log) / np.where(power, power, 1.0), 0.75 * log
+    )
+    return np.asarray(4 * np.exp((power / 4 - 1) * log) * sinh / (np.exp(log) - np.exp(-2 * log)))
+
+
+def _share(name: str, sd: float, mean: float = 0.0) -> Unknown:
+    return Unknown(name=name, unit="1", scale="linear", mean=mean, sd=sd)
+
+
+def _positive(share: np.ndarray) -> np.ndarray:
+    """A force that a solid can have: parameters far off their range are tried in the search."""
+    return np.asarray(np.maximum(share, 1e-3))
+
+
+FUNG = TraceEffect(
     name=SPEC.name,
     unknowns=(unknown(SPEC, "b", scale="log", mean=float(np.log(3.0)), sd=1.2),),
-    stress_factor=_factor,
+    stress_factor=_fung,
 )
 """Prior: b of 3 within a factor of 3.3 (set by hand)."""
-EFFECT = TraceEffectSpec(spec=SPEC, rank=20, forms=lambda _: (STIFFENING,))
+RUBBER = (
+    TraceEffect(
+        name=SPEC.name,
+        unknowns=(_share("mooney_second", 1.0), _share("mooney_cross", 0.3), _share("mooney_square", 0.3)),
+        stress_factor=lambda value, curve, level: _positive(
+            mooney_rivlin_share(
+                value["mooney_second"][:, None],
+                value["mooney_cross"][:, None],
+                value["mooney_square"][:, None],
+                _stretch(curve, level),
+            )
+        ),
+    ),
+    TraceEffect(
+        name=SPEC.name,
+        unknowns=(_share("yeoh_second", 0.2), _share("yeoh_third", 0.05)),
+        stress_factor=lambda value, curve, level: _positive(
+            yeoh_share(value["yeoh_second"][:, None], value["yeoh_third"][:, None], _stretch(curve, level))
+        ),
+    ),
+    TraceEffect(
+        name=SPEC.name,
+        unknowns=(_share("ogden_power", 4.0, 2.0),),
+        stress_factor=lambda value, curve, level: _positive(
+            ogden_share(value["ogden_power"][:, None], _stretch(curve, level))
+        ),
+    ),
+    TraceEffect(
+        name=SPEC.name,
+        unknowns=(
+            _share("ogden_power", 4.0, 2.0),
+            _share("ogden_power_2", 4.0, -2.0),
+            Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),
+        ),
+        stress_factor=lambda value, curve, level: _positive(
+            (1 - value["ogden_weight_2"][:, None])
+            * ogden_share(value["ogden_power"][:, None], _stretch(curve, level))
+            + value["ogden_weight_2"][:, None]
+            * ogden_share(value["ogden_power_2"][:, None], _stretch(curve, level))
+        ),
+    ),
+)
+"""Laws of Mooney and Rivlin, Yeoh, and Ogden (one term, two terms). Priors (set by hand): about neo-Hooke,
+wide enough for what least squares gives of silicone cylinders."""
+
+
+def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
+    """In an even field all of them."""
+    return (FUNG, *RUBBER) if isinstance(trace.geometry, Cylinder) else (FUNG,)
+
+
+EFFECT = TraceEffectSpec(spec=SPEC, rank=20, forms=_forms)
 """Its place in the search: see TraceEffectSpec."""

@@ -1,0 +1,304 @@
+"""Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
+
+    python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
+        [--tests A1 B2 ...] [--jobs 2]
+
+FOLDER: a folder of tables for each mixture, and published.json, of
+github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
+cylinders of 50 mm diameter and 30 mm height, 10 mm/min, to 67 % strain; the end condition is not stated. The
+published E is the slope of a line through the recorded origin over 0 to 10 % strain, an apparent modulus.
+`development` are the mixtures that laws and priors were chosen on; `last` were scored once afterwards. Prints
+a line for each curve and mixture, and totals:
+
+slope       of such a line: the curve's, and by the laws fitted to the whole curve with first touch and ends
+E           initial modulus of the material, with its standard deviation
+ends        log evidence of held, and of any, over sliding ends
+verdict     none or stiffening; sensor_drift alone or in a list
+last fifth  error of the force predicted from the first four fifths, over its root mean square; beside it the
+            best of six published laws (sliding ends, zero as recorded), refitted to the same part
+"""
+
+import argparse
+import csv
+import json
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import kendalltau
+
+from fem.indentation.account import account_for
+from fem.indentation.compressed_cylinder import Cylinder, Ends
+from fem.indentation.no_contact import pooled_noise
+from fem.indentation.posterior import posterior
+from fem.indentation.search import candidate_fits
+from fem.indentation.trace import DRIFT_SHARE_PER_MIN, IndenterTrace
+from fem.indentation.trace_baseline import linear_law
+from fem.indentation.trace_catalogue import TRACE_EFFECTS
+from pipeline.fruit.bare_traces import spread
+
+DEVELOPMENT = ("EF10_0T", "EF30_25T", "EF10_100T", "EF50_12_5T", "EF30_0T")
+"""Mixtures on which laws, priors and the model error were chosen; all others were scored once at the end."""
+DIAMETER_MM, HEIGHT_MM = 50.0, 30.0
+RANGE_N = 1000.0
+"""Of the load cell, as the tables state."""
+NU = 0.49
+"""Of silicone. Assumed."""
+FRAMES = 150
+"""Of each curve, spread evenly over time, force and travel."""
+SLOPE_UP_TO = 0.1
+"""Greatest strain of the line through the recorded origin."""
+SEEN = 0.8
+"""Share of the travel from which the rest is predicted."""
+HEADER = 8
+"""Lines before the first row."""
+
+
+def read(path: Path, ends: Ends | None = None) -> IndenterTrace:
+    """Time, travel and force of one table."""
+    time_s, travel_mm, force_N = np.genfromtxt(path, delimiter=",", skip_header=HEADER)[:, :3].T
+    kept = spread(time_s, travel_mm, force_N, FRAMES)
+    kept = kept[np.r_[True, np.diff(time_s[kept]) > 0]]
+    return IndenterTrace(
+        time_s=time_s[kept],
+        force_N=force_N[kept],
+        travel_mm=travel_mm[kept],
+        geometry=Cylinder(diameter_mm=DIAMETER_MM, height_mm=HEIGHT_MM, ends=ends),
+        drift_N_per_min=DRIFT_SHARE_PER_MIN * RANGE_N,
+    )
+
+
+def slope_kPa(trace: IndenterTrace, force_N: np.ndarray) -> float:
+    """Of the line through the recorded origin."""
+    strain = trace.travel_mm / HEIGHT_MM
+    used = strain <= SLOPE_UP_TO
+    stress = 1e3 * force_N / (np.pi / 4 * DIAMETER_MM**2)
+    return float(strain[used] @ stress[used] / (strain[used] @ strain[used]))
+
+
+def until(trace: IndenterTrace, seen: np.ndarray) -> IndenterTrace:
+    """The frames that are seen."""
+    return replace(
+        trace, time_s=trace.time_s[seen], force_N=trace.force_N[seen], travel_mm=trace.travel_mm[seen]
+    )
+
+
+def log_evidence(trace: IndenterTrace) -> float:
+    """Of the plain law and of stiffening together."""
+    law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
+    stiffening = [effect for effect in TRACE_EFFECTS if effect.spec.name == "stiffening"]
+    fits = candidate_fits(law, trace, pooled_noise(trace), rng=np.random.default_rng(0), effects=stiffening)
+    answer = posterior(fits)
+    return float(np.logaddexp(*(answer.log_evidence[name] for name in ("none", "stiffening"))))
+
+
+Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Stress from parameters and stretch."""
+
+
+def _invariants(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return stretch - stretch**-2, stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
+
+
+def _neo_hookean(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    return np.asarray(2 * p[0] * _invariants(stretch)[0])
+
+
+def _mooney_rivlin(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    g, x, y = _invariants(stretch)
+    return np.asarray(2 * g * (p[0] + p[2] * y + (p[1] + p[2] * x) / stretch))
+
+
+def _yeoh(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    g, x, _ = _invariants(stretch)
+    return np.asarray(2 * g * (p[0] + 2 * p[1] * x + 3 * p[2] * x**2))
+
+
+def _ogden(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    terms = zip(p[::2], p[1::2], strict=True)
+    return np.asarray(sum(mu * (stretch ** (a - 1) - stretch ** (-a / 2 - 1)) for mu, a in terms))
+
+
+def _veronda_westmann(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    g, x, _ = _invariants(stretch)
+    return np.asarray(2 * g * p[0] * p[1] * (np.exp(np.minimum(p[1] * x, 50)) - 0.5 / stretch))
+
+
+def _humphrey(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    g, x, _ = _invariants(stretch)
+    return np.asarray(2 * g * p[0] * p[1] * np.exp(np.minimum(p[1] * x, 50)))
+
+
+PUBLISHED: dict[str, tuple[Law, tuple[float, ...]]] = {
+    "neo-Hookean": (_neo_hookean, (10.0,)),
+    "Mooney-Rivlin": (_mooney_rivlin, (10.0, 1.0, 0.1)),
+    "Yeoh": (_yeoh, (10.0, 0.1, 0.1)),
+    "Ogden": (_ogden, (5.0, 4.0, -0.1, -4.0)),
+    "Veronda-Westmann": (_veronda_westmann, (100.0, 0.2)),
+    "Humphrey": (_humphrey, (40.0, 0.2)),
+}
+"""The six families of hyperelastic_parameters.json in that repository, with starts, kPa."""
+
+
+def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
+    """The law that predicts the rest best, and its error over the rest's root mean square."""
+    stretch = 1 - trace.travel_mm / HEIGHT_MM
+    stress = -1e3 * trace.force_N / (np.pi / 4 * DIAMETER_MM**2)
+    errors: dict[str, float] = {}
+    for name, (law, start) in PUBLISHED.items():
+        fitted = least_squares(
+            lambda p, law=law: law(p, stretch[seen]) - stress[seen], start, x_scale=np.abs(start)
+        ).x
+        rest = ~seen
+        errors[name] = float(np.sqrt(np.mean((law(fitted, stretch[rest]) - stress[rest]) ** 2)))
+        errors[name] /= float(np.sqrt(np.mean(stress[rest] ** 2)))
+    best = min(errors, key=lambda name: errors[name])
+    return best, errors[best]
+
+
+def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
+    """Of the rest by the mean over the laws fitted to the seen part, over the rest's root mean square."""
+    account = account_for(
+        until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
+    )
+    gap = (account.posterior.force_N(trace) - trace.force_N)[~seen]
+    return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
+
+
+def scored(path: Path) -> dict[str, object]:
+    """One curve."""
+    trace = read(path)
+    account = account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    said = account.explanation
+    logs = [log_evidence(read(path, ends)) for ends in ("lubricated", "bonded", None)]
+    seen = trace.travel_mm <= SEEN * trace.travel_mm.max()
+    name, published = best_published(trace, seen)
+    names = [u.name for u in account.named.law.unknowns]
+    return {
+        "mixture": path.parent.name,
+        "curve": path.stem.removeprefix(f"{path.parent.name}_"),
+        "own_kPa": slope_kPa(trace, trace.force_N),
+        "law_kPa": slope_kPa(trace, account.posterior.force_N(trace)),
+        "E_kPa": 1e3 * said.after.value,
+        "E_sd_kPa": 1e3 * said.after.sd,
+        "onset_mm": float(account.named.scaled[names.index("onset_mm")]),
+        "held": logs[1] - logs[0],
+        "any": logs[2] - logs[0],
+        "verdict": said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict),
+        "law": account.named.law.unknowns[-1].name,
+        "last_fifth": predicted_error(trace, seen),
+        "published_last_fifth": published,
+        "published_law": name,
+    }
+
+
+def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -> dict[str, object]:
+    """Means over its curves, and counts."""
+
+    def column(key: str) -> np.ndarray:
+        return np.array([float(str(row[key])) for row in rows])
+
+    own, law = column("own_kPa"), column("law_kPa")
+    return {
+        "mixture": name,
+        "part": "development" if name in DEVELOPMENT else "last",
+        "curves": len(rows),
+        "published_kPa": published_kPa,
+        "own_kPa": own.mean(),
+        "law_kPa": law.mean(),
+        "within_5_of_own": int((np.abs(law / own - 1) <= 0.05).sum()),
+        "within_10_of_published": int((np.abs(law / published_kPa - 1) <= 0.1).sum()),
+        "own_within_10_of_published": int((np.abs(own / published_kPa - 1) <= 0.1).sum()),
+        "E_kPa": column("E_kPa").mean(),
+        "E_between_curves_kPa": column("E_kPa").std(ddof=1) if len(rows) > 1 else float("nan"),
+        "E_sd_kPa": column("E_sd_kPa").mean(),
+        "held_over_sliding": column("held").sum(),
+        "any_over_sliding": column("any").sum(),
+        "none_or_stiffening": sum(row["verdict"] in ("none", "stiffening") for row in rows),
+        "with_sensor_drift": sum("sensor_drift" in str(row["verdict"]) for row in rows),
+        "last_fifth": float(np.median(column("last_fifth"))),
+        "published_last_fifth": float(np.median(column("published_last_fifth"))),
+        "no_worse_than_published": int((column("last_fifth") <= column("published_last_fifth")).sum()),
+    }
+
+
+def main() -> None:
+    """Read, explain, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--csv", type=Path, help="write a row for each mixture")
+    parser.add_argument("--curves", type=Path, help="write a row for each curve")
+    parser.add_argument("--part", choices=("development", "last", "all"), default="all")
+    parser.add_argument("--tests", nargs="*", help="A1 to A5, B1 to B5; all by default")
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    published = json.loads((args.folder / "published.json").read_text())["E"]
+    chosen = [
+        name
+        for name in published
+        if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
+    ]
+    paths = [
+        path
+        for name in chosen
+        for path in sorted((args.folder / name).glob("*.csv"))
+        if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
+    ]
+    rows = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row in pool.map(scored, paths):
+            rows.append(row)
+            shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
+            print(*shown, flush=True)
+    mixtures = [
+        of_mixture(name, [row for row in rows if row["mixture"] == name], published[name][0])
+        for name in chosen
+        if any(row["mixture"] == name for row in rows)
+    ]
+    for row in mixtures:
+        print(", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
+    totals(rows, mixtures)
+    for where, table in ((args.csv, mixtures), (args.curves, rows)):
+        if where is not None:
+            with where.open("w", newline="") as file:
+                written = csv.DictWriter(file, list(table[0]))
+                written.writeheader()
+                written.writerows(
+                    {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in table
+                )
+
+
+def totals(rows: list[dict[str, object]], mixtures: list[dict[str, object]]) -> None:
+    """What is asked of all curves together."""
+    count = len(rows)
+
+    def summed(key: str) -> float:
+        return sum(float(str(row[key])) for row in mixtures)
+
+    print(f"\n{count} curves of {len(mixtures)} mixtures")
+    for key in (
+        "within_5_of_own", "within_10_of_published", "own_within_10_of_published", "none_or_stiffening",
+        "with_sensor_drift", "no_worse_than_published",
+    ):  # fmt: skip
+        print(f"  {key}: {summed(key):.0f} of {count}")
+    print(
+        f"  ends, log evidence over sliding: held {summed('held_over_sliding'):.0f}, "
+        f"any {summed('any_over_sliding'):.0f}"
+    )
+    if len(mixtures) > 1:
+        truth = [row["published_kPa"] for row in mixtures]
+        for key in ("law_kPa", "E_kPa"):
+            tau = kendalltau(truth, [row[key] for row in mixtures]).statistic
+            print(f"  Kendall's tau of the published modulus with {key}: {tau:.3f}")
+    for verdict, number in Counter(str(row["verdict"]) for row in rows).most_common():
+        print(f"  {number:4d} {verdict}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Gel pictures that were resized without their proportions give the answer of those that were not.
+
+The gel is lit, so that its normal force is measured by shading too. From dots alone the normal force scatters
+by some per cent with the size of the picture, squeezed or not.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from raw_folder import write_picture
+from test_camera_from_dots import DOME, dots, eye
+from test_photometric import AMBIENT, LIGHTS
+
+from pipeline.recordings.sensor_calibration import as_toml
+from samples.gel_images import Field, GelLook, gel_image, smooth_field
+from tactile.from_frames import recording_of
+from tactile.gel.slab import GelSlab, traction_response
+from tactile.gel_camera import project
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import GelPad
+from tactile.io.sensor_model import read_model
+from tactile.pad_reference import references_said
+from tactile.sensor_description import described
+from tactile.square_pixels import square_camera
+
+CAMERA = eye()
+SHAPES = {"4:3 to 1:1": (240, 240), "4:3 to 16:9": (320, 180), "16:9 to 1:1, its ratio": (180, 240)}
+PRESSES = 3
+GRASP = """
+fruit_id = "f1"
+category = "nectarine"
+loading = "press"
+pose_aperture_mm = 60.0
+[pads.tip]
+sensor = "sensor.toml"
+pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"""
+
+
+def pressed(share: float) -> Field:
+    """The domed face under a parabola of pressure with friction, off its middle: up to 2.3 N and 0.7 N."""
+    side = np.arange(-16.0, 16.0, 0.25)
+    x, y = np.meshgrid(side, side, indexing="ij")
+    within = np.maximum(1.0 - ((x - 2.0) ** 2 + (y + 1.0) ** 2) / 3.5**2, 0.0)
+    gel = GelSlab(thickness_mm=4.0, E_MPa=0.435, nu=0.48)
+    traction = 0.12 * share * within[..., None] * [0.3, 0.0, -1.0]
+    moved = traction_response(gel, traction, spacing_mm=0.25).reshape(-1, 3)
+    press = smooth_field(side, side, moved)
+    return lambda at: press(at) + np.column_stack([0 * at, DOME.face_mm(at[:, 0], at[:, 1])])
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[np.ndarray]:
+    """The untouched gel, and a press: two frames without contact, then ever deeper."""
+    rng = np.random.default_rng(3)
+    look = GelLook(rest_mm=dots(), dot_mm=0.8)
+    shares = [0.0] * 3 + list(np.arange(1, PRESSES + 1) / PRESSES)
+    return [gel_image(CAMERA, LIGHTS, look, pressed(share), rng) for share in shares]
+
+
+def read(folder: Path, pictures: list[np.ndarray], size_px: tuple[int, int]) -> tuple[GelPad, str]:
+    """The pad of the press seen in pictures of that size, described by the first of them."""
+    seen = [cv2.resize(one, size_px, interpolation=cv2.INTER_AREA) for one in pictures]
+    made = described(read_model("gelsight-mini"), seen[0], source="empty.png")
+    write_picture(folder / "tip/reference.png", seen[0])
+    for t, frame in enumerate(seen[1:]):
+        write_picture(folder / f"tip/frame_{t:06d}.png", frame)
+    lights = [{"direction": one.direction.tolist(), "colour": one.colour.tolist()} for one in LIGHTS]
+    lit = made.table | {"kind": "photometric", "ambient": AMBIENT, "lights": lights}
+    (folder / "sensor.toml").write_text(as_toml(lit))
+    (folder / "grasp.toml").write_text(GRASP)
+    rows = [f"{0.05 * t},{60.0 - 0.1 * t}" for t in range(len(seen) - 1)]
+    (folder / "log.csv").write_text("\n".join(["time_s,aperture_mm", *rows]) + "\n")
+    raw = read_raw_grasp(folder)
+    assert not references_said(raw)
+    pad = recording_of(raw).recording.pads[0]
+    assert isinstance(pad, GelPad)
+    return pad, "\n".join(made.said)
+
+
+@pytest.fixture(scope="module")
+def unsqueezed(pictures: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> GelPad:
+    pad, said = read(tmp_path_factory.mktemp("whole"), pictures, CAMERA.image_px)
+    assert "resized" not in said
+    return pad
+
+
+@pytest.mark.parametrize("size_px", SHAPES.values(), ids=SHAPES)
+def test_squeezed_pictures_give_the_unsqueezed_displacement_and_force(
+    size_px: tuple[int, int], pictures: list[np.ndarray], unsqueezed: GelPad, tmp_path: Path
+) -> None:
+    pad, said = read(tmp_path, pictures, size_px)
+    ratio = size_px[0] / size_px[1] / (4 / 3)
+    assert f"the picture was resized without its proportions. A millimetre along x has {ratio:.2f}" in said
+    away_mm = np.abs(pad.displacement_mm - unsqueezed.displacement_mm)
+    assert away_mm.max() < 0.02 * np.abs(unsqueezed.displacement_mm).max()
+    force, expected = (one.force_N[-1].sum(axis=0) for one in (pad, unsqueezed))
+    assert np.linalg.norm(expected) == pytest.approx(2.4, rel=0.15)
+    assert np.linalg.norm(force - expected) < 0.01 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("focal_px", [(120.0, 222.0), (222.0, 170.0)])
+def test_the_square_camera_sees_each_point_where_the_stretched_picture_shows_it(
+    focal_px: tuple[float, float],
+) -> None:
+    camera = replace(CAMERA, focal_px=focal_px)
+    square = square_camera(camera)
+    scale = np.array(square.image_px) / camera.image_px
+    assert scale.min() == 1.0
+    assert square.focal_px[0] == pytest.approx(square.focal_px[1], rel=0.5 / min(CAMERA.image_px))
+    stretched = (project(camera, dots()) + 0.5) * scale - 0.5
+    np.testing.assert_allclose(project(square, dots()), stretched, atol=1e-9)
+
+
+def test_frames_of_a_calibrated_camera_stay_as_they_are() -> None:
+    camera = replace(CAMERA, focal_px=(222.0, 223.0))
+    assert square_camera(camera) is camera
