@@ -1,7 +1,7 @@
 """A fruit given by arrays as a temporary batch of one fruit, so that `drupe grade`'s own code reads it."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.batch.scratch import scratch
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.problem import refused
+from pipeline.recordings.sensor_calibration import as_toml
 from pipeline.run.checking import ImplausibleNumbers
 from recon.surface.mesh_file import write_mesh
 from tactile.io.recording import Recording, write_recording
@@ -25,6 +26,8 @@ Surface: TypeAlias = tuple[ArrayLike, ArrayLike]
 """A closed triangle mesh: vertices (n, 3) in mm, faces (m, 3) as indices with outward normals."""
 Pit: TypeAlias = Surface | Literal["none", "prior"]
 FRUIT_ID = "fruit"
+ARGUMENTS = {"category": "category", "poisson_ratio": "nu"}
+"""Arguments that say what these keys of batch.toml do."""
 ANY_CATEGORY = "phantom"
 """The category of which drupe assumes neither pit nor Poisson's ratio, and the widest range of E."""
 
@@ -36,7 +39,7 @@ def silent(_: str) -> None:
 @contextmanager
 def array_batch(
     mesh: Surface,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     pit: Pit,
     nu: float | None,
@@ -44,16 +47,23 @@ def array_batch(
     settings: Mapping[str, Any] | None,
 ) -> Iterator[Path]:
     """The folder of the batch, gone afterwards; raises DrupeError for wrong arrays and recordings."""
-    if not recordings:
-        raise DrupeError("recordings: found none, expected one or more of this fruit")
+    given = list(recordings) if isinstance(recordings, Iterable) else [recordings]
+    wrong = [type(held).__name__ for held in given if not isinstance(held, Recording)]
+    if wrong or not given:
+        kind = wrong[0] if wrong else "none"
+        raise DrupeError(f"recordings: found {kind}, expected one or more of this fruit")
     if nu is None and category is None:
         raise DrupeError("nu: found None without a category, expected Poisson's ratio, for example 0.45")
-    named = sorted({held.fruit_id for held in recordings} - {"unknown", ""})
+    named = sorted({held.fruit_id for held in given} - {"unknown", ""})
     if len(named) > 1:
         raise DrupeError(f"recordings: found fruit {', '.join(named)}, expected one fruit")
-    stated = {"category": category or ANY_CATEGORY, **(settings or {})}
+    stated: dict[str, Any] = {"category": category or ANY_CATEGORY}
     if nu is not None:
-        stated["poisson_ratio"] = nu
+        stated["poisson_ratio"] = float(numbers("nu", nu, ()))
+    further = _plain({} if settings is None else settings)
+    for key in sorted(stated.keys() & further.keys()):
+        raise DrupeError(f'settings: found "{key}", expected it as the argument {ARGUMENTS[key]} alone')
+    stated |= further
     if isinstance(pit, str):
         if pit not in ("none", "prior"):
             raise DrupeError(f'pit: found "{pit}", expected a mesh, "none" or "prior"')
@@ -68,14 +78,15 @@ def array_batch(
         fruit = folder.fruit(FRUIT_ID)
         fruit.root.mkdir(parents=True)
         fruit.grasps.mkdir()
-        folder.settings.write_text(_toml(stated), encoding="utf-8")
+        folder.settings.write_text(as_toml(stated), encoding="utf-8")
         folder.table.write_text(f"fruit_id\n{FRUIT_ID}\n", encoding="utf-8")
         write_mesh(fruit.root / "fruit.ply", *_surface("mesh", mesh))
         if not isinstance(pit, str):
             write_mesh(fruit.root / "pit.ply", *_surface("pit", pit))
-        for k, held in enumerate(recordings, start=1):
+        digits = len(str(len(given)))  # files are read in the order of their names
+        for k, held in enumerate(given, start=1):
             known = replace(held, fruit_id=FRUIT_ID, category=stated["category"])
-            write_recording(fruit.grasps / f"recording-{k}.h5", known)
+            write_recording(fruit.grasps / f"recording-{k:0{digits}}.h5", known)
         with refusals(root):
             yield root
 
@@ -102,17 +113,19 @@ def _surface(name: str, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-def _toml(stated: Mapping[str, Any]) -> str:
-    """Settings as batch.toml, tables as dotted keys: JSON's numbers, texts and lists are TOML's too."""
-    lines = []
-    for key, value in stated.items():
-        inner = value.items() if isinstance(value, Mapping) else [(None, value)]
-        for name, one in inner:
-            try:
-                text = json.dumps(one, allow_nan=False)
-            except (TypeError, ValueError):
-                raise DrupeError(
-                    f"settings: found {one!r} for {key}, expected a number, text or list"
-                ) from None
-            lines.append(f"{key if name is None else f'{key}.{name}'} = {text}\n")
-    return "".join(lines)
+def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as Python's own types, NumPy's numbers among them, without those that are None; raises
+    DrupeError.
+    """
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        if isinstance(value, Path):
+            return str(value)
+        raise DrupeError(f"settings: found {value!r}, expected a number, text, list or table")
+
+    if not isinstance(settings, Mapping):
+        raise DrupeError(f"settings: found {type(settings).__name__}, expected a table of keys and values")
+    text = json.dumps(dict(settings), default=plain)
+    return dict(json.loads(text, object_hook=lambda table: {k: v for k, v in table.items() if v is not None}))

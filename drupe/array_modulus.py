@@ -60,7 +60,7 @@ class MeasuredModulus:
 
 def modulus(
     mesh: Surface,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     pit: Pit,
     nu: float | None,
@@ -75,8 +75,8 @@ def modulus(
     solid body, or "prior" for the usual pit of the category. `nu`: Poisson's ratio of the flesh, no unit,
     taken as exact unless `settings` has "poisson_ratio_sd"; None: that of the category. `category`:
     "nectarine" or another; None: nothing is assumed of the fruit, and E from 0.0005 to 60 MPa is accepted.
-    `settings`: further keys of batch.toml (docs/formats.md), for example {"mesh": {"edge_mm": 8.0}}. `report`
-    receives the name of each stage as it begins.
+    `settings`: further keys of batch.toml (docs/formats.md), for example {"mesh": {"edge_mm": 8.0}}; paths in
+    it are absolute. `report` receives the name of each stage as it begins.
 
     Takes about a minute on one core. Raises DrupeError where the input gives no E.
     """

@@ -42,7 +42,7 @@ class ExplainedMismatch:
 
 def explain(
     mesh: Surface,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     pit: Pit,
     nu: float | None,

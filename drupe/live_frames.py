@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from threadpoolctl import threadpool_limits
 
 from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
-from drupe.numbers import PerPad, numbers
+from drupe.numbers import PerPad, numbers, per_pad
 from drupe.refusal import DrupeError
 from fem.estimation.live_modulus import FirstTouch, FrameEstimate, LiveModel, frame_modulus
 from fem.grasp_history import PadHistory
@@ -20,8 +20,9 @@ from pipeline.fruit.flesh_model import flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitShape, embedded_pit, fruit_shape
 from tactile.contact import frames_in_air, neighbourhood, touching_markers
 from tactile.io.recording import GelPad, Recording
+from tactile.io.sensor_file import is_rigid
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, no_contact_noise
-from tactile.registration import depth_along
+from tactile.registration import FARTHEST_SHARE, depth_along
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,15 +62,22 @@ class LiveModulus:
         (of the markers' noise alone) and `residual_mm` (n, 3) in the mesh's frame. E is NaN until six
         markers have touched in two frames. Raises DrupeError for a wrong shape or a value that is not finite.
         """
-        given = (displacement_mm, force_N, pose)
-        if any(len(arrays) != len(self._pads) for arrays in given):
-            raise DrupeError(f"found {[len(one) for one in given]} pads, expected {len(self._pads)} in each")
+        given = {"displacement_mm": displacement_mm, "force_N": force_N, "pose": pose}
+        of_pads = {name: per_pad(name, arrays) for name, arrays in given.items()}
+        for name, arrays in of_pads.items():
+            if len(arrays) != len(self._pads):
+                raise DrupeError(f"{name}: found {len(arrays)} pads, expected {len(self._pads)}")
         place, push, touch = [], [], []
         for k, pad in enumerate(self._pads):
             shape = (len(pad.rest_mm), 3)
-            moved = numbers(f"displacement_mm[{k}]", displacement_mm[k], shape) - pad.displacement_zero_mm
-            force = numbers(f"force_N[{k}]", force_N[k], shape) - pad.force_zero_N
-            at = numbers(f"pose[{k}]", pose[k], (4, 4))
+            moved = numbers(f"displacement_mm[{k}]", of_pads["displacement_mm"][k], shape)
+            moved = moved - pad.displacement_zero_mm
+            force = numbers(f"force_N[{k}]", of_pads["force_N"][k], shape) - pad.force_zero_N
+            at = numbers(f"pose[{k}]", of_pads["pose"][k], (4, 4))
+            if not is_rigid(at):
+                raise DrupeError(
+                    f"pose[{k}]: found a matrix that is no rotation and shift, expected one in mm"
+                )
             pressed = touching_markers(force[None, :, 2], pad.force_sd_N, pad.neighbours)[0]
             place.append((pad.rest_mm + moved)[pad.used] @ at[:3, :3].T + at[:3, 3])
             push.append(force[pad.used] @ at[:3, :3].T)
@@ -105,7 +113,7 @@ def live(
 
     Raises DrupeError where `air` has too few frames in the air, or the pads do not face the fruit.
     """
-    if not travel_mm > 0:
+    if not numbers("travel_mm", travel_mm, ()) > 0:
         raise DrupeError(f"travel_mm: found {travel_mm:g}, expected a travel above 0 mm")
     given = array_batch(mesh, [air], pit=pit, nu=nu, category=category, settings=settings)
     with given as root, threadpool_limits(1):
@@ -142,8 +150,9 @@ def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
     pose = pad.pose[frames - 1]
     where, ahead = pad.rest_mm @ pose[:3, :3].T + pose[:3, 3], pose[:3, 2]
     depth = depth_along(where, ahead, shape.vertices[shape.faces])
-    used = depth - np.nanmin(depth, initial=np.inf) <= travel_mm
-    if not used.any():
+    nearest = np.nanmin(depth, initial=np.inf)
+    used = depth - nearest <= travel_mm
+    if not used.any() or nearest < -FARTHEST_SHARE * float(np.ptp(shape.vertices, axis=0).max()):
         raise DrupeError(
             f"air: pad {pad.name}: found no fruit in front of the pad, expected the mesh there; check the "
             "poses' frame and that z of the pose points into the fruit"

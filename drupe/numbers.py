@@ -1,6 +1,6 @@
 """The user's arrays as arrays of numbers, or an error that names array, shape and expected shape."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +14,13 @@ Length: TypeAlias = int | None
 """Of an axis; None: any from 1 on."""
 
 
+def per_pad(name: str, arrays: PerPad) -> list[ArrayLike]:
+    """The entries of `arrays`, a pad each; raises DrupeError for what has no such entries."""
+    if isinstance(arrays, Mapping | str) or not np.iterable(arrays):
+        raise DrupeError(f"{name}: found {type(arrays).__name__}, expected a sequence with an array per pad")
+    return list(arrays)
+
+
 def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: bool = False) -> np.ndarray:
     """`values` as an array of `shape`, of float64 or (`whole`) int64; raises DrupeError.
 
@@ -23,7 +30,9 @@ def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: b
     Traceback (most recent call last):
     drupe.refusal.DrupeError: centre_mm: found shape (2,), expected (3,)
     """
-    wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ("," * (len(shape) == 1)) + ")"
+    wanted = (
+        "(" + ", ".join("1 or more" if n is None else str(n) for n in shape) + ("," * (len(shape) == 1)) + ")"
+    )
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # rows of different lengths
@@ -35,6 +44,8 @@ def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: b
     )
     if not fits:
         raise DrupeError(f"{name}: found shape {array.shape}, expected {wanted}")
+    if np.ma.is_masked(values):  # np.asarray keeps what the mask hides
+        raise DrupeError(f"{name}: found masked values, expected a number in each place")
     if bad := int((~np.isfinite(array)).sum()):
         where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         raise DrupeError(f"{name}: found {bad} values NaN or infinite, the first at {where}, expected none")

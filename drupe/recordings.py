@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from drupe.numbers import PerPad, numbers
+from drupe.numbers import PerPad, numbers, per_pad
 from drupe.refusal import DrupeError, refusals
+from pipeline.batch.input_names import RECORDINGS
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
 from tactile.io.recording import GelPad, Recording
@@ -89,10 +90,12 @@ def recording(
     >>> held.loading, [pad.name for pad in held.pads]
     ('grasp', ['left', 'right'])
     """
-    count = len(rest_mm)
+    given = {"rest_mm": rest_mm, "displacement_mm": displacement_mm, "force_N": force_N, "pose": pose}
+    of_pads = {name: per_pad(name, arrays) for name, arrays in given.items()}
+    count = len(of_pads["rest_mm"])
     if count not in PADS:
         raise DrupeError(f"rest_mm: found {count} pads, expected 2 (a grasp) or 1 (a press)")
-    for name, arrays in (("displacement_mm", displacement_mm), ("force_N", force_N), ("pose", pose)):
+    for name, arrays in of_pads.items():
         if len(arrays) != count:
             raise DrupeError(f"{name}: found {len(arrays)} pads, expected {count}, as in rest_mm")
     times = numbers("time_s", time_s, (None,))
@@ -100,15 +103,15 @@ def recording(
     kn, kt = numbers("gel_stiffness_MPa_per_mm", gel_stiffness_MPa_per_mm, (2,)).tolist()
     pads = []
     for k, name in enumerate(PADS[count]):
-        rest = numbers(f"rest_mm[{k}]", rest_mm[k], (None, 3))
-        shape = (frames, len(rest), 3)
+        rest = numbers(f"rest_mm[{k}]", of_pads["rest_mm"][k], (None, 3))
+        field, poses = (frames, len(rest), 3), (frames, 4, 4)
         pads.append(
             GelPad(
                 name=name,
-                pose=numbers(f"pose[{k}]", pose[k], (frames, 4, 4)),
+                pose=numbers(f"pose[{k}]", of_pads["pose"][k], poses),
                 rest_mm=rest,
-                displacement_mm=numbers(f"displacement_mm[{k}]", displacement_mm[k], shape),
-                force_N=numbers(f"force_N[{k}]", force_N[k], shape),
+                displacement_mm=numbers(f"displacement_mm[{k}]", of_pads["displacement_mm"][k], field),
+                force_N=numbers(f"force_N[{k}]", of_pads["force_N"][k], field),
                 gel_kn_MPa_per_mm=kn,
                 gel_kt_MPa_per_mm=kt,
                 force_scale_sd=force_scale_sd,
@@ -143,6 +146,8 @@ def write_recording(path: str | Path, held: Recording) -> None:
     or the place cannot be written to: drupe never overwrites a file of yours.
     """
     path = Path(path)
+    if path.suffix.lower() not in RECORDINGS:
+        raise DrupeError(f'{path}: found the ending "{path.suffix}", expected .h5, as drupe grade reads it')
     if path.exists() or path.is_symlink():
         raise DrupeError(f"{path}: exists already; give another name, or move the file away")
     with refusals(), scratch() as folder:

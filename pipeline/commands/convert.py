@@ -181,12 +181,13 @@ def convert(
         ),
     ] = None,
     closing: Annotated[
-        tuple[float, float, float],
-        typer.Option(metavar="X Y Z", help="Direction from the left jaw to the right jaw."),
-    ] = (1.0, 0.0, 0.0),
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Direction from the left jaw to the right jaw. Default: 1 0 0."),
+    ] = None,
     up: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Direction of both pads' y axis.")
-    ] = (0.0, 0.0, 1.0),
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Direction of both pads' y axis. Default: 0 0 1."),
+    ] = None,
 ) -> None:
     """Convert gel frames, tables or other formats to a recording for grade and explain.
 
@@ -208,6 +209,10 @@ def convert(
 
     if (robot is None) != (flange is None):
         raise typer.BadParameter("--robot and --flange belong together; give both or none.")
+    if jaws_centre_mm is None and (closing or up):
+        raise typer.BadParameter("--closing and --up need --jaws-centre-mm.")
+    if jaws_centre_mm is not None and robot is not None:
+        raise typer.BadParameter("--jaws-centre-mm and --robot both give poses; remove one of them.")
     wanted = ConvertRequest(
         sensor=sensor,
         fruit_id=fruit,
@@ -231,7 +236,9 @@ def convert(
         flange=flange,
         covariance=covariance,
         topics=topics,
-        jaws=None if jaws_centre_mm is None else Jaws(centre_mm=jaws_centre_mm, closing=closing, up=up),
+        jaws=None
+        if jaws_centre_mm is None
+        else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
     try:
         written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)

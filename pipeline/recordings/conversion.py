@@ -72,8 +72,8 @@ FRAMES_ALONE = (
 )
 
 
-POSES_LACKING = ("written as no motion", "no aperture and no pose")
-"""What the readers' notes say of missing poses, which a robot supplies."""
+POSES_LACKING = "no motion."
+"""How the readers' notes of missing poses end, which jaws or a robot supply."""
 ANY_RATIO = 0.45
 """Poisson's, to see whether a geometry has a law at all; `drupe explain` takes that of the flesh."""
 
@@ -225,7 +225,9 @@ def _read(
             "name the rig in batch.toml."
         )
         raise BatchRefused([Problem(str(source), what)])
-    return found if wanted.jaws is None else posed_by_jaws(found, wanted.jaws, source=source.name), sensors
+    if wanted.topics is not None and source.suffix.lower() != ".mcap":
+        raise BatchRefused([Problem(str(source), "is not a ROS 2 bag; --topics applies only to a .mcap.")])
+    return found, sensors
 
 
 def _of_any_kind(
@@ -308,22 +310,24 @@ def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:
 
 
 def _with_poses(found: Converted, source: Path, wanted: ConvertRequest) -> Converted:
-    """The recording with its pads' poses from a robot's, where a robot is named."""
+    """The recording with its pads' poses from jaws or a robot's, where they are named."""
+    lacking = replace(found, notes=tuple(note for note in found.notes if not note.endswith(POSES_LACKING)))
+    if wanted.jaws is not None:
+        return posed_by_jaws(lacking, wanted.jaws, source=source.name)
     if wanted.robot is None or wanted.flange is None:
         return found
     robot, table = read_robot(wanted.robot), read_flange_table(wanted.flange)
     recording, spreads = with_robot_poses(
         found.recording, robot, table, source=source.name, named=wanted.flange.name
     )
-    notes = [note for note in found.notes if not any(words in note for words in POSES_LACKING)]
-    notes += [
+    notes = [
         f"pads/{pad.name}: standard deviation of its place, per axis: {pad.sd_mm:.2g} mm "
         f"({pad.calibration_mm:.2g} calibration, {pad.flange_mm:.2g} flange, {pad.gripper_mm:.2g} gripper)."
         for pad in spreads
     ]
     worst = max(pad.sd_mm for pad in spreads)
     notes.append(f"Write pose_sd_mm = {worst:.2g} under [sensor] in batch.toml.")
-    return replace(found, recording=recording, notes=tuple(notes))
+    return replace(lacking, recording=recording, notes=(*lacking.notes, *notes))
 
 
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:

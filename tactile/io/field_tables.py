@@ -67,6 +67,8 @@ def read_field_table(
                 thickness_mm=sensor.thickness_mm,
                 gel_E_MPa=sensor.E_MPa,
                 gel_nu=sensor.nu,
+                force_scale_sd=sensor.force_sd,
+                displacement_scale_sd=sensor.displacement_sd,
             )
         )
     loading = "press" if names == ("tip",) else "grasp"

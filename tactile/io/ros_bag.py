@@ -24,6 +24,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.files.plain_file import NotReadable, not_plain, open_plain, size
+from tactile.io.flange_table import NOT_ROTATION
 from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import unusable
 from tactile.io.toml_table import read_table
@@ -59,9 +60,9 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     top = read_table(
         topics, TactileProblem.UNREADABLE_FRAMES, what="the names of the topics (docs/formats.md)"
     )
-    top.refuse_unknown({"aperture", "length", "left", "right", "tip"})
-    length = MM[top.choice("length", MM) if "length" in top.values else "m"]
     pads = ("tip",) if "tip" in top.values else ("left", "right")
+    top.refuse_unknown({"aperture", "length", *pads})
+    length = MM[top.choice("length", MM) if "length" in top.values else "m"]
     named: dict[str, str] = {}
     for pad in pads:
         table = top.table(pad, needed=True)
@@ -149,7 +150,12 @@ def _number(message: Any) -> np.ndarray:
 
 
 def _rows(message: Any) -> np.ndarray:
-    return np.array(message.data, dtype=np.float64).reshape(-1, 3)
+    """x, y, z of each marker; raises ValueError for an array whose layout says otherwise."""
+    sizes = [axis.size for axis in message.layout.dim]
+    if len(sizes) > 1 and sizes[-1] != 3:
+        raise ValueError(f"a layout of {sizes}, x, y, z are not the last axis")
+    values = np.array(message.data, dtype=np.float64)[message.layout.data_offset :]
+    return values.reshape(-1, 3)
 
 
 def _cloud(message: Any) -> np.ndarray:
@@ -164,7 +170,8 @@ def _cloud(message: Any) -> np.ndarray:
             "itemsize": message.point_step,
         }
     )
-    points = np.frombuffer(bytes(message.data), layout, count=message.width * message.height)
+    rows = np.frombuffer(bytes(message.data), np.uint8).reshape(message.height, -1)  # may end in padding
+    points = np.frombuffer(rows[:, : message.width * message.point_step].tobytes(), layout)
     return np.stack([points[name] for name in "xyz"], axis=1).astype(np.float64)
 
 
@@ -190,13 +197,12 @@ def _poses(
     """Rigid transforms in mm at other times: shifts linear in between, turns at constant rate."""
     if series.values.shape[1:] != (7,):
         raise unusable(f"{path.name}: {topic}", "no poses", "geometry_msgs/msg/PoseStamped")
+    lengths = np.linalg.norm(series.values[:, 3:], axis=1)
+    if not (np.abs(lengths - 1) < NOT_ROTATION).all():
+        found = f"orientations of length {lengths.min():.3g} to {lengths.max():.3g}"
+        raise unusable(f"{path.name}: {topic}", found, "unit quaternions")
     pose = np.tile(np.eye(4), (len(when), 1, 1))
-    try:
-        turns = Slerp(series.time_s, Rotation.from_quat(series.values[:, 3:]))
-        pose[:, :3, :3] = turns(when).as_matrix()
-    except ValueError as cause:
-        found = f"orientations without a length, or times that do not increase ({cause})"
-        raise unusable(f"{path.name}: {topic}", found, "unit quaternions") from cause
+    pose[:, :3, :3] = Slerp(series.time_s, Rotation.from_quat(series.values[:, 3:]))(when).as_matrix()
     pose[:, :3, 3] = MM["m"] * at_times(when, series.time_s, series.values[:, :3])
     return pose
 

@@ -75,7 +75,7 @@ def prepare_frames(
             f"at most {MOST_CORRECTED:.0%}; record again",
         )
     first = next(iter(columns))
-    if force is not None and (np.diff(filled[first]) == 0).mean() > 0.3:
+    if force is not None and len(time) > 1 and (np.diff(filled[first]) == 0).mean() > 0.3:
         filled[first], again = _without_repeats(words, first, filled, force()[part], rows)
         notes += again
     return PreparedFrames(part=part, time_s=filled.pop("time"), columns=filled, corrections=tuple(notes))

@@ -83,9 +83,11 @@ def _at_frames(
     if time_s is None and len(poses) not in (1, len(frames)):
         expected = f"1, or {len(frames)} as {source} has frames, or a column time_s on its clock"
         raise unusable(named, f"{len(poses)} rows", expected)
+    if len(poses) == 1 < len(frames) and table.aperture_mm is not None:
+        expected = f"one for each frame of {source}: write rows with time_s, or remove the column"
+        raise unusable(f"{named}: aperture_mm", "a single aperture", expected)
     if time_s is None or len(poses) == 1:
-        aperture = table.aperture_mm if table.aperture_mm is not None and len(poses) == len(frames) else None
-        return np.broadcast_to(poses, (len(frames), 4, 4)), aperture
+        return np.broadcast_to(poses, (len(frames), 4, 4)), table.aperture_mm
     if frames[0] < time_s[0] - CLOCK_SLACK_S or frames[-1] > time_s[-1] + CLOCK_SLACK_S:
         observed = f"times from {time_s[0]:g} to {time_s[-1]:g} s"
         expected = f"those of {source} ({frames[0]:g} to {frames[-1]:g} s) on the same clock"

@@ -1,5 +1,6 @@
 """Recordings from arrays: what goes in comes back, and what is wrong is named."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import drupe
+from drupe.array_batch import array_batch
 from recon.surface.mesh_file import read_mesh
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
@@ -60,6 +62,8 @@ def test_nothing_is_overwritten(arrays, tmp_path):
     with pytest.raises(drupe.DrupeError, match=r"grasp\.h5: exists already"):
         drupe.write_recording(mine, drupe.recording(**arrays))
     assert mine.read_text() == "my notes"
+    with pytest.raises(drupe.DrupeError, match=r'found the ending "", expected \.h5'):
+        drupe.write_recording(tmp_path / "grasp", drupe.recording(**arrays))
 
 
 @pytest.mark.parametrize(
@@ -67,8 +71,11 @@ def test_nothing_is_overwritten(arrays, tmp_path):
     [
         ({"displacement_mm": np.zeros((2, 46, 9, 3))}, "displacement_mm[0]: found shape (46, 9, 3)"),
         ({"pose": np.zeros((1, 47, 4, 4))}, "pose: found 1 pads, expected 2, as in rest_mm"),
-        ({"rest_mm": np.zeros((2, 400, 2))}, "rest_mm[0]: found shape (400, 2), expected (any, 3)"),
+        ({"rest_mm": np.zeros((2, 400, 2))}, "rest_mm[0]: found shape (400, 2), expected (1 or more, 3)"),
         ({"rest_mm": np.zeros((3, 400, 3))}, "rest_mm: found 3 pads, expected 2 (a grasp) or 1 (a press)"),
+        ({"rest_mm": None}, "rest_mm: found NoneType, expected a sequence with an array per pad"),
+        ({"pose": {"left": [], "right": []}}, "pose: found dict, expected a sequence"),
+        ({"force_N": np.ma.masked_less(np.zeros((2, 47, 400, 3)), 1)}, "force_N[0]: found masked values"),
         ({"force_N": [[[1, 2], [3]], [1]]}, "force_N[0]: found no array"),
         ({"force_N": np.full((2, 47, 400, 3), np.nan)}, "force_N[0]: found 56400 values NaN or infinite"),
         ({"time_s": ["0.1"] * 47}, "time_s: found values of type <U3, expected numbers"),
@@ -122,6 +129,13 @@ def test_a_wrong_mesh_is_named(stored):
         ({"pit": "prior", "category": "mango"}, "known: apricot, cherry"),
         ({"settings": {"mesh": {"edge": 3}}}, 'unknown key "mesh.edge"; did you mean "edge_mm"?'),
         ({"settings": {"notes": object()}}, "settings: found <object"),
+        ({"settings": [8.0]}, "settings: found list, expected a table of keys and values"),
+        (
+            {"settings": {"poisson_ratio": 0.3}},
+            'settings: found "poisson_ratio", expected it as the argument nu',
+        ),
+        ({"nu": np.float32(0.7)}, '"poisson_ratio": found 0.'),
+        ({"settings": {"mismatch": [{"effect": "no such"}]}}, "mismatch"),
     ],
 )
 def test_a_wrong_assumption_is_named(stored, options, sentence):
@@ -131,8 +145,45 @@ def test_a_wrong_assumption_is_named(stored, options, sentence):
 def test_recordings_are_needed_and_belong_to_one_fruit(stored):
     mesh = read_mesh(DATA / "fruit.ply")
     assert refusal(mesh, []) == "recordings: found none, expected one or more of this fruit"
+    assert refusal(mesh, ["grasp.h5"]) == "recordings: found str, expected one or more of this fruit"
     other = replace(stored, fruit_id="N02")
     assert "found fruit N02, nectarine, expected one fruit" in refusal(mesh, [stored, other])
+
+
+def test_settings_reach_the_batch_whole_and_a_single_recording_is_a_list_of_it(stored):
+    """NumPy's numbers, tables in tables and letters of every script; None leaves a key out."""
+    further = {"mesh": {"edge_mm": np.float32(8)}, "variety": "🍑", "poisson_ratio_sd": None}
+    effects = [{"effect": "stiffening", "amount": [np.float64(0.5)]}]
+    given = array_batch(
+        read_mesh(DATA / "fruit.ply"),
+        stored,
+        pit="none",
+        nu=np.float64(0.45),
+        category=None,
+        settings={**further, "mismatch": effects},
+    )
+    with given as root:
+        held = tomllib.loads((root / "batch.toml").read_text(encoding="utf-8"))
+        assert len(list(root.glob("fruits/*/grasps/*.h5"))) == 1
+    assert held.pop("mismatch") == [{"effect": "stiffening", "amount": [0.5]}]
+    assert held == {
+        "category": "phantom",
+        "poisson_ratio": 0.45,
+        "pit": {"prior": "none"},
+        "mesh": {"edge_mm": 8.0},
+        "variety": "🍑",
+    }
+
+
+AWAY = np.diag([1.0, -1, -1, 1])
+PAST = np.array([[1.0, 0, 0, 500], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("moved", [AWAY, PAST])
+def test_pads_that_look_away_from_the_fruit_or_past_it_give_no_live_modulus(stored, moved):
+    away = replace(stored, pads=tuple(replace(pad, pose=pad.pose @ moved) for pad in stored.pads))
+    with pytest.raises(drupe.DrupeError, match="pad left: found no fruit in front of the pad"):
+        drupe.live(read_mesh(DATA / "fruit.ply"), away, travel_mm=1.0, pit="none", nu=0.45)
 
 
 def test_jaws_close_on_the_centre_and_poses_are_rigid():

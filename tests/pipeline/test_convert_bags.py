@@ -1,6 +1,7 @@
 """ROS 2 bags and grasps without poses become recordings; a wrong bag is refused by name."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tactile.io import ros_bag
 from tactile.io.recording import Recording, read_recording
 
 SENSOR = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
+SENSOR += "[spread]\nforce = 0.05\ndisplacement = 0.02\n"
 TOPICS = """aperture = "/aperture"
 [left]
 rest = "/left/rest"
@@ -93,6 +95,7 @@ def test_fields_and_poses_of_a_bag_come_back_in_millimetres(tmp_path, truth):
     made = read_recording(tmp_path / "out.h5")
     fields_come_back(made, held)
     for k, pad in enumerate(made.pads):
+        assert (pad.force_scale_sd, pad.displacement_scale_sd) == (0.05, 0.02)
         turn = Rotation.from_rotvec(0.5 * made.time_s[:, None] * [0, 0, 1]).as_matrix()
         np.testing.assert_allclose(pad.pose[:, :3, :3], turn, atol=1e-6)
         np.testing.assert_allclose(pad.pose[:, 0, 3], 10 * made.time_s, atol=1e-3)
@@ -103,6 +106,7 @@ def test_without_poses_the_aperture_of_two_jaws_is_enough(tmp_path, truth):
     held, topics = truth
     code, said = converted(tmp_path, topics, without_poses(TOPICS), *JAWS)
     assert "poses follow from the aperture of two jaws" in said, code
+    assert "no motion" not in said
     made = read_recording(tmp_path / "out.h5")
     fields_come_back(made, held)
     left, right = made.pads
@@ -118,6 +122,43 @@ def test_an_aperture_without_a_topic_is_that_of_the_poses(tmp_path, truth):
     assert (tmp_path / "out.h5").is_file()
 
 
+def planar(messages: list) -> list:
+    """The same arrays, whose layout says that all x come first."""
+    made = []
+    for time_s, (kind, message) in messages:
+        dim = [SimpleNamespace(label="", size=n, stride=0) for n in (3, MARKERS)]
+        made.append(
+            (
+                time_s,
+                (
+                    kind,
+                    SimpleNamespace(**{**vars(message), "layout": SimpleNamespace(dim=dim, data_offset=0)}),
+                ),
+            )
+        )
+    return made
+
+
+def test_the_padding_of_a_clouds_rows_and_an_arrays_offset_are_left_out(tmp_path, truth):
+    held, topics = truth
+    for pad in ("left", "right"):
+        for _, (_, message) in topics[f"/{pad}/force"]:
+            message.height, message.width, message.row_step = 3, MARKERS // 3, 28 * MARKERS // 3 + 5
+            rows_of = np.frombuffer(message.data, np.uint8).reshape(3, -1)
+            message.data = np.pad(rows_of, [(0, 0), (0, 5)], constant_values=9).tobytes()
+        _, (_, rest) = topics[f"/{pad}/rest"][0]
+        rest.data, rest.layout.data_offset = [7.0, *rest.data], 1
+    converted(tmp_path, topics)
+    fields_come_back(read_recording(tmp_path / "out.h5"), held)
+
+
+def test_options_that_would_be_ignored_are_refused(tmp_path):
+    table, out = tmp_path / "a.npz", tmp_path / "out.h5"
+    assert "--closing and --up need --jaws-centre-mm" in run(table, out, "--closing", 0, 1, 0)[1]
+    both = "--robot", tmp_path / "robot.toml", "--flange", tmp_path / "flange.csv"
+    assert "remove one of them" in run(table, out, *both, *JAWS)[1]
+
+
 def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
@@ -128,8 +169,12 @@ def cut(path: Path) -> None:
         (lambda topics: topics.pop("/left/force"), "grasp.mcap: /left/force: found no message"),
         (lambda topics: topics.update({"/left/force": topics["/aperture"]}), "force_N: found shape (12,)"),
         (lambda topics: topics.update({"/left/pose": topics["/aperture"]}), "/left/pose: found no poses"),
+        (
+            lambda topics: topics["/left/pose"].append((START_S + 9, pose([0, 0, 0], [0, 0, 0, 0.5]))),
+            "/left/pose: found orientations of length 0.5 to 1, expected unit quaternions",
+        ),
         (lambda topics: topics["/aperture"].__delitem__(slice(1, None)), "/aperture: found 1 messages"),
-        (lambda topics: topics["/left/moved"].__delitem__(slice(3, None)), "found"),
+        (lambda topics: topics.update({"/left/moved": planar(topics["/left/moved"])}), "not the last axis"),
         (
             lambda topics: topics["/left/force"].append((START_S + 9, rows(np.zeros((4, 3))))),
             "found a damaged bag or unequal messages",
@@ -141,8 +186,7 @@ def test_a_wrong_bag_is_named_and_leaves_nothing(tmp_path, truth, change, senten
     change(topics)
     code, said = converted(tmp_path, topics)
     assert sentence in said
-    if sentence != "found":
-        assert (code, (tmp_path / "out.h5").exists()) == (3, False)
+    assert (code, (tmp_path / "out.h5").exists()) == (3, False)
 
 
 def test_a_cut_bag_and_another_file_are_refused(tmp_path, truth):

@@ -285,6 +285,9 @@ def test_the_tables_aperture_takes_the_place_of_a_missing_one():
     recording, _ = placed(exactly(), table, a_grasp(np.zeros(5)))
     assert recording.aperture_mm.tolist() == [54.0] * 5
     np.testing.assert_allclose(recording.pads[0].pose[:, 1, 3], 27.0)
+    single = a_table(flange[:1], aperture_mm=np.full(1, 54.0))
+    with pytest.raises(TactileFailure, match="found a single aperture, expected one for each frame"):
+        placed(exactly(), single, a_grasp(np.full(5, 55.0)))
 
 
 def test_pads_off_the_mat_and_tables_of_another_grasp_are_refused():
