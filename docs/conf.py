@@ -1,5 +1,6 @@
 """Sphinx: `sphinx-build -W docs build/docs` makes web pages; `_toc.yml` orders them."""
 
+import json
 import re
 from importlib import metadata
 
@@ -16,6 +17,8 @@ version = release = metadata.version("drupe")
 extensions = ["myst_parser", "sphinx_external_toc", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_show_copyright = False
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
 html_math_renderer = "mathml"  # no script from the network
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
@@ -61,10 +64,13 @@ def settings_rows(schema, properties, table):
             yield from settings_rows(schema, schema["$defs"][inner.rpartition("/")[2]]["properties"], name)
             continue
         words = [
-            ", ".join(map(repr, k["enum"])) if "enum" in k else k.get("format", k["type"]) for k in kinds
+            ", ".join(f"`{json.dumps(word)}`" for word in k["enum"])
+            if "enum" in k
+            else k.get("format", k["type"])
+            for k in kinds
         ]
         bounds = [next((k[b] for k in kinds if b in k), "") for b in ("minimum", "maximum")]
-        default = "" if entry.get("default") is None else f"`{entry['default']}`"
+        default = "" if entry.get("default") is None else f"`{json.dumps(entry['default'])}`"
         yield f"| {table} | `{key}` | {' or '.join(words)} | {default} | {bounds[0]} | {bounds[1]} |"
 
 

@@ -13,7 +13,7 @@ category = "{category}"              # {known}, or a file of your own
 # notes = "north rows"
 # poisson_ratio = 0.45               # of the flesh, 0.1 to 0.4999; default: the category's
 # poisson_ratio_sd = 0.02
-# rig = "rig.toml"                   # how far the jaws give way, from `drupe calibrate --rigid`
+# rig = "rig.toml"                   # machine compliance of the jaws, from `drupe calibrate --rigid`
 
 # [grading]
 # certainty = 0.9                    # probability from which ship, hold and a class count as certain
