@@ -74,7 +74,7 @@ def test_what_no_effect_explains_is_unknown():
     time_s, force_N, travel_mm = injected(np.random.default_rng(5), press=Press(rate_hz=5.0))
     said = explained((time_s, force_N * (1 + 0.3 * np.sin(5 * travel_mm)), travel_mm))
     assert said.verdict == "unknown"
-    assert abs(said.after.value - 0.3) < 2.5 * said.after.sd
+    assert said.withheld is not None
 
 
 def failure_of(columns, **kind):
