@@ -29,7 +29,7 @@ FRUIT_ID = "fruit"
 ARGUMENTS = {"category": "category", "poisson_ratio": "nu"}
 """Arguments that say what these keys of batch.toml do."""
 ANY_CATEGORY = "phantom"
-"""The category of which drupe assumes neither pit nor Poisson's ratio, and the widest range of E."""
+"""This category has no usual pit and no usual Poisson's ratio, and the widest plausible range of E."""
 
 
 def silent(_: str) -> None:

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from tactile.gel_correction import (
     ForceLawFault,
@@ -22,6 +22,7 @@ from tactile.gel_correction import (
     without_gel_fault,
 )
 from tactile.io.recording import GelPad, IndenterPad, Recording
+from tactile.pose_path import poses_at
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -149,12 +150,7 @@ def _in_time(recording: Recording, lag_s: float) -> Recording:
 def _poses_at(
     then: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " t"], pose: Float[np.ndarray, "t 4 4"]
 ) -> Float[np.ndarray, "t 4 4"]:
-    if len(time_s) < 2:
-        return pose
-    moved = np.tile(np.eye(4), (len(then), 1, 1))
-    moved[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(pose[:, :3, :3]))(then).as_matrix()
-    moved[:, :3, 3] = np.column_stack([np.interp(then, time_s, one) for one in pose[:, :3, 3].T])
-    return moved
+    return pose if len(time_s) < 2 else poses_at(then, time_s, pose)
 
 
 def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Float[np.ndarray, " _t"]]:

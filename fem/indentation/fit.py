@@ -20,7 +20,7 @@ SHARE, SHARE_SD = 0.02, 0.35
 """Least share of the force that any law in the catalogue leaves unexplained, and how fast larger ones get
 improbable (half a normal in the logarithm). Of 1, 2 and 3 % it is the least with which laws fitted to four
 fifths of a curve predict the last one (development mixtures of benchmarks/silicone_cylinders.py)."""
-OTHER = 5.0
+OTHER_RATIO = 5.0
 """Times as much is left by physics that is not in the catalogue."""
 #: shares among which each fit chooses
 SHARES = np.geomspace(SHARE, 0.5, 16)
@@ -168,7 +168,7 @@ def fit(
         force_N=force,
         jacobian=slope,
         log_evidence=float(logsumexp(logs + log_prior_of_shares(shares, SHARE))),
-        log_evidence_of_other=float(logsumexp(logs + log_prior_of_shares(shares, OTHER * SHARE))),
+        log_evidence_of_other=float(logsumexp(logs + log_prior_of_shares(shares, OTHER_RATIO * SHARE))),
         chi_square=float(gap @ gap / no_contact.white_N**2),
         converged=converged,
     )

@@ -15,8 +15,8 @@ from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter, mi
 PRESENT = 0.01
 """Prior probability of each effect, independent of the others."""
 OTHER = 0.01
-"""Prior probability of physics outside the catalogue, which leaves fem.indentation.fit.OTHER times as much of
-the force unexplained."""
+"""Prior probability of physics outside the catalogue, which leaves OTHER_RATIO (fem.indentation.fit) times as
+much of the force unexplained."""
 CONTAINED = 0.95
 """Probability that the verdict holds the truth."""
 LEAST_WEIGHT = 1e-4

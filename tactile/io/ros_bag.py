@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from pipeline.files.plain_file import NotReadable, not_plain, open_plain, size
 from tactile.io.flange_table import NOT_ROTATION
@@ -29,6 +29,7 @@ from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import unusable
 from tactile.io.toml_table import read_table
 from tactile.markers.gaps import at_times
+from tactile.pose_path import poses_at
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000
@@ -194,17 +195,17 @@ VALUES: dict[str, Callable[[Any], np.ndarray]] = {
 def _poses(
     path: Path, topic: str, series: TopicSeries, when: Float[np.ndarray, " t"]
 ) -> Float[np.ndarray, "t 4 4"]:
-    """Rigid transforms in mm at other times: shifts linear in between, turns at constant rate."""
+    """Rigid transforms in mm at the times `when`; raises TactileFailure for messages that are no poses."""
     if series.values.shape[1:] != (7,):
         raise unusable(f"{path.name}: {topic}", "no poses", "geometry_msgs/msg/PoseStamped")
     lengths = np.linalg.norm(series.values[:, 3:], axis=1)
     if not (np.abs(lengths - 1) < NOT_ROTATION).all():
         found = f"orientations of length {lengths.min():.3g} to {lengths.max():.3g}"
         raise unusable(f"{path.name}: {topic}", found, "unit quaternions")
-    pose = np.tile(np.eye(4), (len(when), 1, 1))
-    pose[:, :3, :3] = Slerp(series.time_s, Rotation.from_quat(series.values[:, 3:]))(when).as_matrix()
-    pose[:, :3, 3] = MM["m"] * at_times(when, series.time_s, series.values[:, :3])
-    return pose
+    pose = np.tile(np.eye(4), (len(lengths), 1, 1))
+    pose[:, :3, :3] = Rotation.from_quat(series.values[:, 3:]).as_matrix()
+    pose[:, :3, 3] = MM["m"] * series.values[:, :3]
+    return poses_at(when, series.time_s, pose)
 
 
 def _opening(

@@ -74,6 +74,11 @@ def cross_matrix(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]
     return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
 
 
+def motion_slopes(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
+    """Change of each point with a turn (rad) and a shift (mm)."""
+    return np.concatenate([-cross_matrix(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
+
+
 def flange_covariance(sd_mm: float, sd_deg: float) -> Float[np.ndarray, "6 6"]:
     """Of a turn (rad) and a shift (mm) with these standard deviations per axis."""
     return np.diag(np.repeat([np.radians(sd_deg) ** 2, sd_mm**2], 3))
@@ -81,7 +86,7 @@ def flange_covariance(sd_mm: float, sd_deg: float) -> Float[np.ndarray, "6 6"]:
 
 def place_sd_mm(covariance: Float[np.ndarray, "6 6"], place_mm: Float[np.ndarray, "3"]) -> float:
     """Standard deviation per axis (mm) of a point, in the axes of `covariance`, that turns and shifts."""
-    moved = np.concatenate([-cross_matrix(place_mm[None])[0], np.eye(3)], axis=1)
+    moved = motion_slopes(place_mm[None])[0]
     return float(np.sqrt(np.trace(moved @ covariance @ moved.T) / 3))
 
 

@@ -18,8 +18,8 @@ from tactile.robot.base_and_mat import (
     MOST_SD_DEG,
     MOST_SD_MM,
     BaseAndMat,
-    cross_matrix,
     folds,
+    motion_slopes,
     refused,
     require_noise,
     require_turns,
@@ -158,9 +158,8 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
             raise refused(source, observed, expected, "Correct the columns and run again.") from failure
         raise
     free = 3 * len(moving) - 6
-    covariance = (
-        equations.solved(noise)[1] * free / (free - 2)
-    )  # the variance of Student's t over the normal's
+    student = free / (free - 2)  # the variance of Student's t over the normal's
+    covariance = student * equations.solved(noise)[1]
     ahead = []
     for part in folds(len(moving)):
         step = equations.without(part).solved(noise)[0]
@@ -289,19 +288,14 @@ def _linear(
     by_xy = focal * ((1 + k1 * square)[..., None] * np.eye(2) + 2 * k1 * xy[:, :, None] * xy[:, None, :])
     by_local = by_xy @ np.concatenate([np.broadcast_to(np.eye(2), (len(xy), 2, 2)), -xy[..., None]], 2) / z
     by_fit = np.zeros((len(xy), 2, 6 * len(fit.frames) + 4))
-    by_fit[..., :6] = -by_local @ _motions(local)
+    by_fit[..., :6] = -by_local @ motion_slopes(local)
     by_fit[..., 6 * mat_frame : 6 * mat_frame + 6] = (
-        by_local @ (camera @ after)[:3, :3] @ _motions(view.corners_mm)
+        by_local @ (camera @ after)[:3, :3] @ motion_slopes(view.corners_mm)
     )
     by_fit[..., -4], by_fit[..., -3] = bent, focal * square * xy
     by_fit[:, [0, 1], [-2, -1]] = 1.0
-    by_flange = by_local @ camera[:3, :3] @ _motions(at_flange) * (view.base_from_flange is not None)
+    by_flange = by_local @ camera[:3, :3] @ motion_slopes(at_flange) * (view.base_from_flange is not None)
     return miss.ravel(), by_flange.reshape(-1, 6), by_fit.reshape(2 * len(xy), -1)
-
-
-def _motions(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
-    """Change of each point with a turn (rad) and a shift (mm)."""
-    return np.concatenate([-cross_matrix(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
 
 
 def _pixel_sd(lines: Sequence[tuple[Float[np.ndarray, " _m"], Float[np.ndarray, "_m 6"]]]) -> float:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
 
 from tactile.io.flange_table import FlangeTable
 from tactile.io.pictures import unusable
 from tactile.io.recording import Recording
 from tactile.io.robot_file import Robot
+from tactile.pose_path import poses_at
 from tactile.robot.base_and_mat import flange_covariance, place_sd_mm
 from tactile.tactile_failure import TactileFailure
 
@@ -93,10 +93,8 @@ def _at_frames(
         expected = f"those of {source} ({frames[0]:g} to {frames[-1]:g} s) on the same clock"
         raise unusable(f"{named}: time_s", observed, expected)
     when = np.clip(frames, time_s[0], time_s[-1])
-    flange = np.tile(np.eye(4), (len(frames), 1, 1))
-    flange[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(poses[:, :3, :3]))(when).as_matrix()
-    flange[:, :3, 3] = np.column_stack([np.interp(when, time_s, axis) for axis in poses[:, :3, 3].T])
-    return flange, None if table.aperture_mm is None else np.interp(when, time_s, table.aperture_mm)
+    aperture_mm = None if table.aperture_mm is None else np.interp(when, time_s, table.aperture_mm)
+    return poses_at(when, time_s, poses), aperture_mm
 
 
 def _spread(

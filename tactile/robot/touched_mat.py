@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from tactile.robot.base_and_mat import (
     BaseAndMat,
-    cross_matrix,
     folds,
+    motion_slopes,
     refused,
     require_noise,
     require_turns,
@@ -107,10 +107,7 @@ def _fitted(
     Float[np.ndarray, "4 4"], Float[np.ndarray, "3"], Float[np.ndarray, "9 9"], Float[np.ndarray, "n 3"]
 ]:
     """base_from_mat, the tip, their covariance per mm², and the residuals (mm)."""
-
-    by_mat = np.concatenate(
-        [-cross_matrix(corners), np.broadcast_to(np.eye(3), (len(corners), 3, 3))], axis=2
-    )
+    by_mat = motion_slopes(corners)
     for _ in range(STEPS):
         slopes = np.concatenate([-frame[:3, :3] @ by_mat, poses[:, :3, :3]], axis=2).reshape(-1, 9)
         step = np.linalg.lstsq(slopes, -_misses(poses, corners, frame, tip).ravel(), rcond=None)[0]

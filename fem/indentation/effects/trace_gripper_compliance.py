@@ -7,7 +7,7 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.gripper_compliance import SPEC
 
-#: stiffness of a machine of which nothing is known, and the standard deviation of its logarithm: grippers
+#: prior median of the machine's stiffness (N/mm), and the standard deviation of its logarithm: grippers
 #: with soft pads have 8 N/mm, arms 10 to 50, presses on a frame hundreds to thousands (set by hand)
 MACHINE_N_PER_MM, MACHINE_SD = 100.0, 1.5
 

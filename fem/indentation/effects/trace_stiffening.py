@@ -66,8 +66,9 @@ def mooney_rivlin_share(
     square: Float[np.ndarray, "p 1"],
     stretch: Float[np.ndarray, "p n"],
 ) -> np.ndarray:
-    """P/P_nH of W = C10 x + C01 y + C11 x y + C20 x^2, x = I1 - 3, y = I2 - 3, in uniaxial compression;
-    `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
+    """Uniaxial nominal stress over the neo-Hookean one for W = C10 x + C01 y + C11 x y + C20 x^2.
+
+    x = I1 - 3, y = I2 - 3. `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
 
     P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic
     deformations of isotropic materials IV", Phil. Trans. R. Soc. A 241, 1948.
