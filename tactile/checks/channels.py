@@ -1,6 +1,7 @@
 """Values that no sensor gives: markers that are dead, frozen or clipped, frames of zeros, copied frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -66,23 +67,25 @@ steps)."""
 
 def channel_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """What is wrong with single markers, values and frames, pad by pad."""
-    found: list[Finding] = []
-    for one in pressings:
-        found += _values(one)
-        if one.pressed.any() and any(
-            0 < _levels(normal) < FEWEST_LEVELS for normal in _normals(one).values()
-        ):
-            continue  # values in coarse steps repeat themselves
-        found += _whole_frames(one)
-        found += _markers(one)
-    return found
+    findings: list[Finding] = []
+    for press in pressings:
+        findings += _values(press)
+        levels = [_levels(normal) for normal in _normals(press).values()]
+        if not press.pressed.any() or not any(0 < count < FEWEST_LEVELS for count in levels):
+            # values in coarse steps repeat themselves
+            findings += [*_whole_frames(press), *_markers(press)]
+    return findings
 
 
-def _normals(one: Pressing) -> dict[Field, Float[np.ndarray, "t n"]]:
+def _finding(press: Pressing, kind: FindingKind, says: str, **more: Any) -> Finding:
+    return Finding(kind, FindingRank.FIELD, says, pads=(press.pad.name,), **more)
+
+
+def _normals(press: Pressing) -> dict[Field, Float[np.ndarray, "t n"]]:
     """Size of the normal parts as they were written, by field."""
     return {
-        "displacement": np.abs(one.pad.displacement_mm[:, :, 2]),
-        "force": np.abs(one.pad.force_N[:, :, 2]),
+        "displacement": np.abs(press.pad.displacement_mm[:, :, 2]),
+        "force": np.abs(press.pad.force_N[:, :, 2]),
     }
 
 
@@ -93,46 +96,36 @@ def _levels(normal: Float[np.ndarray, "t n"]) -> int:
 
 def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """Signals that hardly rise above their noise."""
-    found = []
-    for one in pressings:
-        for name, share, most in zip(FIELDS, noise_shares(one), NOISE, strict=True):
-            if name == "displacement" and not gives_way(one):
-                continue
-            if share > most and one.pressed.any():
-                found.append(
-                    Finding(
-                        kind=FindingKind.NOISE,
-                        rank=FindingRank.FIELD,
-                        pads=(one.pad.name,),
-                        field=name,
-                        says=(
-                            f"{name} is mostly noise: {100 * share:.0f} % of the signal of the most "
-                            f"loaded markers, expected below {100 * most:.0f} %; press harder, or "
-                            "check the sensor"
-                        ),
-                        refused=name == "displacement" and share > NOISE_REFUSED,
-                        relative_sd=float(np.dot(E_PER_NOISE, noise_shares(one))),
-                        hides_touch=True,
-                    )
-                )
-                break
-    return found
+    return [finding for press in pressings if (finding := _noise(press)) is not None]
 
 
-def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
+def _noise(press: Pressing) -> Finding | None:
+    for name, share, most in zip(FIELDS, noise_shares(press), NOISE, strict=True):
+        if share > most and press.pressed.any() and (name == "force" or gives_way(press)):
+            says = (
+                f"{name} is mostly noise: {100 * share:.0f} % of the signal of the most loaded markers, "
+                f"expected below {100 * most:.0f} %; press harder, or check the sensor"
+            )
+            refused = name == "displacement" and share > NOISE_REFUSED
+            spread = {"relative_sd": float(np.dot(E_PER_NOISE, noise_shares(press))), "hides_touch": True}
+            return _finding(press, FindingKind.NOISE, says, field=name, refused=refused, **spread)
+    return None
+
+
+def dead_markers(press: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
     """Markers in the contact that give nothing, or nothing new, and in which words."""
-    fields = {"displacement": one.pad.displacement_mm, "force": one.pad.force_N}
-    least = PRESSED_AROUND if one.felt_sd_mm > 0 else PRESSED_WITHOUT_NOISE
-    around = one.pressed[:, one.near].mean(axis=2) >= least
-    dead, words = np.zeros(len(one.touched), dtype=bool), []
+    fields = {"displacement": press.pad.displacement_mm, "force": press.pad.force_N}
+    least = PRESSED_AROUND if press.felt_sd_mm > 0 else PRESSED_WITHOUT_NOISE
+    around = press.pressed[:, press.near].mean(axis=2) >= least
+    dead, words = np.zeros(len(press.touched), dtype=bool), []
     for name, values in fields.items():
         repeats = (values[1:] == values[:-1]).all(axis=2)
         lively = repeats.mean(axis=1) < LIVELY
         asked = around[1:] & lively[:, None]
         same = repeats & asked
         frozen = (same.sum(axis=0) >= FROZEN_FRAMES) & (same.sum(axis=0) >= FROZEN_SHARE * asked.sum(axis=0))
-        similar = like_neighbours(one, values)
-        faint = _faint(one, values) if similar is not None and similar > SIMILAR else np.zeros_like(dead)
+        similar = like_neighbours(press, values)
+        faint = _faint(press, values) if similar is not None and similar > SIMILAR else np.zeros_like(dead)
         if frozen.any():
             zero = not np.any(values[1:][same & frozen])
             words.append(("zero" if zero else "frozen", name))
@@ -145,127 +138,75 @@ def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
     return dead, f"{what} in {' and '.join(dict.fromkeys(name for _, name in words))}"
 
 
-def _faint(one: Pressing, values: Float[np.ndarray, "t n 3"]) -> Bool[np.ndarray, " n"]:
-    top = heaviest(one)
-    mean = np.abs(values[top, :, 2].mean(axis=0) - np.median(values[one.quiet, :, 2], axis=0))
-    sd = mean_sd(float(values[one.quiet].std()), len(top))
-    around = np.median(mean[one.near], axis=1)
+def _faint(press: Pressing, values: Float[np.ndarray, "t n 3"]) -> Bool[np.ndarray, " n"]:
+    top = heaviest(press)
+    mean = np.abs(values[top, :, 2].mean(axis=0) - np.median(values[press.quiet, :, 2], axis=0))
+    sd = mean_sd(float(values[press.quiet].std()), len(top))
+    around = np.median(mean[press.near], axis=1)
     peak = float(np.quantile(mean, 0.99))
     return np.asarray((around > max(OF_PEAK * peak, FAINT_SD * sd)) & (mean < FAINT * around))
 
 
-def _markers(one: Pressing) -> list[Finding]:
+def _markers(press: Pressing) -> Iterator[Finding]:
     """A finding where more than LOST_SAID of the contact's markers are dead; refused above LOST_REFUSED."""
-    dead, words = dead_markers(one)
-    contact = one.touched | dead
+    dead, words = dead_markers(press)
+    contact = press.touched | dead
     share = float(dead.sum() / max(contact.sum(), 1))
-    if share <= LOST_SAID:
-        return []
-    return [
-        Finding(
-            kind=FindingKind.DEAD_MARKERS,
-            rank=FindingRank.FIELD,
-            pads=(one.pad.name,),
-            says=(
-                f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
-                f"({100 * share:.0f} %) are {words} while their neighbours carry load, so their force "
-                "is missing"
-            ),
-            refused=share > LOST_REFUSED,
-            relative_sd=share,
+    if share > LOST_SAID:
+        says = (
+            f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
+            f"({100 * share:.0f} %) are {words} while their neighbours carry load, so their force is missing"
         )
-    ]
+        refused = share > LOST_REFUSED
+        yield _finding(press, FindingKind.DEAD_MARKERS, says, refused=refused, relative_sd=share)
 
 
-def _whole_frames(one: Pressing) -> list[Finding]:
+def _whole_frames(press: Pressing) -> Iterator[Finding]:
     """Frames that are all zero in a field that has noise, and frames copied from the one before."""
-    found = []
-    of_fields = (one.pad.displacement_mm, one.pad.force_N), (one.felt_sd_mm, one.force_sd_N)
-    for name, values, noise in zip(FIELDS, *of_fields, strict=True):
+    fields = press.pad.displacement_mm, press.pad.force_N
+    pressed = np.asarray(press.pressed.any(axis=1))
+    adjacent = np.zeros_like(pressed)
+    adjacent[1:-1] = pressed[:-2] | pressed[2:]
+    for name, values, noise in zip(FIELDS, fields, (press.felt_sd_mm, press.force_sd_N), strict=True):
         zero = np.asarray((values == 0).all(axis=(1, 2)))
-        adjacent = np.zeros_like(zero)
-        pressed = np.asarray(one.pressed.any(axis=1))
-        adjacent[1:-1] = pressed[:-2] | pressed[2:]
-        lost = np.asarray(zero & adjacent) if not zero.all() else np.zeros_like(zero)
-        if noise > 0 and lost.any():
-            found.append(
-                Finding(
-                    kind=FindingKind.ZERO_FRAMES,
-                    rank=FindingRank.FIELD,
-                    pads=(one.pad.name,),
-                    field=name,
-                    says=(
-                        f"{name} is zero at every marker in {int(lost.sum())} frames during the "
-                        f"contact (first: frame {int(np.argmax(lost))}), so frames are missing and "
-                        "filled with zeros"
-                    ),
-                    refused=True,
-                )
+        lost = zero & adjacent
+        if noise > 0 and lost.any() and not zero.all():
+            says = (
+                f"{name} is zero at every marker in {int(lost.sum())} frames during the contact (first: "
+                f"frame {int(np.argmax(lost))}), so frames are missing and filled with zeros"
             )
-    both = [(v[1:] == v[:-1]).all(axis=(1, 2)) for v in (one.pad.displacement_mm, one.pad.force_N)]
-    copied = both[0] & both[1] & one.pressed[1:].any(axis=1)
-    if one.felt_sd_mm > 0 and copied.sum() >= FEWEST_COPIED:
-        found.append(
-            Finding(
-                kind=FindingKind.COPIED_FRAMES,
-                rank=FindingRank.FIELD,
-                pads=(one.pad.name,),
-                says=(
-                    f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame "
-                    f"before (first: frame {int(np.argmax(copied)) + 1})"
-                ),
-                refused=bool(copied.mean() > COPIED_REFUSED),
-                relative_sd=float(copied.mean()),
-            )
+            yield _finding(press, FindingKind.ZERO_FRAMES, says, field=name, refused=True)
+    copied = pressed[1:] & np.all([(values[1:] == values[:-1]).all(axis=(1, 2)) for values in fields], axis=0)
+    if press.felt_sd_mm > 0 and copied.sum() >= FEWEST_COPIED:
+        says = (
+            f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame before (first: "
+            f"frame {int(np.argmax(copied)) + 1})"
         )
-    return found
+        share = float(copied.mean())
+        refused = share > COPIED_REFUSED
+        yield _finding(press, FindingKind.COPIED_FRAMES, says, refused=refused, relative_sd=share)
 
 
-def _values(one: Pressing) -> list[Finding]:
+def _values(press: Pressing) -> Iterator[Finding]:
     """Fields whose greatest value repeats, or that know few values."""
-    found = []
-    for name, normal in _normals(one).items():
-        top = float(normal.max())
-        if top <= 0 or not one.pressed.any():
+    for name, normal in _normals(press).items():
+        top, levels = float(normal.max()), _levels(normal)
+        if top <= 0 or not press.pressed.any():
             continue
-        levels = _levels(normal)
+        clipped = normal >= top * (1 - 1e-6)
+        below = (normal > CLIPPED_BELOW * top) & ~clipped
         if levels < FEWEST_LEVELS:
-            found.append(
-                Finding(
-                    kind=FindingKind.COARSE_STEPS,
-                    rank=FindingRank.FIELD,
-                    pads=(one.pad.name,),
-                    field=name,
-                    says=(
-                        f"{name} has only {levels} different values up to {top:.3g}, so its "
-                        "quantisation is too coarse"
-                    ),
-                    relative_sd=1.0 / levels,
-                    refused=levels < LEVELS_REFUSED,
-                )
+            says = (
+                f"{name} has only {levels} different values up to {top:.3g}, so its quantisation is "
+                "too coarse"
             )
-            continue
-        clipped = np.asarray(normal >= top * (1 - 1e-6))
-        if clipped.sum() >= CLIPPED_SAMPLES and _smooth_below(normal, top):
-            share = float(clipped.sum() / max(one.pressed.sum(), 1))
-            found.append(
-                Finding(
-                    kind=FindingKind.CLIPPED,
-                    rank=FindingRank.FIELD,
-                    pads=(one.pad.name,),
-                    field=name,
-                    says=(
-                        f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
-                        f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates"
-                    ),
-                    refused=share > CLIPPED_REFUSED,
-                    relative_sd=E_PER_CLIPPED * share,
-                )
+            effect = {"refused": levels < LEVELS_REFUSED, "relative_sd": 1.0 / levels}
+            yield _finding(press, FindingKind.COARSE_STEPS, says, field=name, **effect)
+        elif clipped.sum() >= CLIPPED_SAMPLES and clipped.sum() > CLIPPED_OVER_BELOW * below.sum():
+            share = float(clipped.sum() / max(press.pressed.sum(), 1))
+            says = (
+                f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
+                f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates"
             )
-    return found
-
-
-def _smooth_below(normal: Float[np.ndarray, "t n"], top: float) -> bool:
-    """Whether values just below the greatest are rarer than it: steps would fill them alike."""
-    below = (normal < top * (1 - 1e-6)) & (normal > CLIPPED_BELOW * top)
-    return bool((normal >= top * (1 - 1e-6)).sum() > CLIPPED_OVER_BELOW * below.sum())
+            effect = {"refused": share > CLIPPED_REFUSED, "relative_sd": E_PER_CLIPPED * share}
+            yield _finding(press, FindingKind.CLIPPED, says, field=name, **effect)

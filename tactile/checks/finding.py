@@ -1,7 +1,7 @@
 """One thing that cannot be right in a recording: its cause as a sentence, and what it does to E."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from enum import IntEnum, StrEnum
 from typing import Literal
 
@@ -95,7 +95,7 @@ class FindingKind(StrEnum):
     OTHER_CATEGORY = "other-category"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
     """`says` is the likely cause without a full stop; it goes on from the `pads` it is said of, if any.
 
@@ -111,6 +111,7 @@ class Finding:
     kind: FindingKind
     rank: FindingRank
     says: str
+    _: KW_ONLY
     pads: tuple[str, ...] = ()
     field: Field | None = None
     detail: str = ""
@@ -125,7 +126,7 @@ class Finding:
         """The whole, as people read it.
 
         >>> kind, rank = FindingKind.SIGN, FindingRank.RELATION
-        >>> Finding(kind=kind, rank=rank, says="force is negative", pads=("left",)).sentence
+        >>> Finding(kind, rank, "force is negative", pads=("left",)).sentence
         "the left pad's force is negative"
         """
         return f"{pads_said(self.pads)} {self.says}" if self.pads else self.says

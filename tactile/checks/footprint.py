@@ -107,29 +107,23 @@ def footprint_findings(
 
     `width_mm`: the mesh's width between the pads. `surface_sd_mm`: the mesh's own error.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if len(prints) == 2 and width_mm is not None:
-        wider = prints[0].ahead_mm + prints[1].ahead_mm
-        aside = (prints[0].ahead_mm - prints[1].ahead_mm) / 2
-        sd = float(np.linalg.norm([*(one.ahead_sd_mm for one in prints), np.sqrt(2.0) * surface_sd_mm]))
+        first, second = prints
+        wider, aside = first.ahead_mm + second.ahead_mm, (first.ahead_mm - second.ahead_mm) / 2
+        sd = float(np.linalg.norm([first.ahead_sd_mm, second.ahead_sd_mm, np.sqrt(2.0) * surface_sd_mm]))
         if abs(wider) > SAID * sd:
-            found.append(_width(width_mm, wider, refused=abs(wider) > REFUSED * sd))
+            findings.append(_width(width_mm, wider, refused=abs(wider) > REFUSED * sd))
         if abs(aside) > MOVED_MM + SAID * sd:
-            found.append(
-                _aside(
-                    f"the pads touched {abs(aside):.1f} mm farther to the "
-                    f"{prints[0].name if aside < 0 else prints[1].name} than poses and mesh predict"
-                )
-            )
+            side = first.name if aside < 0 else second.name
+            where = f"the pads touched {abs(aside):.1f} mm farther to the {side} than poses and mesh predict"
+            findings.append(_aside(where))
     elif prints and abs(prints[0].ahead_mm) > MOVED_MM + SAID * surface_sd_mm:
-        found.append(
-            _aside(
-                f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from the place that pose and mesh predict"
-            )
-        )
-    if not found and tilted(prints, surface_sd_mm) > TILT_SAID:
-        found.append(_aside(_where(prints), kind=FindingKind.PRINT_ASIDE))
-    return found
+        off = abs(prints[0].ahead_mm)
+        findings.append(_aside(f"the pad touched {off:.1f} mm from the place that pose and mesh predict"))
+    if not findings and tilted(prints, surface_sd_mm) > TILT_SAID:
+        findings.append(_aside(_where(prints), kind=FindingKind.PRINT_ASIDE))
+    return findings
 
 
 def better_otherwise(
@@ -145,28 +139,19 @@ def better_otherwise(
     fits = [
         (tilted(there, surface_sd_mm), kind)
         for kind, there in others
-        if len(there) == len(prints) and all(np.isfinite(one.tilt).all() for one in there)
+        if len(there) == len(prints) and all(np.isfinite(pad_print.tilt).all() for pad_print in there)
     ]
-    if not fits:
-        return None
-    best, kind = min(fits, key=lambda one: one[0])
+    best, kind = min(fits, key=lambda fit: fit[0], default=(np.inf, FindingKind.MESH_TURNED))
     if best > TILT_FITS or tilted(prints, surface_sd_mm) ** 2 - best**2 < OTHERWISE:
         return None
-    what = {
-        FindingKind.PADS_EXCHANGED: (
-            "with the pads exchanged: left and right are swapped (signals or "
-            "poses), or the mesh is rotated or of another fruit"
-        ),
-        FindingKind.MESH_TURNED: (
-            "on the mesh rotated by 90 degrees: the mesh is rotated or of another fruit, or a pose is wrong"
-        ),
-    }[kind]
-    return Finding(
-        kind=kind,
-        rank=FindingRank.FRUIT,
-        says=f"{_where(prints)}, and the contact imprints fit far better {what}",
-        relative_sd=E_OF_A_TURN,
-    )
+    what = "on the mesh rotated by 90 degrees: the mesh is rotated or of another fruit, or a pose is wrong"
+    if kind is FindingKind.PADS_EXCHANGED:
+        what = (
+            "with the pads exchanged: left and right are swapped (signals or poses), or the mesh is rotated "
+            "or of another fruit"
+        )
+    says = f"{_where(prints)}, and the contact imprints fit far better {what}"
+    return Finding(kind, FindingRank.FRUIT, says, relative_sd=E_OF_A_TURN)
 
 
 def _where(prints: Sequence[Footprint]) -> str:
@@ -187,29 +172,21 @@ def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     """The finding that pads first touch at another distance than the mesh is wide there (mm)."""
     real = width_mm - wider_mm
-    return Finding(
-        kind=FindingKind.WIDTH,
-        rank=FindingRank.FRUIT,
-        says=(
-            f"the fruit between the pads is {real:.1f} mm wide at first contact, but its mesh is "
-            f"{width_mm:.1f} mm wide ({width_mm / real:.3f} times). The recording is of another "
-            "fruit, the mesh is scaled, rotated or of another fruit, or the poses are wrong"
-        ),
-        refused=refused,
-        relative_sd=E_OF_ANOTHER_FRUIT,
+    says = (
+        f"the fruit between the pads is {real:.1f} mm wide at first contact, but its mesh is {width_mm:.1f} "
+        f"mm wide ({width_mm / real:.3f} times). The recording is of another fruit, the mesh is scaled, "
+        "rotated or of another fruit, or the poses are wrong"
     )
+    sd = E_OF_ANOTHER_FRUIT
+    return Finding(FindingKind.WIDTH, FindingRank.FRUIT, says, refused=refused, relative_sd=sd)
 
 
 def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
-    return Finding(
-        kind=kind,
-        rank=FindingRank.FRUIT,
-        says=(
-            f"{what}. Either the mesh is rotated, mirrored or of another fruit, or a pose is wrong (a "
-            "moved pad, another day, the other pad)"
-        ),
-        relative_sd=E_OF_A_TURN,
+    says = (
+        f"{what}. Either the mesh is rotated, mirrored or of another fruit, or a pose is wrong (a moved pad, "
+        "another day, the other pad)"
     )
+    return Finding(kind, FindingRank.FRUIT, says, relative_sd=E_OF_A_TURN)
 
 
 def _inner(one: Pressing) -> np.ndarray:

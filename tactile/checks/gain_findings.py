@@ -34,31 +34,32 @@ def gain_findings(
     """Gains, said once for both pads where they agree."""
     if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < ONE_GAIN:
         gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
-        names = tuple(one.pad.name for one, _, _ in gains)
-        return [_gain_finding(gains[0], gain, names, share=1.0, E_range_MPa=E_range_MPa)]
+        names = tuple(press.pad.name for press, _, _ in gains)
+        press, _, closing = gains[0]
+        return [_gain_finding(press, closing, gain, names, share=1.0, E_range_MPa=E_range_MPa)]
     return [
-        _gain_finding(one, one[1].gain, (one[0].pad.name,), share=1 / pads, E_range_MPa=E_range_MPa)
-        for one in gains
+        _gain_finding(
+            press, closing, relation.gain, (press.pad.name,), share=1 / pads, E_range_MPa=E_range_MPa
+        )
+        for press, relation, closing in gains
     ]
 
 
 def _gain_finding(
-    one: tuple[Pressing, Relation, float],
+    press: Pressing,
+    closing_mm: float,
     gain: float,
     names: tuple[str, ...],
     *,
     share: float,
     E_range_MPa: tuple[float, float] | None,
 ) -> Finding:
-    """The finding for a pad whose force over displacement is `gain` times what its gel's stiffness
-    predicts.
-    """
-    pressing, _, closing = one
+    """The finding for a pad whose force over displacement is `gain` times what its gel predicts."""
     size = abs(float(np.log(gain)))
     left_out = _left_out(gain)
-    if left_out > 1 and is_thinned(pressing.pad.rest_mm[:, :2]):
-        return _thinned_finding(pressing, gain, names, left_out)
-    blamed = _blamed(pressing, closing, gain, E_range_MPa)
+    if left_out > 1 and is_thinned(press.pad.rest_mm[:, :2]):
+        return _thinned_finding(press, gain, names, left_out)
+    blamed = _blamed(press, closing_mm, gain, E_range_MPa)
     said = f"{times_said(gain)} the value from this gel's stiffness and displacement"
     scaled = f"{times_said(1 / gain)} the value from this gel's stiffness and force"
     unit_F = unit_like(gain, FORCE)
@@ -91,15 +92,8 @@ def _gain_finding(
         )
         if left_out > 1:
             says += f"; or the arrays hold only one of every {left_out} markers"
-    return Finding(
-        kind=kind,
-        rank=FindingRank.RELATION,
-        pads=names,
-        says=says,
-        detail=detail,
-        refused=size > GAIN_REFUSED,
-        relative_sd=E_PER_GAIN * size * share,
-    )
+    spread = {"refused": size > GAIN_REFUSED, "relative_sd": E_PER_GAIN * size * share}
+    return Finding(kind, FindingRank.RELATION, says, pads=names, detail=detail, **spread)
 
 
 def _left_out(gain: float) -> int:
@@ -110,23 +104,18 @@ def _left_out(gain: float) -> int:
     return count if 1 < count <= MOST_LEFT_OUT and abs(np.log(gain * count)) < GAIN_SAID else 1
 
 
-def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
+def _thinned_finding(press: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
     """The finding that only every `count`-th marker of a pad is in the arrays."""
-    there = len(one.pad.rest_mm)
+    there = len(press.pad.rest_mm)
     every = {2: "second", 3: "third", 4: "fourth"}[count]
+    says = (
+        f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} are "
+        f"missing from the arrays. The remaining {there} form an uneven grid, and their forces are "
+        f"{times_said(gain)} the value from the gel's stiffness. Write all markers"
+    )
+    spread = {"refused": True, "relative_sd": 1 - 1 / count}
     return Finding(
-        kind=FindingKind.MARKERS_MISSING,
-        rank=FindingRank.RELATION,
-        pads=names,
-        says=(
-            f"markers are only every {every} one of the gel: about {(count - 1) * there} of "
-            f"{count * there} are missing from the arrays. The remaining {there} form an uneven grid, "
-            f"and their forces are {times_said(gain)} the value from the gel's stiffness. Write all "
-            "markers"
-        ),
-        detail=str(count),
-        refused=True,
-        relative_sd=1 - 1 / count,
+        FindingKind.MARKERS_MISSING, FindingRank.RELATION, says, pads=names, detail=str(count), **spread
     )
 
 

@@ -39,20 +39,14 @@ def measured_pitch_mm(pad: GelPad) -> float | None:
 def _stiffness(pad: GelPad, known: PublishedGel) -> Finding | None:
     for name, (expected, sd) in known.stiffness.items():
         stated: float = getattr(pad, name)
-        off = float(np.log(stated / expected))
-        if abs(off) > FAR_SD * sd:
-            return Finding(
-                kind=FindingKind.STIFFNESS_NOT_OF_SENSOR,
-                rank=FindingRank.RELATION,
-                pads=(pad.name,),
-                says=(
-                    f"{name} is {stated:g}, but {known.source} has {expected:.3g} ± {100 * sd:.2g} % "
-                    f"({abs(off) / sd:.1f} standard deviations). E has the same relative error if the "
-                    "forces use this value. Correct it, or state the gel's own under [sensor] in "
-                    "batch.toml"
-                ),
-                relative_sd=abs(off),
+        off = abs(float(np.log(stated / expected)))
+        if off > FAR_SD * sd:
+            says = (
+                f"{name} is {stated:g}, but {known.source} has {expected:.3g} ± {100 * sd:.2g} % "
+                f"({off / sd:.1f} standard deviations). E has the same relative error if the forces use this "
+                "value. Correct it, or state the gel's own under [sensor] in batch.toml"
             )
+            return _finding(pad, FindingKind.STIFFNESS_NOT_OF_SENSOR, says, off)
     return None
 
 
@@ -60,17 +54,16 @@ def _pitch(pad: GelPad, known: PublishedGel) -> Finding | None:
     pitch = measured_pitch_mm(pad)
     if pitch is None or known.pitch_mm is None:
         return None
-    off = float(np.log(pitch / known.pitch_mm))
-    if abs(off) <= FAR_SD * known.pitch_sd:
+    off = abs(float(np.log(pitch / known.pitch_mm)))
+    if off <= FAR_SD * known.pitch_sd:
         return None
-    return Finding(
-        kind=FindingKind.PITCH_NOT_OF_SENSOR,
-        rank=FindingRank.RELATION,
-        pads=(pad.name,),
-        says=(
-            f"markers are {pitch:.3g} mm apart, but {known.source} has {known.pitch_mm:.3g} mm ± "
-            f"{100 * known.pitch_sd:.2g} %. Either the scale of the gel's pictures is wrong (in "
-            "displacement and forces), or the sensor has another gel. Calibrate the sensor's camera"
-        ),
-        relative_sd=E_PER_PITCH * abs(off),
+    says = (
+        f"markers are {pitch:.3g} mm apart, but {known.source} has {known.pitch_mm:.3g} mm ± "
+        f"{100 * known.pitch_sd:.2g} %. Either the scale of the gel's pictures is wrong (in displacement and "
+        "forces), or the sensor has another gel. Calibrate the sensor's camera"
     )
+    return _finding(pad, FindingKind.PITCH_NOT_OF_SENSOR, says, E_PER_PITCH * off)
+
+
+def _finding(pad: GelPad, kind: FindingKind, says: str, relative_sd: float) -> Finding:
+    return Finding(kind, FindingRank.RELATION, says, pads=(pad.name,), relative_sd=relative_sd)

@@ -38,25 +38,13 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
         f"at {force[peak]:.3g} N the machine compliance takes {jaws:.2g} ± {sd:.1g} mm and the "
         f"fruit {fruit:.2g} mm"
     )
-    found = []
+    findings = []
     if sd > UNSURE * max(fruit, 0.0):
-        found.append(
-            Finding(
-                kind=FindingKind.STIFFER_THAN_RIG,
-                rank=FindingRank.MACHINE,
-                says=f"{said}: it is too stiff for this rig, and E is a lower bound",
-            )
-        )
+        says = f"{said}: it is too stiff for this rig, and E is a lower bound"
+        findings.append(Finding(FindingKind.STIFFER_THAN_RIG, FindingRank.MACHINE, says))
     if force[peak] > rig.largest_N:
-        found.append(
-            Finding(
-                kind=FindingKind.BEYOND_RIG,
-                rank=FindingRank.MACHINE,
-                says=(
-                    f"the rig calibration ends at {rig.largest_N:.3g} N; drupe extrapolated it to "
-                    f"{force[peak]:.3g} N"
-                ),
-                remark=True,
-            )
+        says = (
+            f"the rig calibration ends at {rig.largest_N:.3g} N; drupe extrapolated it to {force[peak]:.3g} N"
         )
-    return found
+        findings.append(Finding(FindingKind.BEYOND_RIG, FindingRank.MACHINE, says, remark=True))
+    return findings

@@ -43,46 +43,36 @@ def jaw_findings(
     size_mm: float,
 ) -> list[Finding]:
     """What poses say of each other, of the aperture and of the fruit's middle and size."""
-    found: list[Finding] = []
-    poses = [one.pad.pose for one in pressings]
+    findings: list[Finding] = []
+    poses = [press.pad.pose for press in pressings]
     if recording.loading == "grasp" and len(poses) == 2:
-        normals = [pose[0, :3, 2] for pose in poses]
-        line = poses[1][0, :3, 3] - poses[0][0, :3, 3]
-        inward = [float(normals[0] @ line), float(-normals[1] @ line)]
-        if -float(normals[0] @ normals[1]) < FACING or min(inward) < 0:
-            return [_wrong_way(poses, inward)]
-        found += _aperture(recording, poses, size_mm=size_mm)
-    if not found:
-        for one in pressings:
-            pose = one.pad.pose[0]
-            if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
-                found.append(
-                    _refused(
-                        FindingKind.POSE_AWAY,
-                        "pose has its z axis pointing away from the fruit; z must point out of the "
-                        "gel into the fruit",
-                        pads=(one.pad.name,),
-                    )
-                )
-    return found
+        first = [pose[0] for pose in poses]
+        if not _facing([pose[:3, 2] for pose in first], [pose[:3, 3] for pose in first]):
+            return [_wrong_way(first)]
+        findings += _aperture(recording, poses, size_mm=size_mm)
+    for press in pressings if not findings else ():
+        pose = press.pad.pose[0]
+        if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
+            says = (
+                "pose has its z axis pointing away from the fruit; z must point out of the gel into the fruit"
+            )
+            findings.append(_refused(FindingKind.POSE_AWAY, says, pads=(press.pad.name,)))
+    return findings
 
 
 def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """A gel that is indented by more than its jaw went."""
-    found = []
-    for one in pressings:
-        felt = float(np.quantile(np.abs(one.felt_mm[:, :, 2]).max(axis=0), 0.98))
-        closing = closing_mm(one)
-        if felt > OVER_CLOSING * closing + SLACK_MM and one.pressed.any():
-            found.append(
-                _refused(
-                    FindingKind.TOO_DEEP,
-                    f"gel is indented by {felt:.2f} mm although its jaw moves only {closing:.2f} mm "
-                    "past first contact: displacement or poses are scaled, or from another recording",
-                    pads=(one.pad.name,),
-                )
+    findings = []
+    for press in pressings:
+        felt = float(np.quantile(np.abs(press.felt_mm[:, :, 2]).max(axis=0), 0.98))
+        closing = closing_mm(press)
+        if felt > OVER_CLOSING * closing + SLACK_MM and press.pressed.any():
+            says = (
+                f"gel is indented by {felt:.2f} mm although its jaw moves only {closing:.2f} mm past first "
+                "contact: displacement or poses are scaled, or from another recording"
             )
-    return found
+            findings.append(_refused(FindingKind.TOO_DEEP, says, pads=(press.pad.name,)))
+    return findings
 
 
 def _aperture(
@@ -95,73 +85,65 @@ def _aperture(
     apart = float(np.ptp(stated - between))
     unit = unit_like(moved / max(said, 1e-12), LENGTH)
     if unit and float(np.abs(between).max()) < FAR_TOO_NEAR * size_mm:
-        return [
-            _refused(
-                FindingKind.POSES_UNIT,
-                f"the poses look like {unit}: they place the pads {between.max():.3g} mm apart, "
-                f"around a fruit of {size_mm:.0f} mm",
-                detail=unit,
-            )
-        ]
+        says = (
+            f"the poses look like {unit}: they place the pads {between.max():.3g} mm apart, around a fruit "
+            f"of {size_mm:.0f} mm"
+        )
+        return [_refused(FindingKind.POSES_UNIT, says, detail=unit)]
     if said > LEAST_MOVED_MM and moved < MOVED * said:
-        return [
-            _refused(
-                FindingKind.POSES_STILL,
-                f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by "
-                f"{said:.2f} mm: poses of one instant, or of another recording",
-            )
-        ]
+        says = (
+            f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by {said:.2f} mm: "
+            "poses of one instant, or of another recording"
+        )
+        return [_refused(FindingKind.POSES_STILL, says)]
     if apart <= max(OPENING_SAID_MM, OPENING_SHARE * said):
         return []
     scale = moved / max(said, 1e-12)
     unit = unit_like(scale, {1 / times: name for times, name in LENGTH.items()})
-    what = (
-        f"aperture_mm looks like {unit}"
-        if unit
-        else ("aperture and poses disagree (from another recording, or with another clock)")
+    kind, what, sd = FindingKind.APERTURE_UNIT, f"aperture_mm looks like {unit}", 0.0
+    if not unit:
+        kind, sd = FindingKind.APERTURE, E_OF_APERTURE
+        what = "aperture and poses disagree (from another recording, or with another clock)"
+    says = (
+        f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, and they differ by "
+        f"up to {apart:.2f} mm"
     )
-    return [
-        Finding(
-            kind=FindingKind.APERTURE_UNIT if unit else FindingKind.APERTURE,
-            rank=FindingRank.MACHINE,
-            detail=unit or "",
-            says=(
-                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, and "
-                f"they differ by up to {apart:.2f} mm"
-            ),
-            relative_sd=0.0 if unit else E_OF_APERTURE,
-        )
-    ]
+    return [Finding(kind, FindingRank.MACHINE, says, detail=unit or "", relative_sd=sd)]
 
 
-def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[float]) -> Finding:
-    """Normals that do not face each other: whether transposing the rotations would make them."""
-    turned = [pose[0, :3, :3].T[:, 2] for pose in poses]
-    origins = [pose[0, :3, 3] for pose in poses]
+def _facing(normals: Sequence[Float[np.ndarray, " 3"]], origins: Sequence[Float[np.ndarray, " 3"]]) -> bool:
+    """Whether two pads look at each other."""
     line = origins[1] - origins[0]
-    if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
-        return _refused(
-            FindingKind.POSES_TRANSPOSED,
-            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): the pads "
-            "face each other only after transposition",
+    return -float(normals[0] @ normals[1]) >= FACING and min(normals[0] @ line, -normals[1] @ line) >= 0
+
+
+def _wrong_way(poses: Sequence[Float[np.ndarray, "4 4"]]) -> Finding:
+    """Normals that do not face each other: whether transposing the rotations would make them."""
+    normals, turned = [pose[:3, 2] for pose in poses], [pose[2, :3] for pose in poses]
+    origins = [pose[:3, 3] for pose in poses]
+    back = [-pose[:3, :3].T @ pose[:3, 3] for pose in poses]
+    parallel = -float(turned[0] @ turned[1]) > FACING
+    if parallel and _facing(turned, origins):
+        says = (
+            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): the pads face each "
+            "other only after transposition"
         )
-    back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
-    if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
-        return _refused(
-            FindingKind.POSES_INVERTED, "the poses are inverted (fruit to pad instead of pad to fruit)"
+        return _refused(FindingKind.POSES_TRANSPOSED, says)
+    if parallel and turned[0] @ (back[1] - back[0]) > 0:
+        says = "the poses are inverted (fruit to pad instead of pad to fruit)"
+        return _refused(FindingKind.POSES_INVERTED, says)
+    if -float(normals[0] @ normals[1]) > FACING:
+        says = (
+            "the poses put the pads back to back: the z axes point away from each other. z must point out of "
+            "the gel into the fruit, or the poses of left and right are swapped"
         )
-    if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
-        return _refused(
-            FindingKind.POSES_BACK_TO_BACK,
-            "the poses put the pads back to back: the z axes point away from each other. z must "
-            "point out of the gel into the fruit, or the poses of left and right are swapped",
-        )
-    return _refused(
-        FindingKind.POSES_TURNED,
-        "the pads do not face each other in their poses: rotations are transposed, or the poses are "
-        "from another day",
+        return _refused(FindingKind.POSES_BACK_TO_BACK, says)
+    says = (
+        "the pads do not face each other in their poses: rotations are transposed, or the poses are from "
+        "another day"
     )
+    return _refused(FindingKind.POSES_TURNED, says)
 
 
 def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = (), detail: str = "") -> Finding:
-    return Finding(kind=kind, rank=FindingRank.MACHINE, says=says, pads=pads, detail=detail, refused=True)
+    return Finding(kind, FindingRank.MACHINE, says, pads=pads, detail=detail, refused=True)

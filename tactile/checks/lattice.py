@@ -1,6 +1,7 @@
 """The grid of markers: a pitch off, sites without a marker, another order, a contact beyond its edge."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -61,76 +62,52 @@ PEAK_SHARE = 0.98
 
 def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """What is wrong with each pad's markers as a grid; what costs the recording is said once of both."""
-    found = [finding for one in pressings for finding in _pad(one)]
-    return shared(found) if all(one.refused for one in found) else found
+    findings = [finding for press in pressings for finding in _pad(press)]
+    return shared(findings) if all(finding.refused for finding in findings) else findings
 
 
-def _pad(one: Pressing) -> list[Finding]:
-    """Findings on one pad's rest positions: unit, order of markers, missing markers."""
-    rest = one.pad.rest_mm[:, :2]
+def _finding(press: Pressing, kind: FindingKind, says: str, *, refused: bool = True, **more: Any) -> Finding:
+    return Finding(kind, FindingRank.FIELD, says, pads=(press.pad.name,), refused=refused, **more)
+
+
+def _pad(press: Pressing) -> Iterator[Finding]:
+    """Findings on one pad's rest positions: unit, certainty, order of markers, missing markers."""
+    rest = press.pad.rest_mm[:, :2]
     side = float(np.ptp(rest, axis=0).max())
+    certainty = press.pad.certainty
+    unsure = np.flatnonzero(certainty < UNSURE) if certainty is not None else np.zeros(0, dtype=int)
     if not FACE_MM[0] <= side <= FACE_MM[1]:
-        return [_unit(one, side)]
-    if (unsure := _pitch_off(one)) is not None:
-        return [unsure]
-    found = []
-    if (order := _order(one)) is not None and order < ORDERED:
-        found.append(
-            Finding(
-                kind=FindingKind.MARKERS_ORDER,
-                rank=FindingRank.FIELD,
-                pads=(one.pad.name,),
-                says=(
-                    "markers are in another order (permuted) in rest_mm than in displacement and "
-                    "force: neighbours on the gel have different signals (correlation "
-                    f"{max(order, 0.0):.2f}, expected above 0.9)"
-                ),
-                refused=True,
-            )
+        low, high = USUAL_FACE_MM
+        unit = " or ".join(name for times, name in LENGTH.items() if low <= side / times <= high)
+        says = (
+            f"rest_mm spans {side:.3g} mm{f', as if in {unit}' if unit else ''}; expected the positions of "
+            "the markers on the gel in millimetres"
         )
-        return found
-    sites = missing_sites(rest)
-    if len(sites) and one.touched.any():
+        yield _finding(press, FindingKind.MARKERS_UNIT, says, detail=unit)
+    elif press.pressed[unsure].any():
+        says = (
+            f"markers may be wrong by {press.spacing_mm:.2g} mm (a grid pitch) from frame {unsure[0]} on, "
+            "because nearly all moved at once by much of a pitch. Close the jaws more slowly, or record at a "
+            "higher frame rate"
+        )
+        yield _finding(press, FindingKind.MARKERS_PITCH_OFF, says)
+    elif (order := _order(press)) is not None and order < ORDERED:
+        says = (
+            "markers are in another order (permuted) in rest_mm than in displacement and force: neighbours "
+            f"on the gel have different signals (correlation {max(order, 0.0):.2f}, expected above 0.9)"
+        )
+        yield _finding(press, FindingKind.MARKERS_ORDER, says)
+    elif press.touched.any() and len(sites := missing_sites(rest)):
         near = np.asarray(cKDTree(rest).query(sites, k=4)[1])
-        lost = int((one.touched[near].mean(axis=1) >= 0.5).sum())
-        share = lost / (lost + int(one.touched.sum()))
-        if share > LOST_SAID:
-            found.append(
-                Finding(
-                    kind=FindingKind.MARKERS_MISSING,
-                    rank=FindingRank.FIELD,
-                    pads=(one.pad.name,),
-                    says=(
-                        f"marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in "
-                        f"the contact ({100 * share:.0f} %) have no marker in the arrays, so their "
-                        "force is missing"
-                    ),
-                    refused=share > LOST_REFUSED,
-                    relative_sd=share,
-                )
+        lost = int((press.touched[near].mean(axis=1) >= 0.5).sum())
+        places = lost + int(press.touched.sum())
+        if (share := lost / places) > LOST_SAID:
+            says = (
+                f"marker grid has holes: {lost} of {places} places in the contact ({100 * share:.0f} %) have "
+                "no marker in the arrays, so their force is missing"
             )
-    return found
-
-
-def _pitch_off(one: Pressing) -> Finding | None:
-    """The finding that tracking could not tell which marker is which, where the pad presses after that."""
-    certainty = one.pad.certainty
-    if certainty is None:
-        return None
-    unsure = np.flatnonzero(certainty < UNSURE)
-    if not len(unsure) or not one.pressed[unsure].any():
-        return None
-    return Finding(
-        kind=FindingKind.MARKERS_PITCH_OFF,
-        rank=FindingRank.FIELD,
-        pads=(one.pad.name,),
-        says=(
-            f"markers may be wrong by {one.spacing_mm:.2g} mm (a grid pitch) from frame {unsure[0]} "
-            "on, because nearly all moved at once by much of a pitch. Close the jaws more slowly, or "
-            "record at a higher frame rate"
-        ),
-        refused=True,
-    )
+            refused = share > LOST_REFUSED
+            yield _finding(press, FindingKind.MARKERS_MISSING, says, refused=refused, relative_sd=share)
 
 
 def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
@@ -205,60 +182,33 @@ def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray,
     return np.stack([one, two]) if np.any(fits, axis=0).mean() > REGULAR else None
 
 
-def _order(one: Pressing) -> float | None:
+def _order(press: Pressing) -> float | None:
     """Correlation of each marker with its neighbours at the peak, in the field where that is greater."""
-    if one.touched.sum() < FEWEST_ORDERED:
+    if press.touched.sum() < FEWEST_ORDERED:
         return None
-    values = [like_neighbours(one, field) for field in (one.felt_mm, one.force_N)]
+    values = [like_neighbours(press, field) for field in (press.felt_mm, press.force_N)]
     known = [value for value in values if value is not None]
     return max(known) if len(known) == len(values) else None
 
 
 def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """Contacts that run over the edge of the markers; of both pads said once."""
-    return shared([f for one in pressings for f in _edge(one, one.pad.rest_mm[:, :2])])
+    return shared([finding for press in pressings for finding in _edge(press)])
 
 
-def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
+def _edge(press: Pressing) -> Iterator[Finding]:
     """A contact that is strong at the outermost markers reaches past them, where nothing is measured."""
+    rest = press.pad.rest_mm[:, :2]
     hull = ConvexHull(rest).equations
-    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * one.spacing_mm
-    mean = one.force_N[heaviest(one), :, 2].mean(axis=0)
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * press.spacing_mm
+    mean = press.force_N[heaviest(press), :, 2].mean(axis=0)
     peak = float(np.quantile(mean, PEAK_SHARE))
-    if peak <= 0 or not outermost.any() or not one.touched.any():
-        return []
-    if float((mean[outermost] > PUNCH * peak).mean()) > ALL_ROUND:
-        return []
+    if peak <= 0 or not outermost.any() or not press.touched.any():
+        return
     share = float(np.sort(mean[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
-    if share < AT_EDGE:
-        return []
-    return [
-        Finding(
-            kind=FindingKind.OVER_EDGE,
-            rank=FindingRank.FIELD,
-            pads=(one.pad.name,),
-            says=(
-                f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the "
-                "peak), so some force is missing; markers are missing, or the fruit was not in the "
-                "pad's middle"
-            ),
-            refused=True,
+    if share >= AT_EDGE and float((mean[outermost] > PUNCH * peak).mean()) <= ALL_ROUND:
+        says = (
+            f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the peak), so "
+            "some force is missing; markers are missing, or the fruit was not in the pad's middle"
         )
-    ]
-
-
-def _unit(one: Pressing, side_mm: float) -> Finding:
-    """The finding that rest_mm spans no gel's face, with the unit in which it would."""
-    fits = [name for times, name in LENGTH.items() if USUAL_FACE_MM[0] <= side_mm / times <= USUAL_FACE_MM[1]]
-    unit = f", as if in {' or '.join(fits)}" if fits else ""
-    return Finding(
-        kind=FindingKind.MARKERS_UNIT,
-        rank=FindingRank.FIELD,
-        pads=(one.pad.name,),
-        says=(
-            f"rest_mm spans {side_mm:.3g} mm{unit}; expected the positions of the markers on the gel "
-            "in millimetres"
-        ),
-        detail=" or ".join(fits),
-        refused=True,
-    )
+        yield _finding(press, FindingKind.OVER_EDGE, says)

@@ -52,41 +52,20 @@ def print_without_force(pad: GelPad) -> str | None:
             "the reference or the sensor's description is of another gel, or shear exceeds pressure "
             "(one camera measures no depth)"
         )
-    shows = (
-        (
-            f"pictures show a contact imprint ({shown:.1f} times the limit for an empty gel), yet its "
-            "force is at most "
-        )
-        if shown >= SURE
-        else "force is at most "
-    )
-    return f"{shows}{max(float(total.max()), 0.0):.2g} N: {cause}; {what_to_do}"
+    pictured = f"pictures show a contact imprint ({shown:.1f} times the limit for an empty gel), yet its "
+    shows = pictured if shown >= SURE else ""
+    return f"{shows}force is at most {max(float(total.max()), 0.0):.2g} N: {cause}; {what_to_do}"
 
 
 def _pad(pad: GelPad) -> list[Finding]:
+    rank, pads = FindingRank.FIELD, (pad.name,)
     if (contradiction := print_without_force(pad)) is not None:
-        return [
-            Finding(
-                kind=FindingKind.PRINT_WITHOUT_FORCE,
-                rank=FindingRank.FIELD,
-                pads=(pad.name,),
-                says=contradiction,
-                refused=True,
-            )
-        ]
+        return [Finding(FindingKind.PRINT_WITHOUT_FORCE, rank, contradiction, pads=pads, refused=True)]
     if pad.reference_print is None or pad.reference_print < 1.0:
         return []
-    return [
-        Finding(
-            kind=FindingKind.REFERENCE_PRINT,
-            rank=FindingRank.FIELD,
-            pads=(pad.name,),
-            says=(
-                f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an "
-                f"empty gel), so displacements are not relative to the untouched gel; {WHAT_TO_DO}"
-            ),
-            refused=pad.reference_print >= SURE,
-            relative_sd=E_OF_A_PRINT,
-            hides_touch=True,
-        )
-    ]
+    says = (
+        f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an empty gel), so "
+        f"displacements are not relative to the untouched gel; {WHAT_TO_DO}"
+    )
+    spread = {"refused": pad.reference_print >= SURE, "relative_sd": E_OF_A_PRINT, "hides_touch": True}
+    return [Finding(FindingKind.REFERENCE_PRINT, rank, says, pads=pads, **spread)]

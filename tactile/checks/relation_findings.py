@@ -5,7 +5,8 @@ by the gel's law, V = U but for noise. Numbers that sound recordings show stand 
 (`benchmarks/field_spreads.py`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -47,30 +48,25 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     Friction carries no more than about the normal force, so that stiffness times displacement, and force, are
     greatest along z on the mean over a contact, whatever is sheared.
     """
-    found = []
-    for one in pressings:
-        if not one.touched.any():
-            continue
-        top, pad = heaviest(one), one.pad
-        stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
-        fields: dict[Field, np.ndarray] = {"force": one.force_N}
-        if gives_way(one):
-            fields["displacement"] = one.felt_mm * stiffness
-        for name, values in fields.items():
-            mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
-            most = int(np.argmax(mean))
-            noise = float(np.sqrt((values[one.quiet] ** 2).mean() / one.touched.sum()))
-            if most != 2 and mean[most] > max(NOT_FRICTION * mean[2], OVER_NOISE * noise):
-                found.append(
-                    _refused(
-                        one,
-                        FindingKind.AXES,
-                        f"{name} has its axes exchanged or rotated: it is largest along {AXES[most]}, "
-                        "expected along z, out of the gel",
-                        field=name,
-                    )
-                )
-    return shared(found)
+    return shared([finding for press in pressings if press.touched.any() for finding in _axes(press)])
+
+
+def _axes(press: Pressing) -> Iterator[Finding]:
+    top, pad = heaviest(press), press.pad
+    stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
+    fields: dict[Field, np.ndarray] = {"force": press.force_N}
+    if gives_way(press):
+        fields["displacement"] = press.felt_mm * stiffness
+    for name, values in fields.items():
+        mean = np.abs(values[top][:, press.touched].mean(axis=(0, 1)))
+        most = int(np.argmax(mean))
+        noise = float(np.sqrt((values[press.quiet] ** 2).mean() / press.touched.sum()))
+        if most != 2 and mean[most] > max(NOT_FRICTION * mean[2], OVER_NOISE * noise):
+            says = (
+                f"{name} has its axes exchanged or rotated: it is largest along {AXES[most]}, expected along "
+                "z, out of the gel"
+            )
+            yield _refused(press, FindingKind.AXES, says, field=name)
 
 
 def relation_findings(
@@ -81,161 +77,115 @@ def relation_findings(
     `closing_mm`: how far each pad goes past its first touch; `E_range_MPa`: what flesh of the category can
     have. The two say which of force, displacement and stated stiffness is wrong where a gain is.
     """
-    relations = [relation_of(one) for one in pressings]
-    found: list[Finding] = []
+    findings: list[Finding] = []
     gains: list[tuple[Pressing, Relation, float]] = []
-    for one, relation, closing in zip(pressings, relations, closing_mm, strict=True):
+    for press, closing in zip(pressings, closing_mm, strict=True):
+        relation = relation_of(press)
         if relation is None:
             continue
-        own = _pad_finding(one, relation)
-        if own is not None:
-            found.append(own)
+        if (finding := _pad_finding(press, relation)) is not None:
+            findings.append(finding)
         elif abs(np.log(max(relation.gain, 1e-12))) > GAIN_SAID:
-            gains.append((one, relation, closing))
-    return [*shared(found), *gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
+            gains.append((press, relation, closing))
+    return [*shared(findings), *gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
 
 
-def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
+def _pad_finding(press: Pressing, r: Relation) -> Finding | None:
     """Everything but a gain, the plainest cause first."""
-    return (
-        _dead_finding(one, r)
-        or _axes_finding(one, r)
-        or _timing_finding(one, r)
-        or _markers_finding(one, r)
-        or _clipped_finding(one, r)
-    )
+    causes = (_dead_finding, _axes_finding, _timing_finding, _markers_finding, _clipped_finding)
+    return next((finding for cause in causes if (finding := cause(press, r)) is not None), None)
 
 
-def _dead_finding(one: Pressing, r: Relation) -> Finding | None:
+def _dead_finding(press: Pressing, r: Relation) -> Finding | None:
     """One of the two stays where it is while the other changes."""
-    if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
-        return _refused(
-            one,
-            FindingKind.DEAD_FIELD,
-            f"displacement is dead: it stays at {1e3 * peak_normal(one.felt_mm):.0f} um while its "
-            f"forces reach {peak_total_N(one):.2g} N, so tracking failed",
-            field="displacement",
+    force_N, moved_mm = peak_total_N(press), peak_normal(press.felt_mm)
+    if r.felt_mm < DEAD * r.gel_mm and _flat(press.felt_mm, press.felt_sd_mm, press.touched):
+        says = (
+            f"displacement is dead: it stays at {1e3 * moved_mm:.0f} um while its forces reach {force_N:.2g} "
+            "N, so tracking failed"
         )
-    if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
-        return _refused(
-            one,
-            FindingKind.DEAD_FIELD,
-            f"force is dead: it stays at {peak_total_N(one):.2g} N while its markers move "
-            f"{peak_normal(one.felt_mm):.2f} mm",
-            field="force",
-        )
+        return _refused(press, FindingKind.DEAD_FIELD, says, field="displacement")
+    if r.gel_mm < DEAD * r.felt_mm and _flat(press.force_N, press.force_sd_N, press.touched):
+        says = f"force is dead: it stays at {force_N:.2g} N while its markers move {moved_mm:.2f} mm"
+        return _refused(press, FindingKind.DEAD_FIELD, says, field="force")
     return None
 
 
-def _axes_finding(one: Pressing, r: Relation) -> Finding | None:
+def _axes_finding(press: Pressing, r: Relation) -> Finding | None:
     """Axes of one of the two are exchanged."""
     if (exchanged := _exchanged(r)) is None:
         return None
-    i, j = exchanged
-    field = _field_exchanged(one)
-    return _refused(
-        one,
-        FindingKind.AXES,
-        f"{field or 'force or displacement'} has its axes exchanged or rotated: the force along "
-        f"{AXES[i]} follows the displacement along {AXES[j]}",
-        field=field,
+    along, followed = (AXES[axis] for axis in exchanged)
+    field = _field_exchanged(press)
+    says = (
+        f"{field or 'force or displacement'} has its axes exchanged or rotated: the force along {along} "
+        f"follows the displacement along {followed}"
     )
+    return _refused(press, FindingKind.AXES, says, field=field)
 
 
-def _timing_finding(one: Pressing, r: Relation) -> Finding | None:
+def _timing_finding(press: Pressing, r: Relation) -> Finding | None:
     """The two go against each other, or apart, over time."""
     if r.in_time < -IN_STEP:
-        wrong: Field = "displacement" if _pushes(one) else "force"
-        return _refused(
-            one,
-            FindingKind.SIGN,
-            f"{wrong} has the wrong sign: pressing must move markers to negative z and give a "
-            "positive force on the fruit",
-            field=wrong,
+        wrong: Field = "displacement" if _pushes(press) else "force"
+        says = (
+            f"{wrong} has the wrong sign: pressing must move markers to negative z and give a positive force "
+            "on the fruit"
         )
-    if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER):
-        late = "late" if r.lag_frames > 0 else "early"
-        return _refused(
-            one,
-            FindingKind.DELAY,
-            f"force comes {abs(r.lag_frames)} frames {late} relative to its displacement: the two "
-            "clocks disagree",
-            detail=f"{r.lag_frames} frames",
+        return _refused(press, FindingKind.SIGN, says, field=wrong)
+    if r.in_time >= OUT_OF_STEP:
+        return None
+    if r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER):
+        says = (
+            f"force comes {abs(r.lag_frames)} frames {'late' if r.lag_frames > 0 else 'early'} relative to "
+            "its displacement: the two clocks disagree"
         )
-    if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
-        return _refused(
-            one,
-            FindingKind.INCREMENTS,
-            "displacement is written as increments between frames: its cumulative sum follows the "
-            "force. Write displacement from rest",
+        return _refused(press, FindingKind.DELAY, says, detail=f"{r.lag_frames} frames")
+    if r.summed > IN_STEP:
+        says = (
+            "displacement is written as increments between frames: its cumulative sum follows the force. "
+            "Write displacement from rest"
         )
-    if r.in_time < OUT_OF_STEP:
-        return _refused(
-            one,
-            FindingKind.OUT_OF_STEP,
-            f"force and displacement do not agree over time (correlation {r.in_time:.2f}, expected "
-            "above 0.97): frames of one of them are shuffled, missing or wrong",
-            detail=f"{r.in_time:.2f}",
-        )
-    return None
+        return _refused(press, FindingKind.INCREMENTS, says)
+    says = (
+        f"force and displacement do not agree over time (correlation {r.in_time:.2f}, expected above 0.97): "
+        "frames of one of them are shuffled, missing or wrong"
+    )
+    return _refused(press, FindingKind.OUT_OF_STEP, says, detail=f"{r.in_time:.2f}")
 
 
-def _markers_finding(one: Pressing, r: Relation) -> Finding | None:
+def _markers_finding(press: Pressing, r: Relation) -> Finding | None:
     """The two list their markers in different orders."""
     if r.over_markers >= SAME_MARKERS:
         return None
-    return _refused(
-        one,
-        FindingKind.OTHER_MARKERS,
-        "force and displacement do not belong to the same markers (correlation over markers "
-        f"{max(r.over_markers, 0):.2f}, expected above 0.9): one of them has another marker order "
-        "(permuted)",
-        detail=f"{max(r.over_markers, 0):.2f}",
+    correlation = f"{max(r.over_markers, 0):.2f}"
+    says = (
+        f"force and displacement do not belong to the same markers (correlation over markers {correlation}, "
+        "expected above 0.9): one of them has another marker order (permuted)"
     )
+    return _refused(press, FindingKind.OTHER_MARKERS, says, detail=correlation)
 
 
-def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
+def _clipped_finding(press: Pressing, r: Relation) -> Finding | None:
     """One of the two stops growing where the other goes on."""
     if r.saturation < SATURATES:
-        return _refused(
-            one,
-            FindingKind.SATURATION,
-            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as "
-            "below; the sensor saturates or is nonlinear (run drupe explain for the amount)",
-            field="force",
-            has_effect=True,
+        says = (
+            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; the "
+            "sensor saturates or is nonlinear (run drupe explain for the amount)"
         )
+        return _refused(press, FindingKind.SATURATION, says, field="force", has_effect=True)
     if r.saturation > 1 / SATURATES:
-        return _refused(
-            one,
-            FindingKind.SATURATION,
-            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its "
-            "peak as below; tracking saturates",
-            field="displacement",
+        says = (
+            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak as "
+            "below; tracking saturates"
         )
+        return _refused(press, FindingKind.SATURATION, says, field="displacement")
     return None
 
 
-def _refused(
-    one: Pressing,
-    kind: FindingKind,
-    says: str,
-    *,
-    field: Field | None = None,
-    detail: str = "",
-    has_effect: bool = False,
-) -> Finding:
+def _refused(press: Pressing, kind: FindingKind, says: str, **more: Any) -> Finding:
     """A finding of one pad that makes its recording unusable."""
-    return Finding(
-        kind=kind,
-        rank=FindingRank.RELATION,
-        pads=(one.pad.name,),
-        says=says,
-        field=field,
-        detail=detail,
-        refused=True,
-        has_effect=has_effect,
-    )
+    return Finding(kind, FindingRank.RELATION, says, pads=(press.pad.name,), refused=True, **more)
 
 
 def _exchanged(r: Relation) -> tuple[int, int] | None:

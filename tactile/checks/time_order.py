@@ -1,6 +1,6 @@
 """Whether frames are in the order in which they were taken, and gel, jaws and clock in step."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -70,44 +70,43 @@ the peak that a signal is taken to have at least, for a hold has none."""
 
 def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     """Chance order of the jaws' log and of the gel's frames, a gel that is late, a clock in another unit."""
-    jaws = recording.aperture_mm
-    found: list[Finding] = []
-    back = turns_share(jaws)
+    back = turns_share(recording.aperture_mm)
     if back > TURNS:
-        return [
-            _refused(
-                FindingKind.FRAMES_SHUFFLED,
-                f"the frames are out of order (shuffled): the jaws reverse in {100 * back:.0f} % of "
-                "their steps; sort the frames by their times",
-            )
-        ]
-    for one in pressings:
-        for name, values, sd in (
-            ("displacement", one.felt_mm, one.felt_sd_mm),
-            ("force", one.force_N, one.force_sd_N),
-        ):
-            signal = values[:, one.touched, 2].sum(axis=1)
-            faint = np.abs(signal).max(initial=0.0) < OVER_NOISE * sd * np.sqrt(one.touched.sum())
-            if not faint and roughness(signal, jaws) > ROUGH:
-                found.append(
-                    _refused(
-                        FindingKind.GEL_FRAMES_SHUFFLED,
-                        f"{name} jumps from frame to frame while the jaws move evenly: its frames are "
-                        "out of order (shuffled) relative to the jaws' log",
-                        pads=(one.pad.name,),
-                    )
-                )
-    if not found:
-        found += _late(recording, pressings)
-    found += _clock(recording)
+        says = (
+            f"the frames are out of order (shuffled): the jaws reverse in {100 * back:.0f} % of their steps; "
+            "sort the frames by their times"
+        )
+        return [Finding(FindingKind.FRAMES_SHUFFLED, FindingRank.FIELD, says, refused=True)]
+    shuffled = list(_shuffled(recording.aperture_mm, pressings))
     return [
-        *found,
+        *shuffled,
+        *([] if shuffled else _late(recording, pressings)),
+        *_clock(recording),
         *_logger(recording),
         *_dropped(recording),
         *_start(pressings),
         *_drift(pressings),
         *_end(pressings),
     ]
+
+
+def _shuffled(jaws_mm: Float[np.ndarray, " t"], pressings: Sequence[Pressing]) -> Iterator[Finding]:
+    """Fields that jump from frame to frame while the jaws do not."""
+    for press in pressings:
+        fields = {
+            "displacement": (press.felt_mm, press.felt_sd_mm),
+            "force": (press.force_N, press.force_sd_N),
+        }
+        for name, (values, sd) in fields.items():
+            signal = values[:, press.touched, 2].sum(axis=1)
+            faint = np.abs(signal).max(initial=0.0) < OVER_NOISE * sd * np.sqrt(press.touched.sum())
+            if not faint and roughness(signal, jaws_mm) > ROUGH:
+                kind, pads = FindingKind.GEL_FRAMES_SHUFFLED, (press.pad.name,)
+                says = (
+                    f"{name} jumps from frame to frame while the jaws move evenly: its frames are out of "
+                    "order (shuffled) relative to the jaws' log"
+                )
+                yield Finding(kind, FindingRank.FIELD, says, pads=pads, refused=True)
 
 
 def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
@@ -124,64 +123,47 @@ def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
     return int((similar & whole & (np.rint(times) >= 2) & (np.rint(times) <= MOST_LOST + 1)).sum())
 
 
-def _logger(recording: Recording) -> list[Finding]:
+def _logger(recording: Recording) -> Iterator[Finding]:
     """What the logger did and reading put right."""
-    return [
-        Finding(
-            kind=FindingKind.LOGGER,
-            rank=FindingRank.MACHINE,
-            says=one.says.rstrip("."),
-            detail=f"{one.fault} {one.quantity}",
-            remark=True,
-        )
-        for one in recording.corrections
-    ]
+    for correction in recording.corrections:
+        said, detail = correction.says.rstrip("."), f"{correction.fault} {correction.quantity}"
+        yield Finding(FindingKind.LOGGER, FindingRank.MACHINE, said, detail=detail, remark=True)
 
 
-def _dropped(recording: Recording) -> list[Finding]:
+def _dropped(recording: Recording) -> Iterator[Finding]:
     """Frames that are missing between those that are there."""
     steps, missing = len(recording.time_s) - 1, dropped_steps(recording.time_s)
-    if missing < FEWEST_DROPPED or missing < DROPPED_SAID * steps:
-        return []
-    return [
-        Finding(
-            kind=FindingKind.FRAMES_DROPPED,
-            rank=FindingRank.FIELD,
-            says=(
-                f"frames were dropped: {missing} of {steps} time steps are at least twice their "
-                "neighbours; record at a lower rate, or check the computer's load"
-            ),
-            relative_sd=E_OF_DROPPED,
+    if missing >= FEWEST_DROPPED and missing >= DROPPED_SAID * steps:
+        says = (
+            f"frames were dropped: {missing} of {steps} time steps are at least twice their neighbours; "
+            "record at a lower rate, or check the computer's load"
         )
-    ]
+        yield Finding(FindingKind.FRAMES_DROPPED, FindingRank.FIELD, says, relative_sd=E_OF_DROPPED)
 
 
-def _end(pressings: Sequence[Pressing]) -> list[Finding]:
+def _end(pressings: Sequence[Pressing]) -> Iterator[Finding]:
     """A recording that ends while it is pressed."""
-    pressed = [one for one in pressings if _pressed_in(one, -1)]
-    if not pressed:
-        return []
-    return [
-        Finding(
-            kind=FindingKind.ENDS_PRESSED,
-            rank=FindingRank.MACHINE,
-            pads=tuple(one.pad.name for one in pressed),
-            says=(
-                "recording ends under load (there is no unloading). E needs none, but without it "
-                "drupe cannot detect clock lag, force drift, creep or yield"
-            ),
-            remark=True,
+    pads = tuple(press.pad.name for press in pressings if _pressed_in(press, -1))
+    if pads:
+        says = (
+            "recording ends under load (there is no unloading). E needs none, but without it drupe cannot "
+            "detect clock lag, force drift, creep or yield"
         )
-    ]
+        yield Finding(FindingKind.ENDS_PRESSED, FindingRank.MACHINE, says, pads=pads, remark=True)
 
 
-def _pressed_in(one: Pressing, frame: int) -> bool:
+def _raw_totals(press: Pressing) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
+    """Indentation and normal force as they were written, summed over the markers that are pressed."""
+    use = press.touched
+    return -press.pad.displacement_mm[:, use, 2].sum(axis=1), press.pad.force_N[:, use, 2].sum(axis=1)
+
+
+def _pressed_in(press: Pressing, frame: int) -> bool:
     """Whether displacement and force are well above zero in a frame."""
-    use = one.touched
-    if not use.any():
-        return False
-    totals = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
-    return all(bool(total[frame] > IN_CONTACT * np.abs(total).max()) for total in totals)
+    totals = _raw_totals(press)
+    return bool(press.touched.any()) and all(
+        bool(total[frame] > IN_CONTACT * np.abs(total).max()) for total in totals
+    )
 
 
 def turns_share(jaws_mm: Float[np.ndarray, " t"]) -> float:
@@ -214,69 +196,43 @@ def drift_of(one: Pressing) -> tuple[float, float, float] | None:
     return change, noise, float(total.max())
 
 
-def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
+def _drift(pressings: Sequence[Pressing]) -> Iterator[Finding]:
     """Force that does not come back to where it was before the first touch, though the gel does."""
-    found = []
-    for one in pressings:
-        if (drift := drift_of(one)) is None:
-            continue
-        change, noise, peak = drift
+    for press in pressings:
+        change, noise, peak = drift_of(press) or (0.0, 0.0, 1.0)
         if abs(change) > max(DRIFT_SHARE * peak, DRIFT_SD * noise):
-            found.append(
-                Finding(
-                    kind=FindingKind.FORCE_DRIFT,
-                    rank=FindingRank.RELATION,
-                    pads=(one.pad.name,),
-                    says=(
-                        f"force drifts: without contact it differs by {change:+.2f} N between before "
-                        f"and after the grasp ({100 * change / peak:+.0f} % of the peak)"
-                    ),
-                    relative_sd=E_PER_DRIFT * abs(change) / peak,
-                )
+            says = (
+                f"force drifts: without contact it differs by {change:+.2f} N between before and after the "
+                f"grasp ({100 * change / peak:+.0f} % of the peak)"
             )
-    return found
+            pads, sd = (press.pad.name,), E_PER_DRIFT * abs(change) / peak
+            yield Finding(FindingKind.FORCE_DRIFT, FindingRank.RELATION, says, pads=pads, relative_sd=sd)
 
 
-def _start(pressings: Sequence[Pressing]) -> list[Finding]:
+def _start(pressings: Sequence[Pressing]) -> Iterator[Finding]:
     """A recording that begins in contact, and forces without a tare."""
-    found = []
-    for one in pressings:
-        use = one.touched
-        if not use.any():
+    for press in pressings:
+        if not press.touched.any():
             continue
-        raw_u, raw_F = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
-        u, F = (float(np.abs(x).max()) for x in (raw_u, raw_F))
-        if _pressed_in(one, 0):
-            found.append(
-                Finding(
-                    kind=FindingKind.STARTS_IN_CONTACT,
-                    rank=FindingRank.MACHINE,
-                    pads=(one.pad.name,),
-                    says=(
-                        f"recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in the "
-                        "first frame): the frames before first contact are missing"
-                    ),
-                    relative_sd=E_WITHOUT_TOUCH,
-                    hides_touch=True,
-                )
+        totals, pads = _raw_totals(press), (press.pad.name,)
+        u, F = (float(np.abs(total).max()) for total in totals)
+        rest_u, rest_F = (float(np.median(total[press.quiet])) for total in totals)
+        if _pressed_in(press, 0):
+            kind, spread = (
+                FindingKind.STARTS_IN_CONTACT,
+                {"relative_sd": E_WITHOUT_TOUCH, "hides_touch": True},
             )
+            says = (
+                f"recording starts in contact ({100 * totals[0][0] / u:.0f} % of its peak in the first "
+                "frame): the frames before first contact are missing"
+            )
+        elif abs(rest_F) > TARE_SHARE * F and abs(rest_u) < TARE_MOVED * TARE_SHARE * u:
+            kind = FindingKind.NO_TARE
+            spread = {"relative_sd": E_OF_A_TARE, "refused": _taken_for_contact(press)}
+            says = f"force has an offset of {rest_F:.2g} N in the contact's markers without contact (no tare)"
+        else:
             continue
-        rest_u, rest_F = (float(np.median(x[one.quiet])) for x in (raw_u, raw_F))
-        if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < TARE_MOVED * TARE_SHARE * u:
-            found.append(
-                Finding(
-                    kind=FindingKind.NO_TARE,
-                    rank=FindingRank.MACHINE,
-                    pads=(one.pad.name,),
-                    says=(
-                        f"force has an offset of {rest_F:.2g} N in the contact's markers without "
-                        "contact (no tare)"
-                    ),
-                    refused=_taken_for_contact(one),
-                    relative_sd=E_OF_A_TARE,
-                )
-            )
-    return found
+        yield Finding(kind, FindingRank.MACHINE, says, pads=pads, **spread)
 
 
 def _taken_for_contact(one: Pressing) -> bool:
@@ -318,31 +274,21 @@ def release_less_touch_mm(recording: Recording, pressings: Sequence[Pressing]) -
     return release - touch
 
 
-def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
+def _late(recording: Recording, pressings: Sequence[Pressing]) -> Iterator[Finding]:
     """Touch and release at unlike openings of the jaws."""
-    jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
     apart = release_less_touch_mm(recording, pressings)
-    if apart is None or -EARLY_MM * _scale(jaws) <= apart <= LATE_MM * _scale(jaws):
-        return []
-    late = "late" if apart > 0 else "early"
-    return [
-        Finding(
-            kind=FindingKind.CLOCKS_APART,
-            rank=FindingRank.MACHINE,
-            says=(
-                f"the gel's signals (displacement and force) are {late} relative to the jaws: at "
-                f"release the jaws are {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than "
-                "at first contact; the two clocks disagree (lag)"
-            ),
-            refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),
-            relative_sd=E_PER_MM_LATE * abs(apart),
-        )
-    ]
-
-
-def _scale(jaws_mm: Float[np.ndarray, " t"]) -> float:
-    """Limits are for jaws that close by CLOSING_MM."""
-    return max(1.0, float(np.ptp(jaws_mm)) / CLOSING_MM)
+    scale = max(
+        1.0, float(np.ptp(recording.aperture_mm)) / CLOSING_MM
+    )  # the limits are for jaws that close so far
+    if apart is None or -EARLY_MM * scale <= apart <= LATE_MM * scale:
+        return
+    late, wider = ("late", "wider") if apart > 0 else ("early", "closer")
+    says = (
+        f"the gel's signals (displacement and force) are {late} relative to the jaws: at release the jaws "
+        f"are {abs(apart):.2f} mm {wider} than at first contact; the two clocks disagree (lag)"
+    )
+    refused, sd = bool(abs(apart) > LATE_REFUSED_MM * scale), E_PER_MM_LATE * abs(apart)
+    yield Finding(FindingKind.CLOCKS_APART, FindingRank.MACHINE, says, refused=refused, relative_sd=sd)
 
 
 def _crossing(
@@ -352,28 +298,15 @@ def _crossing(
     return float(jaws_mm[k] + share * (jaws_mm[k + 1] - jaws_mm[k]))
 
 
-def _clock(recording: Recording) -> list[Finding]:
+def _clock(recording: Recording) -> Iterator[Finding]:
     """A clock in another unit, by a gripper's jaws. E knows no time, so that it is a remark."""
-    if recording.loading != "grasp":
-        return []
     speed = np.abs(np.diff(recording.aperture_mm)) / np.diff(recording.time_s)
     fastest = float(speed.max(initial=0.0))
     low, high = SPEED_MM_PER_S
-    if fastest == 0 or low <= fastest <= high:
-        return []
-    unit = "milliseconds" if fastest < low else "minutes or hours"
-    return [
-        Finding(
-            kind=FindingKind.TIME_UNIT,
-            rank=FindingRank.MACHINE,
-            says=(
-                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, expected "
-                f"{low:g} to {high:g}; E does not depend on it"
-            ),
-            remark=True,
+    if recording.loading == "grasp" and fastest != 0 and not low <= fastest <= high:
+        unit = "milliseconds" if fastest < low else "minutes or hours"
+        says = (
+            f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, expected {low:g} to "
+            f"{high:g}; E does not depend on it"
         )
-    ]
-
-
-def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
-    return Finding(kind=kind, rank=FindingRank.FIELD, says=says, pads=pads, refused=True)
+        yield Finding(FindingKind.TIME_UNIT, FindingRank.MACHINE, says, remark=True)

@@ -9,7 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.preparation.logged_trace import MOST_CORRECTED, NotPrepared
-from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, listed, spoilt_said
+from tactile.preparation.logger_correction import (
+    LoggerCorrection,
+    LoggerFault,
+    Words,
+    correction,
+    listed,
+    spoilt_said,
+)
 from tactile.preparation.readings import is_held, rhythm_of
 from tactile.preparation.structure import runs, written
 from tactile.preparation.wild import of_specimen, wild, wild_times
@@ -105,15 +112,7 @@ def _replaced(
         f"drupe replaced {many} of {name} by interpolation between neighbours: "
         f"{listed(words, name, rows[which], values[which])}."
     )
-    return [
-        LoggerCorrection(
-            fault=fault,
-            quantity=name,
-            rows=tuple(rows[which].tolist()),
-            values=tuple(values[which].tolist()),
-            says=says,
-        )
-    ]
+    return [correction(fault, name, rows[which], values[which], says)]
 
 
 def _between(over: Values, values: Values, spoilt: Bool[np.ndarray, " t"]) -> Values:
@@ -138,11 +137,5 @@ def _without_repeats(
         f"{name} was read {rate:.3g} times a second and repeated in between; {count} now lie on lines "
         "between the readings."
     )
-    note = LoggerCorrection(
-        fault=LoggerFault.REPEATED,
-        quantity=name,
-        rows=tuple(rows[again].tolist()),
-        values=tuple(values[again].tolist()),
-        says=says,
-    )
+    note = correction(LoggerFault.REPEATED, name, rows[again], values[again], says)
     return _between(time, values, again), [note]

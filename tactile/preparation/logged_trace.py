@@ -1,13 +1,18 @@
 """The trace of a press as the specimen made it: what the logger did is put right, with a note on each."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, spoilt_said
+from tactile.preparation.logger_correction import (
+    LoggerCorrection,
+    LoggerFault,
+    Words,
+    correction,
+    spoilt_said,
+)
 from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
 from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
@@ -121,21 +126,16 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     leave, notes = wild_or_repeated_times(
         words, logged.time_s, logged.columns, logged.rows, of_topics=_topics(logged)
     )
-    if _is_joined(logged):
-        logged, leave = _by_time(logged, leave)
+    if _is_joined(logged):  # rows in the order of time, which of two topics one below the other they are not
+        order = np.argsort(logged.time_s, kind="stable")
+        logged, leave = logged.part(order), leave[order]
     logged = logged.part(~leave)
     spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
         says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
         notes.append(
-            _note(
-                LoggerFault.MISSING,
-                logged.quantity,
-                logged.rows[inside],
-                logged.travel[inside],
-                says,
-            )
+            correction(LoggerFault.MISSING, logged.quantity, logged.rows[inside], logged.travel[inside], says)
         )
         spoilt |= set(logged.rows[inside].tolist())
         logged = logged.part(~inside)
@@ -147,7 +147,11 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
     notes += found
     spoilt |= {row for one in found if one.fault is LoggerFault.MISSING for row in one.rows}
     if len(spoilt) > MOST_CORRECTED * total:
-        raise _too_many(notes, len(spoilt), total)
+        share = f"{len(spoilt)} of {total} rows ({len(spoilt) / total:.1%})"
+        raise NotPrepared(
+            f"{share} wild or missing ({spoilt_said(words, notes)})",
+            f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
+        )
     stands = np.flatnonzero(np.diff(logged.time_s) <= 0)
     if len(stands):
         k = int(stands[0])
@@ -167,14 +171,6 @@ def _is_joined(logged: LoggedTrace) -> bool:
     travel, force = np.isfinite(logged.travel), np.isfinite(logged.force_N)
     apart = (travel != force).mean() > JOINED
     return bool(apart and min(travel.sum(), force.sum()) >= FEWEST_READINGS)
-
-
-def _by_time(
-    logged: LoggedTrace, leave: Bool[np.ndarray, " t"]
-) -> tuple[LoggedTrace, Bool[np.ndarray, " t"]]:
-    """Rows of two topics in the order of time, which one below the other they are not."""
-    order = np.argsort(logged.time_s, kind="stable")
-    return logged.part(order), leave[order]
 
 
 def _without_wild(
@@ -214,7 +210,7 @@ def _on_readings(
             f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
-        notes.append(_note(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
+        notes.append(correction(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
         values[again] = np.nan
     if joined:
         notes.append(_joined_note(logged))
@@ -226,7 +222,7 @@ def _on_readings(
             f" and {len(at) - 3} more" if len(at) > 3 else ""
         )
         says = f"{words.count(len(at))} with an empty cell left out: {which}."
-        notes.append(_note(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
+        notes.append(correction(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
     timed = np.isfinite(logged.time_s)
     rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])
     at = np.flatnonzero(timed)[rows]
@@ -248,7 +244,7 @@ def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
         f"{m / (d - c):.3g} per second) are two topics in one table. drupe interpolated {one} at the "
         f"times of {other}, where its readings determine it."
     )
-    return _note(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
+    return correction(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
 
 
 def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
@@ -285,20 +281,5 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             "the other quantity continues); drupe removed the step, on the scale of the rows before "
             "it."
         )
-        notes.append(_note(LoggerFault.RESET, name, np.array([row]), step, says))
+        notes.append(correction(LoggerFault.RESET, name, np.array([row]), step, says))
     return replace(logged, travel=travel, force_N=force), notes
-
-
-def _too_many(notes: Sequence[LoggerCorrection], spoilt: int, total: int) -> NotPrepared:
-    return NotPrepared(
-        f"{spoilt} of {total} rows ({spoilt / total:.1%}) wild or missing ({spoilt_said(Words(), notes)})",
-        f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
-    )
-
-
-def _note(
-    fault: LoggerFault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"], says: str
-) -> LoggerCorrection:
-    return LoggerCorrection(
-        fault=fault, quantity=quantity, rows=tuple(rows.tolist()), values=tuple(values.tolist()), says=says
-    )

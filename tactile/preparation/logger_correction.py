@@ -33,6 +33,15 @@ class LoggerCorrection:
     says: str
 
 
+def correction(
+    fault: LoggerFault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " v"], says: str
+) -> LoggerCorrection:
+    """The record of these rows' fault; a value for each row, or for each quantity that they hold alike."""
+    return LoggerCorrection(
+        fault=fault, quantity=quantity, rows=tuple(rows.tolist()), values=tuple(values.tolist()), says=says
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Words:
     """What sentences call a row (`row` of a table, `frame` of a recording), and each quantity's unit."""

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, listed
+from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, correction, listed
 from tactile.preparation.reserved import reserved_ends
 from tactile.preparation.wild import run_starts, wild_times
 
@@ -52,13 +52,8 @@ def _reserved_note(
     how = "all hold" if len(rows) > 1 else "it holds"
     why = f"never written ({how} {kept})" if whole else "not whole"
     count = words.count(len(rows))
-    return LoggerCorrection(
-        fault=LoggerFault.RESERVED,
-        quantity=", ".join(held),
-        rows=tuple(rows.tolist()),
-        values=tuple(held.values()),
-        says=f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; drupe left out all of them.",
-    )
+    says = f"{count} at the {place}, from {words.row} {rows[0]} on, {why}; drupe left out all of them."
+    return correction(LoggerFault.RESERVED, ", ".join(held), rows, np.array(list(held.values())), says)
 
 
 def runs(
@@ -98,20 +93,12 @@ def wild_or_repeated_times(
     same += [(np.diff(one) == 0) | (np.isnan(one[1:]) & np.isnan(one[:-1])) for one in columns.values()]
     twice[1:] = np.all(same, axis=0)
     if twice.any():
-        at = tuple(rows[twice].tolist())
+        at, times = rows[twice], time_s[twice]
         says = (
-            f"{words.count(len(at))} appear twice ({listed(words, 'time', at, time_s[twice])}); "
-            "drupe left out the repeats."
+            f"{words.count(len(at))} appear twice ({listed(words, 'time', at, times)}); drupe left out the "
+            "repeats."
         )
-        notes.append(
-            LoggerCorrection(
-                fault=LoggerFault.REPEATED,
-                quantity="time",
-                rows=at,
-                values=tuple(time_s[twice].tolist()),
-                says=says,
-            )
-        )
+        notes.append(correction(LoggerFault.REPEATED, "time", at, times, says))
     return off | twice, notes
 
 
@@ -120,10 +107,5 @@ def wild_note(
 ) -> LoggerCorrection:
     """Wild readings of one quantity, left out."""
     many = "wild reading" if len(rows) == 1 else "wild readings"
-    return LoggerCorrection(
-        fault=LoggerFault.WILD,
-        quantity=quantity,
-        rows=tuple(rows.tolist()),
-        values=tuple(values.tolist()),
-        says=f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}.",
-    )
+    says = f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}."
+    return correction(LoggerFault.WILD, quantity, rows, values, says)
