@@ -5,16 +5,16 @@ import io
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pipeline.files.plain_file import NotReadable, not_plain, read_bytes, size
+from pipeline.files.plain_file import NotReadable, read_bytes, size
 from tactile.io.decimal_number import decimal_number
 from tactile.io.limited_process import TrialEnding, tried
-from tactile.io.pictures import unusable
+from tactile.io.pictures import absence, unusable
 
 MOST_BYTES, MOST_UNPACKED = 200_000_000, 500_000_000
 """Bytes of a file, and of what an .xlsx unpacks to: an hour at 1 kHz is 150 MB of text."""
@@ -57,9 +57,8 @@ def sheets_of(path: Path) -> tuple[CellTable, ...]:
 
     Raises TactileFailure (unreadable-frames) with what is wrong with the file.
     """
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise unusable(path.name, found, "a table with the columns time_s, travel_mm, force_N")
+    if missing := absence(path):
+        raise unusable(path.name, missing, "a table with the columns time_s, travel_mm, force_N")
     try:
         data = read_bytes(path, most_bytes=MOST_BYTES)
     except NotReadable as cause:
@@ -95,19 +94,32 @@ def _text(path: Path, data: bytes) -> CellTable:
             delimiter=named,
             encoding=encoding,
         )
+    lines = csv_lines(path.name, text, delimiter, expected="numbers, without quotation marks")
+    rows = tuple(
+        (begun, kept) for begun, cells in lines if (kept := _trimmed(cell.strip() for cell in cells))
+    )
+    return CellTable(name="", rows=rows, delimiter=named, encoding=encoding)
+
+
+def csv_lines(source: str, text: str, delimiter: str, *, expected: str) -> Iterator[tuple[int, list[str]]]:
+    """The cells of each line, and its number; raises TactileFailure for one whose last cell does not end."""
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    rows: list[Row] = []
     begun = 1
     try:
         for cells in lines:
-            if kept := _trimmed(cell.strip() for cell in cells):
-                rows.append((begun, kept))
+            yield begun, cells
             begun = lines.line_num + 1
     except csv.Error as cause:
         endless = "field limit" in str(cause)
-        found = f"a {'cell' if endless else 'quotation mark'} in line {begun} that does not end"
-        raise unusable(path.name, found, "numbers, without quotation marks") from cause
-    return CellTable(name="", rows=tuple(rows), delimiter=named, encoding=encoding)
+        observed = f"a {'cell' if endless else 'quotation mark'} in line {begun} that does not end"
+        raise unusable(source, observed, expected) from cause
+
+
+def refuse_repeated_names(source: str, names: Sequence[str]) -> None:
+    """Refuses a table that has a column twice."""
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise unusable(source, f"the column {twice[:60]!r} twice", "each column once")
 
 
 def _decoded(path: Path, data: bytes) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from tactile.io.grasp_log import LARGEST, increasing, read_columns
 from tactile.io.pictures import unusable
 from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
+from tactile.io.recording_fields import Shape, fits, shape_said
 from tactile.io.ros_bag import bag_fields
 from tactile.layer_stiffness import layer_stiffness
 from tactile.sensors import Sensor
@@ -115,22 +116,16 @@ def _from_csv(path: Path) -> dict[str, np.ndarray]:
     return held
 
 
-def _field(
-    path: Path, held: dict[str, np.ndarray], name: str, shape: tuple[int | None, ...]
-) -> Float[np.ndarray, "..."]:
+def _field(path: Path, held: dict[str, np.ndarray], name: str, shape: Shape) -> Float[np.ndarray, "..."]:
     if name not in held:
         raise unusable(f"{path.name}: {name}", "no such array", "it beside " + ", ".join(sorted(held)))
     return _checked(path, name, held[name], shape)
 
 
-def _checked(path: Path, name: str, values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+def _checked(path: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
     """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
-    fits = values.ndim == len(shape) and all(
-        (have > 0 if want is None else have == want) for have, want in zip(values.shape, shape, strict=True)
-    )
-    if not fits:
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise unusable(f"{path.name}: {name}", f"shape {values.shape}", f"shape {expected}")
+    if not fits(values.shape, shape):
+        raise unusable(f"{path.name}: {name}", f"shape {values.shape}", shape_said(shape))
     if not np.isfinite(values).all():
         raise unusable(f"{path.name}: {name}", "a value that is not finite", "numbers")
     if np.abs(values).max(initial=0.0) > LARGEST:

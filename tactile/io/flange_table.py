@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from tactile.io.cell_rows import Row, number_of, sheets_of
+from tactile.io.cell_rows import Row, number_of, refuse_repeated_names, sheets_of
 from tactile.io.grasp_log import increasing
 from tactile.io.pictures import unusable
 
@@ -62,9 +62,7 @@ def read_flange_table(path: Path) -> FlangeTable:
     """
     header, *rows = sheets_of(path)[0].rows or ((1, []),)
     names = [str(cell) for cell in header[1]]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise unusable(path.name, f"the column {twice[:60]!r} twice", "each column once")
+    refuse_repeated_names(path.name, names)
     if not 0 < len(rows) <= MOST_ROWS:
         raise unusable(path.name, f"{len(rows)} rows of poses", f"1 to {MOST_ROWS}")
     place = next((columns for columns in PLACE if set(columns) <= set(names)), None)

@@ -4,8 +4,6 @@ Columns: `time_s`, `aperture_mm`; optionally `frame` (the number of the picture 
 cell's `fx_N`, `fy_N`, `fz_N`, `tx_Nmm`, `ty_Nmm`, `tz_Nmm` (all six, fruit frame).
 """
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.files.plain_file import NotReadable, not_plain, read_text
+from pipeline.files.plain_file import NotReadable, read_text
+from tactile.io.cell_rows import csv_lines, refuse_repeated_names
 from tactile.io.decimal_number import decimal_number, meant
-from tactile.io.pictures import unusable
+from tactile.io.pictures import absence, unusable
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
 from tactile.preparation.logger_correction import Words
@@ -54,24 +53,15 @@ def read_columns(
     `wanted`: the columns that the caller needs, which the failure names where there is no such file. Whether
     the file has them is for the caller to check. `holes`: cells may be EMPTY, which are NaN then.
     """
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise unusable(path.name, found, "a table with the columns " + ", ".join(wanted))
+    if missing := absence(path):
+        raise unusable(path.name, missing, "a table with the columns " + ", ".join(wanted))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
-    lines = csv.reader(io.StringIO(text, newline=""), strict=True)
-    rows, begun = [], 1
-    try:
-        for row in lines:
-            if any(c.strip() for c in row):
-                rows.append(row)
-            begun = lines.line_num + 1
-    except csv.Error as cause:
-        endless = "field limit" in str(cause)
-        found = f"a {'cell' if endless else 'quotation mark'} in line {begun} that does not end"
-        raise unusable(path.name, found, "numbers separated by commas, without quotation marks") from cause
+    expected = "numbers separated by commas, without quotation marks"
+    lines = csv_lines(path.name, text, ",", expected=expected)
+    rows = [row for _, row in lines if any(cell.strip() for cell in row)]
     if len(rows) < 2:
         raise unusable(path.name, "no rows", "a header and one row for each frame")
     header = [name.strip() for name in rows[0]]
@@ -80,9 +70,7 @@ def read_columns(
         raise unusable(path.name, found, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
     if len(header) == 1 and (other := next((name for c, name in _OTHERS if c in header[0]), "")):
         raise unusable(path.name, f"cells separated by {other}", "commas; save it as CSV with commas")
-    if len(set(header)) < len(header):
-        twice = next(name for name in header if header.count(name) > 1)
-        raise unusable(path.name, f"the column {twice[:60]!r} twice", "each column once")
+    refuse_repeated_names(path.name, header)
     values = np.empty((len(rows) - 1, len(header)))
     for k, row in enumerate(rows[1:]):
         if len(row) != len(header):

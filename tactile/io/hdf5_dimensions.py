@@ -7,8 +7,10 @@ from typing import Any
 
 import h5py
 
+from tactile.io.hdf5_texts import child_group, holds
+from tactile.io.recording_fields import Shape
+
 REVERSED = "the dimensions of all fields are reversed, as MATLAB writes them: (3, N, T) was read as (T, N, 3)"
-Shape = tuple[int | None, ...]
 
 
 def has_reversed_dimensions(file: Any) -> bool:
@@ -24,7 +26,8 @@ def has_reversed_dimensions(file: Any) -> bool:
 
 
 def _is(held: tuple[int, ...], want: Shape) -> bool:
-    return len(held) == len(want) and all(n is None or one == n for one, n in zip(held, want, strict=True))
+    """Whether it is this shape, None: any length, 0 too."""
+    return len(held) == len(want) and all(n in (None, length) for length, n in zip(held, want, strict=True))
 
 
 def _shapes(file: Any) -> Iterator[tuple[tuple[int, ...], Shape]]:
@@ -33,9 +36,9 @@ def _shapes(file: Any) -> Iterator[tuple[tuple[int, ...], Shape]]:
     frames = None if time is None else max(time, default=0)
     if wrench is not None:
         yield wrench, (frames, 6)
-    pads = _group(file, "pads")
+    pads = child_group(file, "pads")
     for name in pads or ():
-        pad = _group(pads, name)
+        pad = child_group(pads, name)
         rest = None if pad is None else _dataset(pad, "rest_mm")
         markers = max(rest, default=0) if rest is not None and len(rest) == 2 else None
         wanted: dict[str, Shape] = {"pose": (frames, 4, 4), "rest_mm": (markers, 3)}
@@ -45,16 +48,6 @@ def _shapes(file: Any) -> Iterator[tuple[tuple[int, ...], Shape]]:
                 yield held, want
 
 
-def _own(group: Any, name: str, kind: type) -> bool:
-    """Whether the group holds an object of this kind itself, not by a link."""
-    held = isinstance(group.get(name, getlink=True), h5py.HardLink)
-    return held and group.get(name, getclass=True) is kind
-
-
-def _group(group: Any, name: str) -> Any:
-    return group[name] if _own(group, name, h5py.Group) else None
-
-
 def _dataset(group: Any, name: str) -> tuple[int, ...] | None:
     """The shape of a dataset; None where there is none, or it holds no array."""
-    return group[name].shape if _own(group, name, h5py.Dataset) else None
+    return group[name].shape if holds(group, name, h5py.Dataset) else None

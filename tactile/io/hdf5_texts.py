@@ -101,7 +101,11 @@ def _groups(file: h5py.File) -> list[Any]:
     return [pads, *(one for name in pads if (one := child_group(pads, name)) is not None)]
 
 
+def holds(group: Any, name: str, kind: type) -> bool:
+    """Whether `group` itself, not by a link, holds an object of this kind (h5py.Group, h5py.Dataset)."""
+    return isinstance(group.get(name, getlink=True), h5py.HardLink) and group.get(name, getclass=True) is kind
+
+
 def child_group(group: Any, name: str) -> Any:
     """The group of that name in `group`; None where there is none, or a link to one."""
-    held = isinstance(group.get(name, getlink=True), h5py.HardLink)
-    return group[name] if held and group.get(name, getclass=True) is h5py.Group else None
+    return group[name] if holds(group, name, h5py.Group) else None

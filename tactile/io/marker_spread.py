@@ -42,8 +42,7 @@ def read_spread(pad: GroupReader, *, frames: int, markers: int) -> MarkerSpread 
         return None
     sds = [pad.array(name, (frames, markers, 3), limit=ANY) for name in SD_FIELDS]
     for name, values in zip(SD_FIELDS, sds, strict=True):
-        below = f"{values.min():g}", "0 or more", "leave the field out, or write it again"
-        pad.refuse(name, below if (values < 0).any() else None)
+        pad.refuse_negative(name, values)
     joint = None
     if "joint_covariance" in pad:
         values = pad.array("joint_covariance", (6 * markers, 6 * markers), limit=ANY)

@@ -63,11 +63,16 @@ def unusable(source: str, found: str, expected: str) -> TactileFailure:
     return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
 
 
+def absence(path: Path) -> str:
+    """Why `path` is no file that can be read, as the object of "found"; empty where it is one."""
+    wrong = not_plain(path)
+    return "no such file" if wrong == "does not exist" else wrong and f"that it {wrong}"
+
+
 def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """One RGB picture; raises TactileFailure (unreadable-frames) where there is none or it is damaged."""
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise unusable(path.name, found, "a .png or .jpg picture")
+    if missing := absence(path):
+        raise unusable(path.name, missing, "a .png or .jpg picture")
     named = f"{path.parent.name}/{path.name}"
     try:
         data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)

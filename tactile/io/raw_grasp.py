@@ -44,7 +44,7 @@ from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.io.recording import PADS_OF_LOADING, Loading, Support
 from tactile.io.reference_source import ESTIMATE, named_reference, read_reference, reference_path
-from tactile.io.sensor_file import is_rigid, look_up_of, read_sensor
+from tactile.io.sensor_file import look_up_of, read_sensor
 from tactile.io.toml_table import Table, read_table
 from tactile.sensors import Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -218,9 +218,7 @@ def _pad(
 
 def _poses(table: Table, opened_mm: Float[np.ndarray, " t"], loading: Loading) -> Float[np.ndarray, "t 4 4"]:
     """The pad's pose in each frame: it moves along its own z with the aperture."""
-    pose = table.numbers("pose", (4, 4))
-    if not is_rigid(pose):
-        raise table.refusal("pose", "a matrix that is no rotation and shift", "a rigid motion, mm")
+    pose = table.pose("pose")
     poses = np.broadcast_to(pose, (len(opened_mm), 4, 4)).copy()
     share = -0.5 if loading == "grasp" else 1.0
     poses[:, :3, 3] += (share * opened_mm)[:, None] * pose[:3, 2]

@@ -16,11 +16,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial import QhullError, Voronoi
 
-from pipeline.files.plain_file import named_in_utf8, not_plain, size
+from pipeline.files.plain_file import named_in_utf8, size
 from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
 from tactile.io.hdf5_faults import fault_of
 from tactile.io.hdf5_texts import child_group, link_out, texts_fault
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
+from tactile.io.pictures import absence
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.io.written_frames import written_frames
@@ -262,10 +263,9 @@ def opened(path: Path) -> Iterator[Any]:
     if not named_in_utf8(path):
         found, expected = "a name that is not UTF-8", "letters, digits, - and _"
         raise unreadable(path, "the file", found, expected, "rename it")
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+    if missing := absence(path):
         advice = "record the grasp again or correct the name"
-        raise unreadable(path, "the file", found, "an HDF5 recording", advice)
+        raise unreadable(path, "the file", missing, "an HDF5 recording", advice)
     if (length := path.stat().st_size) > MOST_BYTES:
         found = f"{length / 1e9:.1f} GB"
         advice = "divide the recording, or leave its images out"
@@ -362,15 +362,14 @@ def _rig_fields(root: GroupReader, frames: int) -> dict[str, Float[np.ndarray, "
         return {}
     values = {name: root.array(name, (frames,), limit=APERTURE) for name in RIG_FIELDS}
     for name in RIG_FIELDS:
-        below = f"{values[name].min():g}", "0 mm or more", "convert the trace again with --rig"
-        root.refuse(name, below if (values[name] < 0).any() else None)
+        advice = "convert the trace again with --rig"
+        root.refuse_negative(name, values[name], expected="0 mm or more", advice=advice)
     return values
 
 
 def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
     values = pad.array("certainty", (frames,), limit=SHARE)
-    below = f"{values.min():g}", "0 to 1", "leave the field out, or write it again"
-    pad.refuse("certainty", below if (values < 0).any() else None)
+    pad.refuse_negative("certainty", values, expected="0 to 1")
     return values
 
 
@@ -379,8 +378,7 @@ def _at_least_zero(pad: GroupReader, name: str, shape: tuple[int, ...]) -> Any:
     if name not in pad:
         return None
     values = pad.array(name, shape, limit=REST if name.endswith("_mm") else ANY)
-    below = f"{values.min():g}", "0 or more", "leave the field out, or write it again"
-    pad.refuse(name, below if (values < 0).any() else None)
+    pad.refuse_negative(name, values)
     return values if shape else float(values)
 
 
@@ -401,23 +399,26 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 def _write_gel(group: Any, pad: GelPad) -> None:
     """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
-    for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
-        group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
-    fields = {"certainty": pad.certainty, "reference_print": pad.reference_print}
-    fields |= {"print_shown": pad.print_shown, "reference_sd_mm": pad.reference_sd_mm}
-    for name, said in fields.items():
-        if said is not None:
+    packed = {
+        "displacement_mm": pad.displacement_mm.astype(np.float32),
+        "force_N": pad.force_N.astype(np.float32),
+    }
+    packed |= {"images": pad.images, "images_reference": pad.images_reference}
+    for name, values in packed.items():
+        if values is not None:
+            group.create_dataset(name, data=values, compression="gzip", shuffle=True)
+    for name in ("certainty", "reference_print", "print_shown", "reference_sd_mm"):
+        if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)
-    optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
-    optional |= {"force_scale_sd": pad.force_scale_sd or None}
-    optional |= {"displacement_scale_sd": pad.displacement_scale_sd or None}
-    group.attrs.update(
-        {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}
-    )
-    group.attrs.update({name: value for name, value in optional.items() if value is not None})
+    attributes = {
+        "gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm,
+        "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm,
+        "thickness_mm": pad.thickness_mm,
+        "E_MPa": pad.gel_E_MPa,
+        "nu": pad.gel_nu,
+        "force_scale_sd": pad.force_scale_sd or None,
+        "displacement_scale_sd": pad.displacement_scale_sd or None,
+    }
+    group.attrs.update({name: number for name, number in attributes.items() if number is not None})
     if pad.spread is not None:
         write_spread(group, pad.spread)
-    if pad.images is not None:
-        group.create_dataset("images", data=pad.images, compression="gzip", shuffle=True)
-    if pad.images_reference is not None:
-        group.create_dataset("images_reference", data=pad.images_reference, compression="gzip", shuffle=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
@@ -15,6 +15,8 @@ from tactile.io.limited_process import lacks_memory
 from tactile.io.pictures import MOST_PIXELS
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
+Shape: TypeAlias = tuple[int | None, ...]
+"""Lengths of an array; None: any from 1."""
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
 MOST_READ_BYTES = 500_000_000
@@ -180,7 +182,7 @@ class GroupReader:
         return self.positive(name, limit=limit) if name in self.group.attrs else None
 
     def array(
-        self, name: str, shape: tuple[int | None, ...], *, limit: Limit = ANY, holes: bool = False
+        self, name: str, shape: Shape, *, limit: Limit = ANY, holes: bool = False
     ) -> Float[np.ndarray, "..."]:
         """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
         (with `holes` NaN as well) and none beyond the limit.
@@ -212,6 +214,18 @@ class GroupReader:
         """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
         if wrong is not None:
             raise self._refuse(name, *wrong)
+
+    def refuse_negative(
+        self,
+        name: str,
+        values: Float[np.ndarray, "..."],
+        *,
+        expected: str = "0 or more",
+        advice: str = "leave the field out, or write it again",
+    ) -> None:
+        """Refuses a field with a value below 0."""
+        if (values < 0).any():
+            raise self._refuse(name, f"{values.min():g}", expected, advice)
 
     def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
         """A strictly increasing dataset."""
@@ -268,7 +282,7 @@ class GroupReader:
         """One raw colour frame."""
         return self._image(name, (None, None, 3))
 
-    def _image(self, name: str, shape: tuple[int | None, ...]) -> UInt8[np.ndarray, "..."]:
+    def _image(self, name: str, shape: Shape) -> UInt8[np.ndarray, "..."]:
         data = self._dataset(name)
         self._require_shape(name, data, shape)
         if data.dtype != np.uint8:
@@ -358,7 +372,7 @@ class GroupReader:
             expected = f"{data.nbytes / 1e6:.1f} MB, as the shape {tuple(data.shape)} says"
             raise self._refuse(name, found, expected, "copy the file again from the recorder") from cause
 
-    def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
+    def _require_shape(self, name: str, data: Any, shape: Shape) -> None:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
@@ -367,15 +381,14 @@ class GroupReader:
         have = held[::-1] if self.reversed_dimensions else held
         if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
             have = (max(have),)
-        if not _fits(have, shape):
-            expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        if not fits(have, shape):
             advice = "frames and markers must agree with time_s and rest_mm"
-            if _fits(have[::-1], shape):
+            if fits(have[::-1], shape):
                 advice = (
                     "the dimensions are reversed, as MATLAB writes them, but those of other fields are not: "
                     "permute this one"
                 )
-            raise self._refuse(name, f"shape {tuple(data.shape)}", f"shape {expected}", advice)
+            raise self._refuse(name, f"shape {held}", shape_said(shape), advice)
 
     def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
         attribute = field.startswith("attribute ")
@@ -384,7 +397,7 @@ class GroupReader:
         return unreadable(self.path, where, found, expected, advice)
 
 
-def _chosen(values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+def _chosen(values: np.ndarray, shape: Shape) -> np.ndarray:
     """The frames that are read, where the first length is theirs."""
     return values[shape[0].part] if shape and isinstance(shape[0], FramesRead) else values
 
@@ -415,11 +428,20 @@ def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str,
     return count, "finite numbers", "repair or drop those frames in the recorder"
 
 
-def _fits(have: tuple[int, ...], shape: tuple[int | None, ...]) -> bool:
-    """Whether a shape is the one expected; None stands for any length from 1."""
-    return len(have) == len(shape) and all(
-        (one >= 1 if want is None else one == want) for one, want in zip(have, shape, strict=True)
+def fits(have: tuple[int, ...], wanted: Shape) -> bool:
+    """Whether a shape is the one wanted; None stands for any length from 1."""
+    return len(have) == len(wanted) and all(
+        (length >= 1 if want is None else length == want) for length, want in zip(have, wanted, strict=True)
     )
+
+
+def shape_said(wanted: Shape) -> str:
+    """A shape as a sentence names it.
+
+    >>> shape_said((None, 3))
+    'shape (any, 3)'
+    """
+    return "shape (" + ", ".join("any" if length is None else str(length) for length in wanted) + ")"
 
 
 def _step_of(kind: Any, value: float) -> float:

@@ -76,10 +76,7 @@ class Rig:
 def read_rig(path: Path) -> Rig:
     """The rig that `path` describes; raises TactileFailure (unreadable-sensor) that names file and field."""
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a rig's description (drupe calibrate)")
-    if top.text("format", default="nothing") != FORMAT:
-        raise top.refusal("format", repr(top.values.get("format")), f'"{FORMAT}"')
-    if top.values.get("version") != VERSION:
-        raise top.refusal("version", repr(top.values.get("version")), str(VERSION))
+    top.require_format(FORMAT, VERSION)
     top.refuse_unknown(TOP)
     travel = _curve(top, "travel", needed=True)
     size = top.within("size_mm", SIZE, needed=True)

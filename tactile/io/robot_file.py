@@ -26,7 +26,6 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.io.recording import APERTURE, PADS_OF_LOADING
-from tactile.io.sensor_file import is_rigid
 from tactile.io.toml_table import Table, read_table
 from tactile.tactile_failure import TactileProblem
 
@@ -71,10 +70,7 @@ def read_gripper(path: Path) -> Gripper:
 def read_robot(path: Path) -> Robot:
     """The robot that `drupe robot` described in `path`; raises TactileFailure (unreadable-sensor)."""
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a robot's description (drupe robot)")
-    if top.text("format", default="nothing") != FORMAT:
-        raise top.refusal("format", repr(top.values.get("format")), f'"{FORMAT}"')
-    if top.values.get("version") != VERSION:
-        raise top.refusal("version", repr(top.values.get("version")), str(VERSION))
+    top.require_format(FORMAT, VERSION)
     top.refuse_unknown(ROBOT_KEYS)
     covariance = top.numbers("covariance", (6, 6))
     if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance).min() <= 0:
@@ -110,9 +106,7 @@ def _pose(table: Table, name: str) -> Float[np.ndarray, "4 4"]:
     pose = table.numbers(name, (4, 4))
     if np.linalg.det(pose[:3, :3]) < 0:
         raise table.refusal(name, "a left-handed matrix (determinant -1)", "a right-handed rotation")
-    if not is_rigid(pose):
-        raise table.refusal(name, "a matrix that is no rotation and shift", "a rigid motion, mm")
-    return np.asarray(pose)
+    return table.pose(name)
 
 
 def _spread(table: Table, name: str) -> float:

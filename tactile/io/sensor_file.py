@@ -74,16 +74,12 @@ FEWEST_LIGHTS = 3
 MOST_SAG = 0.6
 """Of the thickness that a domed face's corners may lie below its middle. Set by hand: GelSight Mini's have a
 third."""
-FARTHEST_MM = 1e5
-"""A pose's shift beyond 100 m is of no sensor."""
 GAMMA = Limit(10.0, "", least=0.1)
 """Of screens and cameras 1.8 to 2.6."""
 LEAST_PITCH_MM = 0.01
 """Markers closer than a cell of skin are none that a camera in a gel tells apart."""
 FAINTEST = 1e-6
 """A channel's light over the brightest's: an 8-bit picture tells 4e-3."""
-RIGID_TOLERANCE = 1e-4
-"""Largest entry of R'R - I that still counts as a rotation."""
 
 
 def read_sensor(path: Path) -> Sensor:
@@ -175,18 +171,6 @@ def look_up_of(path: Path) -> Path | None:
         return None
 
 
-def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether a matrix is a rotation and a shift of at most 100 m.
-
-    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
-    (True, False)
-    """
-    turn = pose[:3, :3]
-    rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
-    last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE
-    return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)
-
-
 def _camera(table: Table) -> GelCamera | None:
     """The camera of a sensor's description; None without one. Raises TactileFailure."""
     if not table:
@@ -199,15 +183,12 @@ def _camera(table: Table) -> GelCamera | None:
     if not (focal >= 1).all():
         raise table.refusal("focal_px", str(focal.tolist()), "two numbers of pixels, 1 or more")
     distortion = table.numbers("distortion", (5,), needed=False)
-    pose = table.numbers("gel_from_camera", (4, 4))
-    if not is_rigid(pose):
-        raise table.refusal("gel_from_camera", "a matrix that is no rotation and shift", "a rigid motion, mm")
     return GelCamera(
         image_px=(int(width), int(height)),
         focal_px=(float(focal[0]), float(focal[1])),
         centre_px=_two(table.numbers("centre_px", (2,))),
         distortion=(0.0, 0.0, 0.0, 0.0, 0.0) if distortion is None else tuple(distortion.tolist()),
-        gel_from_camera=pose,
+        gel_from_camera=table.pose("gel_from_camera"),
     )
 
 

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.files.plain_file import NotReadable, not_plain
+from pipeline.files.plain_file import NotReadable
 from tactile.io.grasp_log import LARGEST
+from tactile.io.pictures import absence
 from tactile.io.plain_numpy import load_npy
+from tactile.io.recording_fields import Shape, fits, shape_said
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
@@ -52,21 +54,16 @@ class Tac3D:
         return {name: values for name, values in held.items() if values is not None}
 
 
-def is_tac3d(folder: Path) -> bool:
-    """Whether `folder`, or a folder in it, looks like one sensor's recording."""
-    return bool(sensor_folders(folder))
-
-
 def sensor_folders(folder: Path) -> tuple[Path, ...]:
     """The folders of single sensors: this one, or those in it, by name."""
     if not folder.is_dir():
         return ()
-    if (folder / "3D_Displacements.npy").is_file() or (folder / "3D_Forces.npy").is_file():
-        return (folder,)
     inside = sorted(path for path in folder.iterdir() if path.is_dir())
-    return tuple(
-        p for p in inside if (p / "3D_Displacements.npy").is_file() or (p / "3D_Forces.npy").is_file()
-    )
+    return (folder,) if _is_sensors(folder) else tuple(path for path in inside if _is_sensors(path))
+
+
+def _is_sensors(folder: Path) -> bool:
+    return any((folder / f"{name}.npy").is_file() for name in ("3D_Displacements", "3D_Forces"))
 
 
 def read_tac3d(folder: Path) -> Tac3D:
@@ -98,33 +95,28 @@ def _vectors(folder: Path, name: str, frames: int) -> Float[np.ndarray, "t 3"]:
     return _checked(folder, name, values, (frames, 3))
 
 
-def _optional(folder: Path, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
+def _optional(folder: Path, name: str, shape: Shape) -> np.ndarray | None:
     return _array(folder, name, shape) if (folder / f"{name}.npy").is_file() else None
 
 
-def _array(folder: Path, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
+def _array(folder: Path, name: str, shape: Shape) -> np.ndarray:
     return _checked(folder, name, _loaded(folder, name), shape)
 
 
 def _loaded(folder: Path, name: str) -> np.ndarray:
     path = folder / f"{name}.npy"
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise _refused(folder, name, found, "the recorder's array; copy the whole folder")
+    if missing := absence(path):
+        raise _refused(folder, name, missing, "the recorder's array; copy the whole folder")
     try:
         return load_npy(path)
     except NotReadable as cause:
         raise _refused(folder, name, f"that it {cause}", "a whole NumPy array; copy it again") from cause
 
 
-def _checked(folder: Path, name: str, values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+def _checked(folder: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
     """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
-    fits = values.ndim == len(shape) and all(
-        (have > 0 if want is None else have == want) for have, want in zip(values.shape, shape, strict=True)
-    )
-    if not fits:
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise _refused(folder, name, f"shape {values.shape}", f"shape {expected} as the other arrays have")
+    if not fits(values.shape, shape):
+        raise _refused(folder, name, f"shape {values.shape}", f"{shape_said(shape)} as the other arrays have")
     if not np.isfinite(values).all():
         frame = int(np.argwhere(~np.isfinite(values))[0][0])
         raise _refused(folder, name, f"a value in frame {frame} that is not finite", "finite numbers")

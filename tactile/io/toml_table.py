@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
-from tactile.io.recording_fields import Limit
+from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
+from tactile.io.pictures import absence
+from tactile.io.recording_fields import FARTHEST_MM, RIGID_TOLERANCE, Limit, fits
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 1_000_000
@@ -21,9 +23,8 @@ LARGEST = 1e9
 
 def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
     """The whole file as a table; raises TactileFailure (`problem`) where there is no such file or no TOML."""
-    if wrong := not_plain(path):
-        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise refused(problem, path, "the file", found, what)
+    if missing := absence(path):
+        raise refused(problem, path, "the file", missing, what)
     try:
         return Table(path, problem, toml_of(read_text(path, most_bytes=MOST_BYTES)))
     except NotReadable as cause:
@@ -54,6 +55,20 @@ class Table:
         for name in self.values:
             if name not in known:
                 raise self.refusal(name, "a key that is not known", "one of " + ", ".join(sorted(known)))
+
+    def require_format(self, name: str, version: int) -> None:
+        """Refuses a file of another format, or of another version of it."""
+        if self.text("format", default="nothing") != name:
+            raise self.refusal("format", repr(self.values.get("format")), f'"{name}"')
+        if self.values.get("version") != version:
+            raise self.refusal("version", repr(self.values.get("version")), str(version))
+
+    def pose(self, name: str) -> Float[np.ndarray, "4 4"]:
+        """A rotation and a shift, mm."""
+        pose: Float[np.ndarray, "4 4"] = self.numbers(name, (4, 4))
+        if not is_rigid(pose):
+            raise self.refusal(name, "a matrix that is no rotation and shift", "a rigid motion, mm")
+        return pose
 
     def __bool__(self) -> bool:
         return bool(self.values)
@@ -135,10 +150,7 @@ class Table:
             array = np.asarray(value, dtype=np.float64)
         except (ValueError, OverflowError) as cause:
             raise self.refusal(name, "rows of different length", expected) from cause
-        fits = array.ndim == len(shape) and all(
-            have > 0 if want is None else have == want for have, want in zip(array.shape, shape, strict=True)
-        )
-        if not fits:
+        if not fits(array.shape, shape):
             raise self.refusal(name, f"shape {array.shape}", expected)
         if not np.isfinite(array).all():
             raise self.refusal(name, "a number that is not finite", expected)
@@ -151,3 +163,15 @@ def _holds_other_than_numbers(value: object) -> bool:
     if isinstance(value, list):
         return any(_holds_other_than_numbers(item) for item in value)
     return isinstance(value, bool) or not isinstance(value, int | float)
+
+
+def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether a matrix is a rotation and a shift of at most 100 m.
+
+    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
+    (True, False)
+    """
+    turn = pose[:3, :3]
+    rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
+    last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE
+    return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)
