@@ -135,6 +135,8 @@ def _in_time(recording: Recording, lag_s: float) -> Recording:
     after the last frame the machine is taken to stand still.
     """
     time_s = recording.time_s
+    if len(time_s) < 2:
+        return recording
     then = np.clip(time_s - lag_s, time_s[0], time_s[-1])
     wrench = recording.wrench_N
     return replace(
@@ -143,14 +145,8 @@ def _in_time(recording: Recording, lag_s: float) -> Recording:
         wrench_N=None
         if wrench is None
         else np.stack([np.interp(then, time_s, column) for column in wrench.T], axis=1),
-        pads=tuple(replace(pad, pose=_poses_at(then, time_s, pad.pose)) for pad in recording.pads),
+        pads=tuple(replace(pad, pose=poses_at(then, time_s, pad.pose)) for pad in recording.pads),
     )
-
-
-def _poses_at(
-    then: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " t"], pose: Float[np.ndarray, "t 4 4"]
-) -> Float[np.ndarray, "t 4 4"]:
-    return pose if len(time_s) < 2 else poses_at(then, time_s, pose)
 
 
 def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Float[np.ndarray, " _t"]]:

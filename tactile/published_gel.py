@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactile.io.sensor_model import Published, SensorModel
+from tactile.layer_stiffness import bonded_stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +25,8 @@ class PublishedGel:
 def gel_of_model(model: SensorModel) -> PublishedGel:
     """What the sensor's published values say of its gel.
 
-    Where the stiffness itself is not published it is the bonded layer's (tactile.layer_stiffness):
-    kn = E (1 - nu) / ((1 + nu) (1 - 2 nu) h) and kt = E / (2 (1 + nu) h), errors to first order.
+    Where the stiffness itself is not published it is the bonded layer's (tactile.layer_stiffness),
+    errors to first order.
     """
     pitch = model.pitch_mm
     return PublishedGel(
@@ -47,7 +48,7 @@ def _of_a_layer(gel: Mapping[str, Published]) -> dict[str, tuple[float, float]]:
         return {}
     E, nu, h = (float(gel[name].value[0]) for name in ("E_MPa", "nu", "thickness_mm"))
     nu_sd, scale_sd = gel["nu"].sd, np.hypot(gel["E_MPa"].relative_sd, gel["thickness_mm"].relative_sd)
-    kn, kt = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * h), E / (2 * (1 + nu) * h)
+    kn, kt = bonded_stiffness(E, nu, h)
     of_kn, of_kt = 2 / (1 - 2 * nu) - 1 / (1 - nu) - 1 / (1 + nu), 1 / (1 + nu)
     return {
         "gel_kn_MPa_per_mm": (kn, float(np.hypot(scale_sd, of_kn * nu_sd))),

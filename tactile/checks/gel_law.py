@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad, marker_area_mm2
+from tactile.layer_stiffness import bonded_stiffness
 
 SAME_STIFFNESS = 0.02
 """A stated stiffness this near to the bonded layer's was computed from it (tactile/layer_stiffness.py)."""
@@ -45,7 +46,7 @@ def slab_of(pad: GelPad) -> GelSlab | None:
     E, nu, h = pad.gel_E_MPa, pad.gel_nu, pad.thickness_mm
     if E is None or nu is None or h is None or not nu < 0.5:
         return None
-    bonded = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * h)
+    bonded, _ = bonded_stiffness(E, nu, h)
     if abs(np.log(pad.gel_kn_MPa_per_mm / bonded)) > SAME_STIFFNESS:
         return None
     return GelSlab(thickness_mm=h, E_MPa=E, nu=nu)

@@ -6,8 +6,9 @@ in the notation of tactile.gel.force_inverse, over the prior's spread and roughn
 exceeds what frames in the air show.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,6 +31,8 @@ ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressur
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
 CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "pressure_MPa", "shear_MPa")
 """Likewise, where the contact is found anew at every step."""
+LEAST_NOISE = 0.99
+"""Over the noise of frames in the air, which is the least: 1, but for rounding."""
 DRAGGED = 0.4
 """Share of one direction in the motion of a gel from which it is dragged: 0.54 to 0.91 in the greatest frame
 of three real drags (cheese_tube of Parag, Incipient-Slip-Detection), 0.99 and more in
@@ -65,14 +68,7 @@ def most_likely_hyperparameters(
         if not pairs:
             break
         statistics = [_sufficient_statistics(seen, information_per_mm2, y, c) for y, c in pairs]
-        value = _evidence(grid, best, statistics)
-        for name in ORDER_OF_CLIMBING:
-            for factor in (2.0, 0.5):
-                for _ in range(4):
-                    trial = replace(best, **{name: getattr(best, name) * factor})
-                    if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
-                        break
-                    best, value = trial, found
+        best = _climbed(best, ORDER_OF_CLIMBING, partial(_evidence, grid, statistics))
         noises.append(best.noise)
     if not noises or sees_depth(information_per_mm2):
         return best
@@ -103,15 +99,23 @@ def _with_contact(
         tried = solver.with_prior(trial)
         return sum(tried.active_set(y).log_likelihood for y in frames_mm)
 
-    best = solver.hyperparameters
-    value = likelihood(best)
-    for name in CLIMBED_WITH_CONTACT:
+    return _climbed(solver.hyperparameters, CLIMBED_WITH_CONTACT, likelihood)
+
+
+def _climbed(
+    start: PriorHyperparameters, order: Sequence[str], likelihood: Callable[[PriorHyperparameters], float]
+) -> PriorHyperparameters:
+    """The start with one hyperparameter after the other taken times two, or half, up to four times, while
+    that makes it likelier; the noise never falls below that of frames in the air.
+    """
+    best, most = start, likelihood(start)
+    for name in order:
         for factor in (2.0, 0.5):
             for _ in range(4):
                 trial = replace(best, **{name: getattr(best, name) * factor})
-                if (found := likelihood(trial)) <= value:
+                if trial.noise < LEAST_NOISE or (value := likelihood(trial)) <= most:
                     break
-                best, value = trial, found
+                best, most = trial, value
     return best
 
 
@@ -149,7 +153,7 @@ def _sufficient_statistics(
 
 
 def _evidence(
-    grid: GelGrid, hyperparameters: PriorHyperparameters, statistics: Sequence[SufficientStatistics]
+    grid: GelGrid, statistics: Sequence[SufficientStatistics], hyperparameters: PriorHyperparameters
 ) -> float:
     """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor.
 

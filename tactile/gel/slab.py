@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 from scipy import fft
 from scipy.ndimage import map_coordinates, spline_filter
 
@@ -66,12 +66,6 @@ class GelSlab:
         """mu = E / (2 (1 + nu))."""
         return self.E_MPa / (2.0 * (1.0 + self.nu))
 
-    @property
-    def oedometric_MPa(self) -> float:
-        """Modulus of a layer that cannot spread: E (1 - nu) / ((1 + nu)(1 - 2 nu)); infinite at nu = 0.5."""
-        nu = self.nu
-        return float(np.divide(self.E_MPa * (1.0 - nu), (1.0 + nu) * (1.0 - 2.0 * nu)))
-
     def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
         """The kernel of the module's docstring; k = 0 by its limit."""
         mu, nu, h = self.shear_MPa, self.nu, self.thickness_mm
@@ -112,18 +106,6 @@ class SpringBed:
 def sides_known(layer: GelLayer) -> bool:
     """Whether the layer ends where it is said to, and what its sides change is computed."""
     return isinstance(layer, GelSlab) and layer.outline is not None
-
-
-def traction_response(
-    layer: GelLayer, traction_MPa: Float[np.ndarray, "a b 3"], *, spacing_mm: float
-) -> Float[np.ndarray, "a b 3"]:
-    """Displacement (mm) of the face under a traction sampled on a grid, x along the first axis.
-
-    The grid repeats itself for ever: leave a margin of some thicknesses without load round what counts.
-    """
-    kernel = _tensor(layer, traction_MPa.shape[:2], spacing_mm)
-    loaded = np.fft.fft2(traction_MPa, axes=(0, 1))
-    return np.real(np.fft.ifft2(np.einsum("abij,abj->abi", kernel, loaded), axes=(0, 1)))
 
 
 def tent_compliance(
@@ -169,8 +151,8 @@ def _tables(
     """Splines of the response to tents, along i by force along j; (1, 1) and (1, 2) are the mirrored (0, 0)
     and (0, 2), as x and y enter alike.
 
-    The kernel is that of `_tensor`, at half of the wave numbers as all is real; tents have nothing at the
-    highest one, which has no partner of opposite sign.
+    Half of the wave numbers are enough, as all is real; tents have nothing at the highest one, which has no
+    partner of opposite sign.
     """
     size = len(load)
     kx = 2.0 * np.pi * fft.fftfreq(size, fine_mm)[:, None]
@@ -189,27 +171,3 @@ def _tables(
         pair: spline_filter(fft.irfft2(kernel * loaded, s=load.shape), order=3, mode="grid-wrap")
         for pair, kernel in kernels.items()
     }
-
-
-def _tensor(layer: GelLayer, shape: tuple[int, ...], spacing_mm: float) -> Complex[np.ndarray, "a b 3 3"]:
-    """The 3 x 3 kernel at the wave vectors of an FFT over a grid of this shape."""
-    kx, ky = (2.0 * np.pi * np.fft.fftfreq(n, spacing_mm) for n in shape)
-    k = np.hypot(kx[:, None], ky)
-    unit = np.stack([kx[:, None] + 0.0 * k, ky + 0.0 * k], axis=-1) / np.maximum(k, 1e-30)[..., None]
-    shear, cross, normal, across = layer.spectrum(k.ravel()).reshape(*k.shape, 4).transpose(2, 0, 1)
-    flat = unit[..., :, None] * unit[..., None, :]
-    tensor = np.zeros((*k.shape, 3, 3), dtype=complex)
-    tensor[..., :2, :2] = (shear - across)[..., None, None] * flat + across[..., None, None] * np.eye(2)
-    tensor[..., :2, 2] = -1j * cross[..., None] * unit
-    tensor[..., 2, :2] = 1j * cross[..., None] * unit
-    tensor[..., 2, 2] = normal
-    # the highest wave number of an even grid has no partner of opposite sign
-    for axis, n in enumerate(shape[:2]):
-        if n % 2 == 0:
-            edge = np.take(tensor, n // 2, axis=axis)
-            real = np.real(edge)
-            if axis == 0:
-                tensor[n // 2] = real
-            else:
-                tensor[:, n // 2] = real
-    return tensor

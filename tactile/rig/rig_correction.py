@@ -1,25 +1,18 @@
 """A bare trace's travel less what the rig gives by itself."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
+from tactile.io.converted import Converted
 from tactile.io.recording import IndenterPad, Recording
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.rig.rigid_squeeze import UNLOADED_FRAMES
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
-@dataclass(frozen=True, kw_only=True)
-class RigCorrected:
-    """The recording with the object's own travel, and sentences for people."""
-
-    recording: Recording
-    notes: tuple[str, ...]
-
-
-def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: str) -> RigCorrected:
+def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: str) -> Converted:
     """The trace with travel less give(F), F counted from the load cell's reading in the first frames.
 
     The recording keeps both the give and its standard deviation in each frame (`rig_give_mm`, `rig_sd_mm`),
@@ -60,7 +53,7 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
             f"{source}: {named} is calibrated up to {curve.largest_N:.3g} N. Up to {largest:.3g} N "
             "drupe extrapolated by its last slope, with a growing standard deviation."
         )
-    return RigCorrected(recording=corrected, notes=tuple(notes))
+    return Converted(recording=corrected, notes=tuple(notes))
 
 
 def _touched(force: Float[np.ndarray, " t"]) -> int:

@@ -1,6 +1,6 @@
 """A grasp of a ball between two gel pads, with everything that is to be found in it known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,30 @@ class InjectedGrasp:
     sd_N: float
     lag1: float
     no_contact_frames: int
+
+
+def frames_of(recording: Recording, frames: slice | np.ndarray) -> Recording:
+    """Some of the frames."""
+    pads = tuple(
+        replace(
+            pad,
+            pose=pad.pose[frames],
+            force_N=pad.force_N[frames],
+            displacement_mm=pad.displacement_mm[frames],
+        )
+        for pad in recording.pads
+    )
+    when, gap = recording.time_s[frames], recording.aperture_mm[frames]
+    return replace(recording, time_s=when, aperture_mm=gap, pads=pads)
+
+
+def elsewhere(recording: Recording) -> tuple[Recording, np.ndarray]:
+    """The grasp turned and shifted as a whole, and the motion."""
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turn * np.sign(np.linalg.det(turn)), [30.0, -40.0, 5.0]
+    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in recording.pads)
+    return replace(recording, pads=pads), motion
 
 
 def travel_path(air: int, step_mm: float, cycles: int) -> np.ndarray:

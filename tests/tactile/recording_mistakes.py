@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from injected_grasp import frames_of
 
 from recon.pit.priors import load_prior
 from tactile.checks.of_recording import recording_findings
@@ -12,6 +13,7 @@ from tactile.gel.force_prior import INITIAL_HYPERPARAMETERS
 from tactile.gel.grid import gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad
+from tactile.layer_stiffness import bonded_stiffness
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 RANGE_MPA = load_prior("nectarine").plausible.E_MPa
@@ -134,20 +136,7 @@ def dropped(recording):
 
 
 def kept(frames):
-    def change(recording):
-        pads = tuple(
-            replace(
-                pad,
-                pose=pad.pose[frames],
-                force_N=pad.force_N[frames],
-                displacement_mm=pad.displacement_mm[frames],
-            )
-            for pad in recording.pads
-        )
-        cut = {"time_s": recording.time_s[frames], "aperture_mm": recording.aperture_mm[frames]}
-        return replace(recording, pads=pads, **cut)
-
-    return change
+    return lambda recording: frames_of(recording, frames)
 
 
 def noisy(times):
@@ -234,6 +223,7 @@ def slab_pad():
     inverse = InvertedForce(
         gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), INITIAL_HYPERPARAMETERS
     )
+    kn, kt = bonded_stiffness(0.2, 0.48, 4.0)
     moved, pushed = [], []
     for depth in (*np.zeros(4), *np.linspace(0.2, 1, 4), 0.6, 0.0, 0.0):
         within = 1 - (nodes**2).sum(axis=1) / (20.0 * depth + 1e-9)
@@ -247,8 +237,8 @@ def slab_pad():
         rest_mm=rest,
         displacement_mm=np.array(moved),
         force_N=np.array(pushed),
-        gel_kn_MPa_per_mm=slab.oedometric_MPa / 4.0,
-        gel_kt_MPa_per_mm=slab.shear_MPa / 4.0,
+        gel_kn_MPa_per_mm=kn,
+        gel_kt_MPa_per_mm=kt,
         thickness_mm=4.0,
         gel_E_MPa=0.2,
         gel_nu=0.48,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import injected_grasp
+from injected_grasp import elsewhere, frames_of, injected_grasp
 
 from tactile.contact import Phase, find_contact
 from tactile.io.recording import IndenterPad
@@ -76,16 +76,12 @@ def test_two_cycles_are_two_contacts():
 
 
 def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
-    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = turn, [3.0, -40.0, 5.0]
-    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in injected.recording.pads)
-    moved = find_contact(replace(injected.recording, pads=pads), source="x")
+    turned, motion = elsewhere(injected.recording)
+    moved = find_contact(turned, source="x")
     for a, b in zip(contact.pads, moved.pads, strict=True):
         np.testing.assert_array_equal(a.episode, b.episode)
-        np.testing.assert_allclose(a.position_mm @ turn.T + motion[:3, 3], b.position_mm, atol=1e-9)
-        np.testing.assert_allclose(a.force_N @ turn.T, b.force_N, atol=1e-12)
+        np.testing.assert_allclose(a.position_mm @ motion[:3, :3].T + motion[:3, 3], b.position_mm, atol=1e-9)
+        np.testing.assert_allclose(a.force_N @ motion[:3, :3].T, b.force_N, atol=1e-12)
 
 
 def with_force(recording, change):
@@ -113,35 +109,22 @@ def test_a_broad_contact_is_no_drift(injected, kept):
     pressed = injected.clean_force_z_N["left"] > 0
     broad = 20 * injected.sd_N * pressed[:, None, None] * np.array([0, 0, 1.0])
     broad = with_force(recording, lambda pad: pad.force_N + broad)
-    pads = tuple(
-        replace(
-            pad, pose=pad.pose[kept], displacement_mm=pad.displacement_mm[kept], force_N=pad.force_N[kept]
-        )
-        for pad in broad.pads
-    )
-    cut = replace(broad, time_s=broad.time_s[kept], aperture_mm=broad.aperture_mm[kept], pads=pads)
-    found = find_contact(cut, source="x").pads[0]
+    found = find_contact(frames_of(broad, kept), source="x").pads[0]
     assert ((found.episode >= 0)[pressed[kept]]).mean() > 0.99
 
 
-def opened(recording):
-    """The same frames, but the jaws never close."""
-    air = slice(0, 20)
-    pads = tuple(
-        replace(pad, pose=pad.pose[air], displacement_mm=pad.displacement_mm[air], force_N=pad.force_N[air])
-        for pad in recording.pads
-    )
-    return replace(recording, time_s=recording.time_s[air], aperture_mm=recording.aperture_mm[air], pads=pads)
+OPEN = slice(0, 20)
+"""Frames in which the jaws have not closed yet."""
 
 
 def test_a_grasp_in_the_air_never_touches(injected):
     with pytest.raises(TactileFailure, match=r"^air\.h5: pads/left/force_N: .*never touches") as caught:
-        find_contact(opened(injected.recording), source="air.h5")
+        find_contact(frames_of(injected.recording, OPEN), source="air.h5")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
 
 
 def test_exact_zeros_never_touch(injected):
-    recording = opened(injected.recording)
+    recording = frames_of(injected.recording, OPEN)
     still = tuple(replace(p, force_N=0 * p.force_N, displacement_mm=0 * p.force_N) for p in recording.pads)
     with pytest.raises(TactileFailure) as caught:
         find_contact(replace(recording, pads=still), source="x")
@@ -184,17 +167,7 @@ def test_a_bare_indenter_has_no_markers_and_the_ways_out_are_said(injected):
 
 def test_without_air_the_noise_comes_from_contact(injected):
     late = slice(injected.no_contact_frames + 2, len(injected.recording.time_s) - 12)
-    pads = tuple(
-        replace(p, pose=p.pose[late], displacement_mm=p.displacement_mm[late], force_N=p.force_N[late])
-        for p in injected.recording.pads
-    )
-    recording = replace(
-        injected.recording,
-        time_s=injected.recording.time_s[late],
-        aperture_mm=injected.recording.aperture_mm[late],
-        pads=pads,
-    )
-    contact = find_contact(recording, source="x")
+    contact = find_contact(frames_of(injected.recording, late), source="x")
     for pad in contact.pads:
         assert (pad.onset >= 0).sum() > 20
         assert 0.3 * injected.sd_N < pad.force_noise.sd < 3 * injected.sd_N
@@ -213,17 +186,7 @@ def test_a_deadband_before_contact_does_not_pass_for_silence(injected):
 
 def test_one_loaded_frame_alone_is_a_contact(injected):
     peak = slice(injected.no_contact_frames + 10, injected.no_contact_frames + 11)
-    pads = tuple(
-        replace(p, pose=p.pose[peak], displacement_mm=p.displacement_mm[peak], force_N=p.force_N[peak])
-        for p in injected.recording.pads
-    )
-    one = replace(
-        injected.recording,
-        time_s=injected.recording.time_s[peak],
-        aperture_mm=injected.recording.aperture_mm[peak],
-        pads=pads,
-    )
-    contact = find_contact(one, source="x")
+    contact = find_contact(frames_of(injected.recording, peak), source="x")
     assert contact.phase == (Phase.HOLD,)
     assert all((pad.onset == 0).sum() > 20 for pad in contact.pads)
 

@@ -1,4 +1,4 @@
-"""A recording with a known fault, corrected, is the recording without it."""
+"""A recording with a known fault of a pad, the jaws or the gels, corrected, is the recording without it."""
 
 from dataclasses import replace
 
@@ -15,6 +15,7 @@ from tactile.correction import (
     corrected,
     misplacement,
 )
+from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
 from tactile.io.recording import IndenterPad, Recording
 
 
@@ -23,8 +24,8 @@ def true():
     return injected_grasp(np.random.default_rng(3)).recording
 
 
-def with_pad(recording, name, change):
-    pads = tuple(change(pad) if pad.name == name else pad for pad in recording.pads)
+def with_pads(recording, change, name=None):
+    pads = tuple(change(pad) if name in (None, pad.name) else pad for pad in recording.pads)
     return replace(recording, pads=pads)
 
 
@@ -36,7 +37,7 @@ def same(found, expected, atol=1e-9):
 
 
 def test_a_gain_is_taken_out_of_its_own_pad_alone(true):
-    recorded = with_pad(true, "left", lambda pad: replace(pad, force_N=1.14 * pad.force_N))
+    recorded = with_pads(true, lambda pad: replace(pad, force_N=1.14 * pad.force_N), "left")
     same(corrected(recorded, [GainFault(pad="left", gain=1.14)]), true)
 
 
@@ -46,7 +47,7 @@ def test_a_drift_is_taken_out_of_the_total_and_leaves_shear_alone(true):
         force[:, :, 2] += 0.05 * (true.time_s - true.time_s[0])[:, None] / force.shape[1]
         return replace(pad, force_N=force)
 
-    recorded = with_pad(true, "right", drifting)
+    recorded = with_pads(true, drifting, "right")
     total = [r.pads[1].force_N[:, :, 2].sum(axis=1) for r in (recorded, true)]
     assert np.polyfit(true.time_s, total[0] - total[1], 1)[0] == pytest.approx(0.05)
     same(corrected(recorded, [DriftFault(pad="right", newton_per_s=0.05)]), true)
@@ -75,7 +76,7 @@ def test_a_lag_of_whole_frames_is_undone_exactly_up_to_the_origin_of_time(true, 
             force_N=np.roll(pad.force_N, frames, axis=0),
         )
 
-    recorded = replace(true, pads=tuple(map(late, true.pads)))
+    recorded = with_pads(true, late)
     found = corrected(recorded, [LagFault(lag_s=frames * 0.1)])
     now, then = slice(8, -8), slice(8 - frames, len(true.time_s) - 8 - frames)
     assert found.aperture_mm[now] == pytest.approx(true.aperture_mm[then], abs=1e-9)
@@ -89,8 +90,62 @@ def test_a_misplaced_pad_is_put_back(true):
     moved = misplacement(fault)
     assert moved[:3, 3] == pytest.approx([1.5, -0.7, 0.0])
     assert moved[:3, 0] == pytest.approx([1.0, 0.0, 0.0])
-    recorded = with_pad(true, "left", lambda pad: replace(pad, pose=pad.pose @ moved))
+    recorded = with_pads(true, lambda pad: replace(pad, pose=pad.pose @ moved), "left")
     same(corrected(recorded, [fault]), true)
+
+
+@pytest.mark.parametrize("a", [-0.4, -0.2, 0.3])
+def test_a_reading_that_bends_is_straightened(true, a):
+    largest = max(np.linalg.norm(pad.force_N, axis=2).max() for pad in true.pads)
+
+    def bent(pad):
+        size = np.linalg.norm(pad.force_N, axis=2, keepdims=True)
+        return replace(pad, force_N=pad.force_N * (1 + a * size / largest))
+
+    recorded = with_pads(true, bent)
+    assert np.abs(recorded.pads[0].force_N - true.pads[0].force_N).max() > 0.1 * largest
+    same(corrected(recorded, [ForceLawFault(a=a)]), true)
+
+
+def test_a_face_that_has_crept_is_put_back(true):
+    def crept(pad):
+        memory = np.zeros_like(pad.displacement_mm)
+        for k in range(1, len(true.time_s)):
+            q = np.exp(-(true.time_s[k] - true.time_s[k - 1]) / 1.3)
+            memory[k] = q * memory[k - 1] + (1 - q) * pad.displacement_mm[k]
+        return replace(pad, displacement_mm=pad.displacement_mm + 0.2 * memory)
+
+    same(corrected(with_pads(true, crept), [GelCreepFault(creep=0.2, tau_s=1.3)]), true)
+
+
+def test_a_loop_is_closed(true):
+    def looped(pad):
+        total = np.maximum(pad.force_N[:, :, 2].sum(axis=1), 0.0)
+        r = total / np.maximum.accumulate(np.maximum(total, 0.02 * total.max()))
+        return replace(pad, force_N=pad.force_N * (1 - 0.4 * r * (1 - r))[:, None, None])
+
+    recorded = with_pads(true, looped)
+    assert np.abs(recorded.pads[0].force_N - true.pads[0].force_N).max() > 0
+    same(corrected(recorded, [GelHysteresisFault(share=0.1)]), true, atol=1e-6)
+
+
+def test_a_warming_gel_is_cooled(true):
+    total = true.pads[0].force_N[:, :, 2].sum(axis=1)
+    root = np.sqrt(true.time_s - true.time_s[0])
+    fault = ThermalFault(strain_per_root_s=1e-3, N_per_root_s=1e-3 * float(total.max()))
+
+    def warmed(pad):
+        force, moved = pad.force_N.copy(), pad.displacement_mm.copy()
+        force[:, :, 2] += fault.N_per_root_s / len(pad.rest_mm) * root[:, None]
+        moved[:, :, :2] += fault.strain_per_root_s * root[:, None, None] * pad.rest_mm[:, :2]
+        return replace(pad, force_N=force, displacement_mm=moved)
+
+    found = corrected(with_pads(true, warmed), [fault])
+    for one, other in zip(found.pads, true.pads, strict=True):
+        # what had come by the frames in the air is the sensor's offset, which contact takes out
+        for name in ("force_N", "displacement_mm"):
+            left = getattr(one, name) - getattr(other, name)
+            np.testing.assert_allclose(left, np.broadcast_to(left[0], left.shape), atol=1e-9)
 
 
 def test_order_of_faults_does_not_matter_and_none_changes_nothing(true):
@@ -100,6 +155,10 @@ def test_order_of_faults_does_not_matter_and_none_changes_nothing(true):
         DriftFault(pad="left", newton_per_s=0.01),
         PoseFault(pad="right", shift_mm=(1.0, 0.0), tilt_deg=1.0),
         GainFault(pad="left", gain=0.9),
+        ForceLawFault(a=-0.2),
+        GelCreepFault(creep=0.1, tau_s=2.0),
+        GelHysteresisFault(share=0.05),
+        ThermalFault(strain_per_root_s=1e-4, N_per_root_s=0.01),
     ]
     same(corrected(true, faults), corrected(true, faults[::-1]), atol=0.0)
     assert corrected(true, []) is true

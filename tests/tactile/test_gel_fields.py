@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from turned_camera import turned_camera
 
 from samples.gel_images import seen_at
 from tactile.gel.fields import GelFields, fields_of, frame_noise, layer_of
@@ -15,26 +16,11 @@ REST = marker_grid(11, 13, pitch_mm=(1.0, 1.0), first_mm=None)
 KN, KT = 0.2, 0.06
 DEPTHS = np.concatenate([np.zeros(6), np.linspace(0.05, 0.6, 8)])
 
-
-def eye(turn_rad: float) -> GelCamera:
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    pose = np.eye(4)
-    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    pose[:3, 3] = -24.0 * pose[:3, 2]
-    return GelCamera(
-        image_px=(640, 480),
-        focal_px=(740.0, 742.0),
-        centre_px=(320.0, 238.0),
-        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
-        gel_from_camera=pose,
-    )
-
-
 SENSOR = Sensor(
     kind="markers-stereo",
     name="stereo gel",
-    camera=eye(0.35),
-    second_camera=eye(-0.35),
+    camera=turned_camera(0.35),
+    second_camera=turned_camera(-0.35),
     thickness_mm=4.0,
     E_MPa=0.2,
     nu=0.48,
@@ -63,7 +49,7 @@ def tracked(camera: GelCamera, seed: int) -> TrackedMarkers:
 
 @pytest.fixture(scope="module")
 def fields() -> GelFields:
-    return fields_of(SENSOR, tracked(eye(0.35), 1), second=tracked(eye(-0.35), 2))
+    return fields_of(SENSOR, tracked(turned_camera(0.35), 1), second=tracked(turned_camera(-0.35), 2))
 
 
 def test_displacement_is_within_its_stated_deviation(fields: GelFields) -> None:
@@ -99,22 +85,26 @@ def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
 
 
 def test_a_dome_is_refused_with_what_to_do() -> None:
-    dome = replace(tracked(eye(0.0), 1), rest_mm=REST - np.outer((REST**2).sum(axis=1), [0, 0, 0.03]))
-    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
+    dome = replace(
+        tracked(turned_camera(0.0), 1), rest_mm=REST - np.outer((REST**2).sum(axis=1), [0, 0, 0.03])
+    )
+    mono = replace(SENSOR, kind="markers-mono", camera=turned_camera(0.0), second_camera=None)
     with pytest.raises(TactileFailure, match=r"stereo gel: its gel is a dome .*Give face_radius_mm"):
         fields_of(mono, dome)
 
 
 def test_markers_beyond_the_gels_outline_are_refused() -> None:
     outline = GelOutline((2.6, 2.2))
-    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None, outline=outline)
+    mono = replace(
+        SENSOR, kind="markers-mono", camera=turned_camera(0.0), second_camera=None, outline=outline
+    )
     with pytest.raises(TactileFailure, match=r"markers outside the gel .* size_mm \[2.6, 2.2\]"):
-        fields_of(mono, tracked(eye(0.0), 1))
+        fields_of(mono, tracked(turned_camera(0.0), 1))
 
 
 def test_stereo_without_the_second_camera_is_refused() -> None:
     with pytest.raises(TactileFailure, match="the second camera's markers are missing"):
-        fields_of(SENSOR, tracked(eye(0.35), 1))
+        fields_of(SENSOR, tracked(turned_camera(0.35), 1))
 
 
 def test_measured_springs_go_before_the_slab() -> None:
@@ -127,7 +117,7 @@ def test_measured_springs_go_before_the_slab() -> None:
 
 def test_one_camera_reads_the_slab_even_where_springs_were_measured() -> None:
     """Springs make no sideways motion under pressure, so that one camera would see none of it."""
-    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
+    mono = replace(SENSOR, kind="markers-mono", camera=turned_camera(0.0), second_camera=None)
     assert layer_of(mono) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
     with pytest.raises(
         TactileFailure, match=r"forces need the gel: .* nu None, expected all three; add them"

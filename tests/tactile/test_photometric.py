@@ -3,6 +3,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from turned_camera import turned_camera
 
 from samples.gel_images import Field, GelLook, gel_image, seen_at
 from tactile.gel.ball_press import ball_lookup, ball_print
@@ -22,16 +23,8 @@ LIGHTS = tuple(
 
 
 def eye(turn_rad: float = 0.0) -> GelCamera:
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    pose = np.eye(4)
-    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    pose[:3, 3] = -22.0 * pose[:3, 2]
-    return GelCamera(
-        image_px=(480, 360),
-        focal_px=(720.0, 721.0),
-        centre_px=(241.0, 178.0),
-        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
-        gel_from_camera=pose,
+    return turned_camera(
+        turn_rad, away_mm=22.0, image_px=(480, 360), focal_px=(720.0, 721.0), centre_px=(241.0, 178.0)
     )
 
 

@@ -1,5 +1,9 @@
-"""What is written is read back, and what is not a recording is refused with a sentence that says why."""
+"""What is written is read back, and what is not a recording is refused with a sentence that says why.
 
+A recording reads no other file, asks for no more memory than there is, and holds no number beyond use.
+"""
+
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,12 +93,12 @@ def put(name, change_values):
     return change
 
 
-def attribute(name, value, of="/"):
+def attribute(name, held, of="/", dtype=None):
     def change(file):
-        if value is None:
+        if held is None:
             del file[of].attrs[name]
         else:
-            file[of].attrs[name] = value
+            file[of].attrs.create(name, held, dtype=dtype)
 
     return change
 
@@ -134,6 +138,64 @@ def datatype(name):
     def change(file):
         del file[name]
         file[name] = np.dtype("f8")
+
+    return change
+
+
+def value(name, number):
+    def change(file):
+        file[name][(0,) * file[name].ndim] = number
+
+    return change
+
+
+def external_link(file):
+    del file["time_s"]
+    file["time_s"] = h5py.ExternalLink("other.h5", "/time_s")
+
+
+def external_group(file):
+    del file["pads/left"]
+    file["pads/left"] = h5py.ExternalLink("/dev/zero", "/")
+
+
+def soft_link(file):
+    file.move("time_s", "elsewhere")
+    file["time_s"] = h5py.SoftLink("/elsewhere")
+
+
+def virtual(file):
+    frames = len(file["time_s"])
+    layout = h5py.VirtualLayout(shape=(frames,), dtype="f8")
+    layout[:] = h5py.VirtualSource("other.h5", "time_s", shape=(frames,))
+    del file["aperture_mm"]
+    file.create_virtual_dataset("aperture_mm", layout)
+
+
+def raw_storage(file):
+    frames = len(file["time_s"])
+    del file["aperture_mm"]
+    file.create_dataset("aperture_mm", (frames,), "f8", external=[("/etc/passwd", 0, 8 * frames)])
+
+
+def claimed(file):
+    del file["time_s"]
+    file.create_dataset("time_s", (10**9,), "f8", chunks=(1024,))
+
+
+def chunked(file):
+    frames = len(file["time_s"])
+    del file["time_s"]
+    file.create_dataset("time_s", (frames,), "f8", chunks=(10**9,), maxshape=(None,))
+
+
+def markers_at(places):
+    def change(file):
+        count = len(places)
+        for name in ("rest_mm", "displacement_mm", "force_N"):
+            held = file[f"pads/left/{name}"][...]
+            del file[f"pads/left/{name}"]
+            file[f"pads/left/{name}"] = places if name == "rest_mm" else held[:, :count]
 
     return change
 
@@ -180,7 +242,6 @@ REFUSALS = {
     "no displacement": (drop("pads/right/displacement_mm"), "pads/right/displacement_mm"),
     "a marker less": (put("pads/left/displacement_mm", lambda v: v[:, 1:]), "pads/left/displacement_mm"),
     "no force": (drop("pads/left/force_N"), "pads/left/force_N"),
-    "NaN in force": (put("pads/left/force_N", poke((3, 5, 1), np.nan)), "pads/left/force_N"),
     "infinite displacement": (
         put("pads/left/displacement_mm", poke((0, 0, 0), np.inf)),
         "pads/left/displacement_mm",
@@ -193,33 +254,96 @@ REFUSALS = {
         attribute("gel_kt_MPa_per_mm", -1.0, "pads/left"),
         "attribute gel_kt_MPa_per_mm of /pads/left",
     ),
+    "a link to another file": (external_link, "time_s: found a link to another file, expected all fields"),
+    "a linked group": (external_group, "pads/left: found a link"),
+    "a link inside": (soft_link, "time_s: found a link"),
+    "values of another recording": (virtual, "aperture_mm: found values kept in another file"),
+    "values of another file": (raw_storage, "aperture_mm: found values kept in another file"),
+    "more values than memory": (
+        claimed,
+        "time_s: found shape (1000000000,), 8000 MB in all fields up to this one, expected at most",
+    ),
+    "a chunk larger than memory": (chunked, "time_s: found chunks of 8000 MB"),
+    "a place beyond use": (
+        value("pads/left/rest_mm", 1e300),
+        "pads/left/rest_mm: found 1e+300 at index (0, 0), expected at most 500 ",
+    ),
+    "a force beyond use": (
+        value("pads/left/force_N", 1e30),
+        "pads/left/force_N: found 1e+30 at index (0, 0, 0), expected at most",
+    ),
+    "an aperture in um": (
+        value("aperture_mm", 60_000.0),
+        "aperture_mm: found 60000 at index (0,), expected at most",
+    ),
+    "next to no normal stiffness": (
+        attribute("gel_kn_MPa_per_mm", 1e-300, "pads/left"),
+        "attribute gel_kn_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
+    ),
+    "next to no shear stiffness": (
+        attribute("gel_kt_MPa_per_mm", 1e-300, "pads/left"),
+        "attribute gel_kt_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
+    ),
+    "next to no thickness": (
+        attribute("thickness_mm", 1e-300, "pads/left"),
+        "attribute thickness_mm of /pads/left: found 1e-300, expected 0.01 to 200 millimetres",
+    ),
+    "next to no Poisson's ratio": (
+        attribute("nu", 1e-300, "pads/left"),
+        "attribute nu of /pads/left: found 1e-300, expected 0.1 to 0.4999;",
+    ),
+    "a text in another code": (
+        attribute("fruit_id", b"\xff\xfe", dtype="S2"),
+        "attribute fruit_id: found bytes that are no UTF-8",
+    ),
+    "a name of 5000 letters": (
+        attribute("fruit_id", "x" * 5000),
+        "attribute fruit_id: found 5000 characters",
+    ),
+    "an array for a sensor": (attribute("sensor", np.zeros(8000)), "attribute sensor: found"),
+    "markers in a row": (
+        markers_at(np.array([[2.0 * i, 0.0, 0.0] for i in range(20)])),
+        "pads/left/rest_mm: found 20 markers on one line in x and y, expected at least 3 that are not on "
+        "one line; write each marker's own x, y, z.",
+    ),
+    "markers across the face": (
+        markers_at(np.array([[0.0, 2.0 * i, 2.0 * j] for i in range(4) for j in range(4)])),
+        "pads/left/rest_mm: found 16 markers on one line in x and y",
+    ),
+    "markers in one place": (
+        markers_at(np.zeros((5, 3))),
+        "pads/left/rest_mm: found 5 markers in one place in x and y",
+    ),
+    "two markers": (
+        markers_at(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])),
+        "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
+    ),
+    "one marker": (markers_at(np.zeros((1, 3))), "pads/left/rest_mm: found 1 marker, expected at least 3"),
+    "NaN in one place": (
+        put("pads/left/force_N", poke((3, 5, 1), np.nan)),
+        "pads/left/force_N: found 1 value(s) NaN or infinite, the first at index (3, 5, 1)",
+    ),
 }
+
+
+def refusal(path, recording, change):
+    write_recording(path / "grasp-7.h5", recording)
+    with h5py.File(path / "grasp-7.h5", "a") as file:
+        change(file)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(path / "grasp-7.h5")
+    assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
+    return str(caught.value)
 
 
 @pytest.mark.parametrize("name", REFUSALS)
 def test_refused_with_file_field_found_expected_and_advice(name, injected, tmp_path):
-    change, field = REFUSALS[name]
-    path = tmp_path / "grasp-7.h5"
-    write_recording(path, injected.recording)
-    with h5py.File(path, "a") as file:
-        change(file)
-    with pytest.raises(TactileFailure) as caught:
-        read_recording(path)
-    assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
-    sentence = str(caught.value)
-    assert sentence.startswith(f"grasp-7.h5: {field}: found ")
+    change, said = REFUSALS[name]
+    sentence = refusal(tmp_path, injected.recording, change)
+    assert sentence.startswith(f"grasp-7.h5: {said if ': found' in said else said + ': found '}")
     assert ", expected " in sentence
     assert "; " in sentence
     assert "\n" not in sentence
-
-
-def test_a_value_that_is_not_finite_is_placed(injected, tmp_path):
-    path = tmp_path / "a.h5"
-    write_recording(path, injected.recording)
-    with h5py.File(path, "a") as file:
-        file["pads/left/force_N"][3, 5, 1] = np.nan
-    with pytest.raises(TactileFailure, match=r"index \(3, 5, 1\)"):
-        read_recording(path)
 
 
 def lost(frames, markers):
@@ -261,13 +385,9 @@ def test_markers_without_values_are_counted_and_frames_are_dropped_only_where_fe
     name, injected, tmp_path
 ):
     change, found, advice = LOST[name]
-    write_recording(tmp_path / "a.h5", injected.recording)
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        change(file)
-    with pytest.raises(TactileFailure) as caught:
-        read_recording(tmp_path / "a.h5")
-    assert found in str(caught.value)
-    assert advice in str(caught.value)
+    sentence = refusal(tmp_path, injected.recording, change)
+    assert found in sentence
+    assert advice in sentence
 
 
 def broken_files(path: Path, recording: Recording) -> None:
@@ -329,3 +449,52 @@ def test_a_recording_whose_dimensions_are_all_reversed_is_read_and_noted(tmp_pat
     for pad, other in zip(found.pads, sound.pads, strict=True):
         for name in ("pose", "rest_mm", "displacement_mm", "force_N"):
             np.testing.assert_array_equal(getattr(pad, name), getattr(other, name))
+
+
+@pytest.mark.parametrize(
+    "version", [1, np.int8(1), np.uint64(1), 1.0, np.float32(1), [1], [[1.0]], np.array([1], "i2")]
+)
+def test_the_version_may_be_a_number_of_any_type_as_other_languages_write_it(tmp_path, injected, version):
+    path = tmp_path / "grasp-1.h5"
+    write_recording(path, injected.recording)
+    before = read_recording(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = version
+        file.attrs.create("fruit_id", [before.fruit_id], dtype=h5py.string_dtype())
+        gel = file["pads/left"].attrs
+        gel["gel_kn_MPa_per_mm"] = [gel["gel_kn_MPa_per_mm"]]
+    again = read_recording(path)
+    assert again.fruit_id == before.fruit_id
+    assert again.pads[0].gel_kn_MPa_per_mm == before.pads[0].gel_kn_MPa_per_mm
+
+
+@pytest.mark.parametrize("version", [2, 1.5, [1, 1], "1", True, [True], [2.0], np.nan])
+def test_another_version_is_refused_in_any_type(tmp_path, injected, version):
+    said = refusal(tmp_path, injected.recording, attribute("version", version))
+    assert "attribute version: found" in said
+    assert "expected version 1" in said
+
+
+def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "a.h5")
+    (tmp_path / "b.h5").symlink_to("/dev/zero")
+    (tmp_path / "c.h5").symlink_to("gone.h5")
+    for name, said in (("a", "a named pipe"), ("b", "a device"), ("c", "a link to nothing")):
+        with pytest.raises(TactileFailure, match=said):
+            read_recording(tmp_path / f"{name}.h5")
+
+
+def test_a_name_that_is_not_utf8_is_refused_and_shown_with_its_bytes(tmp_path, injected):
+    path = tmp_path / b"grasp-\xff1.h5".decode(errors="surrogateescape")
+    write_recording(path, injected.recording)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(path)
+    said = r"grasp-\xff1.h5: the file: found a name that is not UTF-8, expected letters, digits, - and _"
+    assert caught.value.detail == f"{said}; rename it."
+
+
+def test_a_link_to_a_recording_is_followed(tmp_path, injected):
+    (tmp_path / "kept").mkdir()
+    write_recording(tmp_path / "kept" / "g.h5", injected.recording)
+    (tmp_path / "g.h5").symlink_to(tmp_path / "kept" / "g.h5")
+    assert len(read_recording(tmp_path / "g.h5").time_s) > 0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import RADIUS_MM, injected_grasp
+from injected_grasp import RADIUS_MM, elsewhere, injected_grasp
 from scipy.spatial import ConvexHull
 
 from tactile.contact import find_contact
@@ -81,19 +81,11 @@ def test_a_pose_error_along_the_normal_is_the_shift(injected, contact, ball):
 
 
 def test_places_move_with_the_fruit_frame(injected, contact, ball):
-    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = turn, [30.0, -40.0, 5.0]
-    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in injected.recording.pads)
-    moved = register(
-        find_contact(replace(injected.recording, pads=pads), source="x"),
-        ball[0] @ turn.T + motion[:3, 3],
-        ball[1],
-        source="x",
-    )
+    turned, motion = elsewhere(injected.recording)
+    vertices = ball[0] @ motion[:3, :3].T + motion[:3, 3]
+    moved = register(find_contact(turned, source="x"), vertices, ball[1], source="x")
     for a, b in zip(register(contact, *ball, source="x"), moved, strict=True):
-        np.testing.assert_allclose(a.surface_mm @ turn.T + motion[:3, 3], b.surface_mm, atol=1e-6)
+        np.testing.assert_allclose(a.surface_mm @ motion[:3, :3].T + motion[:3, 3], b.surface_mm, atol=1e-6)
 
 
 @pytest.mark.parametrize("shift", [[0, 0, 60.0], [200.0, 0, 0], [0, -30.0, 0]])

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from periodic_slab import traction_response
 from raw_folder import write_picture
 from test_camera_from_dots import DOME, dots, eye
 from test_photometric import AMBIENT, LIGHTS
@@ -17,7 +18,7 @@ from test_photometric import AMBIENT, LIGHTS
 from pipeline.recordings.sensor_calibration import as_toml
 from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from tactile.from_frames import recording_of
-from tactile.gel.slab import GelSlab, traction_response
+from tactile.gel.slab import GelSlab
 from tactile.gel_camera import project
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import GelPad

@@ -1,26 +1,11 @@
 import numpy as np
 import pytest
+from turned_camera import turned_camera
 
 from tactile.gel.stereo import triangulated
 from tactile.gel_camera import project
-from tactile.sensors import GelCamera
 
-
-def eye(turn_rad: float) -> GelCamera:
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    pose = np.eye(4)
-    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
-    pose[:3, 3] = -24.0 * pose[:3, 2]
-    return GelCamera(
-        image_px=(640, 480),
-        focal_px=(740.0, 742.0),
-        centre_px=(320.0, 238.0),
-        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
-        gel_from_camera=pose,
-    )
-
-
-EYES = (eye(0.35), eye(-0.35))
+EYES = (turned_camera(0.35), turned_camera(-0.35))
 POINTS = np.random.default_rng(0).uniform([-7, -5, -1], [7, 5, 0.2], (300, 3))
 
 
