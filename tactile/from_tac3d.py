@@ -106,11 +106,6 @@ def rest_of(sensor: Tac3D) -> Float[np.ndarray, "n 3"]:
     return np.asarray(np.median(sensor.position_mm - sensor.displacement_mm, axis=0))
 
 
-def deadband_frames(sensor: Tac3D) -> np.ndarray:
-    """Frames in which every force and every displacement is exactly zero."""
-    return np.asarray((sensor.force_N == 0).all(axis=(1, 2)) & (sensor.displacement_mm == 0).all(axis=(1, 2)))
-
-
 def _origin(rest_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
     """The middle of the face: the markers' mean in the plane, the height of the nearest ones."""
     middle = rest_mm[:, :2].mean(axis=0)
@@ -133,7 +128,7 @@ def _said_of(sensor: Tac3D) -> list[str]:
         notes += gaps_said(sensor.send_s - sensor.send_s[0], name)
     if (step <= 0).any():
         notes.append(f"{name}: the index stops or decreases {int((step <= 0).sum())} times.")
-    silent = deadband_frames(sensor)
+    silent = (sensor.force_N == 0).all(axis=(1, 2)) & (sensor.displacement_mm == 0).all(axis=(1, 2))
     if silent.any():
         notes.append(
             f"{name}: {int(silent.sum())} frames are exactly zero (a deadband), so frames in air show "

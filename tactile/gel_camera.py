@@ -52,13 +52,10 @@ def rays(
     return camera.gel_from_camera[:3, 3].copy(), turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def on_face(
-    camera: GelCamera, pixels: Float[np.ndarray, "n 2"], *, z_mm: float = 0.0
-) -> Float[np.ndarray, "n 3"]:
-    """Where each pixel's ray meets the plane z = `z_mm` of the gel frame; z = 0 is the undeformed face."""
+def on_face(camera: GelCamera, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Where each pixel's ray meets the plane z = 0 of the gel frame, the undeformed face."""
     centre, direction = rays(camera, pixels)
-    reach = (z_mm - centre[2]) / direction[:, 2:]
-    return np.asarray(centre + reach * direction)
+    return np.asarray(centre - centre[2] / direction[:, 2:] * direction)
 
 
 def on_gel(

@@ -92,8 +92,9 @@ def _gain_finding(
         )
         if left_out > 1:
             says += f"; or the arrays hold only one of every {left_out} markers"
-    spread = {"refused": size > GAIN_REFUSED, "relative_sd": E_PER_GAIN * size * share}
-    return Finding(kind, FindingRank.RELATION, says, pads=names, detail=detail, **spread)
+    refused, sd = size > GAIN_REFUSED, E_PER_GAIN * size * share
+    rank = FindingRank.RELATION
+    return Finding(kind, rank, says, pads=names, detail=detail, refused=refused, relative_sd=sd)
 
 
 def _left_out(gain: float) -> int:
@@ -113,10 +114,8 @@ def _thinned_finding(press: Pressing, gain: float, names: tuple[str, ...], count
         f"missing from the arrays. The remaining {there} form an uneven grid, and their forces are "
         f"{times_said(gain)} the value from the gel's stiffness. Write all markers"
     )
-    spread = {"refused": True, "relative_sd": 1 - 1 / count}
-    return Finding(
-        FindingKind.MARKERS_MISSING, FindingRank.RELATION, says, pads=names, detail=str(count), **spread
-    )
+    kind, rank, sd = FindingKind.MARKERS_MISSING, FindingRank.RELATION, 1 - 1 / count
+    return Finding(kind, rank, says, pads=names, detail=str(count), refused=True, relative_sd=sd)
 
 
 def _blamed(

@@ -67,5 +67,6 @@ def _pad(pad: GelPad) -> list[Finding]:
         f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an empty gel), so "
         f"displacements are not relative to the untouched gel; {WHAT_TO_DO}"
     )
-    spread = {"refused": pad.reference_print >= SURE, "relative_sd": E_OF_A_PRINT, "hides_touch": True}
-    return [Finding(FindingKind.REFERENCE_PRINT, rank, says, pads=pads, **spread)]
+    kind, refused = FindingKind.REFERENCE_PRINT, pad.reference_print >= SURE
+    sd = E_OF_A_PRINT
+    return [Finding(kind, rank, says, pads=pads, refused=refused, relative_sd=sd, hides_touch=True)]

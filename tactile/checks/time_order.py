@@ -217,22 +217,20 @@ def _start(pressings: Sequence[Pressing]) -> Iterator[Finding]:
         totals, pads = _raw_totals(press), (press.pad.name,)
         u, F = (float(np.abs(total).max()) for total in totals)
         rest_u, rest_F = (float(np.median(total[press.quiet])) for total in totals)
-        if _pressed_in(press, 0):
-            kind, spread = (
-                FindingKind.STARTS_IN_CONTACT,
-                {"relative_sd": E_WITHOUT_TOUCH, "hides_touch": True},
-            )
+        starts = _pressed_in(press, 0)
+        if starts:
+            kind, sd, refused = FindingKind.STARTS_IN_CONTACT, E_WITHOUT_TOUCH, False
             says = (
                 f"recording starts in contact ({100 * totals[0][0] / u:.0f} % of its peak in the first "
                 "frame): the frames before first contact are missing"
             )
         elif abs(rest_F) > TARE_SHARE * F and abs(rest_u) < TARE_MOVED * TARE_SHARE * u:
-            kind = FindingKind.NO_TARE
-            spread = {"relative_sd": E_OF_A_TARE, "refused": _taken_for_contact(press)}
+            kind, sd, refused = FindingKind.NO_TARE, E_OF_A_TARE, _taken_for_contact(press)
             says = f"force has an offset of {rest_F:.2g} N in the contact's markers without contact (no tare)"
         else:
             continue
-        yield Finding(kind, FindingRank.MACHINE, says, pads=pads, **spread)
+        rank = FindingRank.MACHINE
+        yield Finding(kind, rank, says, pads=pads, refused=refused, relative_sd=sd, hides_touch=starts)
 
 
 def _taken_for_contact(one: Pressing) -> bool:

@@ -136,12 +136,11 @@ class InvertedForce:
     def solve(
         self,
         displacement_mm: Float[np.ndarray, "n 3"],
-        seen: Bool[np.ndarray, " n"] | None = None,
         *,
         before: Bool[np.ndarray, " m"] | None = None,
     ) -> GelContact:
-        """One frame; markers that are not `seen` (or NaN) are left out. `before`: what touched before."""
-        y, equations, right = self._observed(displacement_mm, seen)
+        """One frame; markers that are NaN are left out. `before`: what touched before."""
+        y, equations, right = self._observed(displacement_mm)
         motion_mm = motion_of(y)
         found = self._solved_active_set(equations, right, motion_mm, before)
         t = found.unknowns[: self._size].reshape(-1, 3)
@@ -154,11 +153,9 @@ class InvertedForce:
             displacement_mm=(self._moved_by[:, at] @ found.unknowns[at]).reshape(y.shape),
         )
 
-    def active_set(
-        self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
-    ) -> ActiveSet:
+    def active_set(self, displacement_mm: Float[np.ndarray, "n 3"]) -> ActiveSet:
         """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
-        y, equations, right = self._observed(displacement_mm, seen)
+        y, equations, right = self._observed(displacement_mm)
         return self._solved_active_set(equations, right, motion_of(y))
 
     def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
@@ -225,13 +222,9 @@ class InvertedForce:
         smooth = smooth_precision(self.grid, motion_mm)
         return self._equations.factor(touching).covariance_root(smooth)
 
-    def _observed(
-        self, displacement_mm: np.ndarray, seen: np.ndarray | None
-    ) -> tuple[np.ndarray, NormalEquations, np.ndarray]:
+    def _observed(self, displacement_mm: np.ndarray) -> tuple[np.ndarray, NormalEquations, np.ndarray]:
         """Displacement (0 where unknown), equations and right side of the markers that are known."""
         usable = np.isfinite(displacement_mm).all(axis=1)
-        if seen is not None:
-            usable &= seen
         y = np.where(usable[:, None], displacement_mm, 0.0)
         weighted = np.matmul(self.information, y[:, :, None]).ravel()
         return y, self._equations_of(usable), weighted @ self._observed_by

@@ -31,6 +31,8 @@ ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressur
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
 CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "pressure_MPa", "shear_MPa")
 """Likewise, where the contact is found anew at every step."""
+ROUNDS = 2
+"""Of climbing: with every node in contact, then with the contact found by the first. Set by hand."""
 LEAST_NOISE = 0.99
 """Over the noise of frames in the air, which is the least: 1, but for rounding."""
 DRAGGED = 0.4
@@ -46,8 +48,6 @@ def most_likely_hyperparameters(
     frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
     *,
     observed: Float[np.ndarray, "3*n u"] | None = None,
-    start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,
-    rounds: int = 2,
 ) -> PriorHyperparameters:
     """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
@@ -56,9 +56,9 @@ def most_likely_hyperparameters(
     makes noise of the gel's motion, which then shows no contact at all: where the gel is dragged one way, the
     noise of the round before it is taken. Else nothing presses, as where the reference bears a print.
     """
-    best, noises = start, list[float]()
+    best, noises = INITIAL_HYPERPARAMETERS, list[float]()
     seen = displacement_by(grid) if observed is None else observed
-    for turn in range(rounds):
+    for turn in range(ROUNDS):
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
         touching = [everywhere for _ in frames_mm]
         if turn:

@@ -28,6 +28,8 @@ DEGREE = 3
 """Of the polynomial from three brightnesses to two slopes: 20 terms. Set by hand."""
 DARK = 0.75
 """Of the gel's brightness; what is darker is a marker. Set by hand."""
+LIT_SLOPE = 0.7
+"""Slope up to which the look-up of known lights is fitted: 35 degrees. Set by hand."""
 STEEPEST = 1.0
 """Slope that is believed at most: 45 degrees, which a gel's face does not reach."""
 
@@ -67,13 +69,11 @@ def lambert_change(
     return np.asarray(brightness(slopes) / brightness(np.zeros((1, 2))) - 1.0)
 
 
-def lambert_lookup(
-    lights: tuple[GelLight, ...], *, ambient: float = 0.0, steepest: float = 0.7
-) -> SlopeLookup:
-    """The look-up of lights of known direction, for slopes up to `steepest`."""
-    side = np.linspace(-steepest, steepest, 61)
+def lambert_lookup(lights: tuple[GelLight, ...], *, ambient: float = 0.0) -> SlopeLookup:
+    """The look-up of lights of known direction, for slopes up to LIT_SLOPE."""
+    side = np.linspace(-LIT_SLOPE, LIT_SLOPE, 61)
     slopes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    slopes = slopes[np.linalg.norm(slopes, axis=1) <= steepest]
+    slopes = slopes[np.linalg.norm(slopes, axis=1) <= LIT_SLOPE]
     return fitted_lookup(lambert_change(lights, ambient, slopes), slopes)
 
 

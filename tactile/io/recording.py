@@ -399,11 +399,8 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 def _write_gel(group: Any, pad: GelPad) -> None:
     """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
-    packed = {
-        "displacement_mm": pad.displacement_mm.astype(np.float32),
-        "force_N": pad.force_N.astype(np.float32),
-    }
-    packed |= {"images": pad.images, "images_reference": pad.images_reference}
+    single = {name: getattr(pad, name).astype(np.float32) for name in ("displacement_mm", "force_N")}
+    packed = single | {"images": pad.images, "images_reference": pad.images_reference}
     for name, values in packed.items():
         if values is not None:
             group.create_dataset(name, data=values, compression="gzip", shuffle=True)

@@ -1,7 +1,7 @@
 """One camera's frames of a raw grasp become tracked markers whose places the sensor's description knows."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -126,25 +126,23 @@ def camera_of(pad: RawPad) -> GelCamera:
 
 def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedMarkers:
     """Only the frames `kept`."""
-    return TrackedMarkers(
+    return replace(
+        tracked,
         time_s=tracked.time_s[kept],
-        reference_px=tracked.reference_px,
         position_px=tracked.position_px[kept],
         quality=tracked.quality[kept],
-        rest_mm=tracked.rest_mm,
         certainty=None if tracked.certainty is None else tracked.certainty[kept],
     )
 
 
 def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
     """Only these markers, in this order."""
-    return TrackedMarkers(
-        time_s=tracked.time_s,
+    return replace(
+        tracked,
         reference_px=tracked.reference_px[markers],
         position_px=tracked.position_px[:, markers],
         quality=tracked.quality[:, markers],
         rest_mm=tracked.rest_mm[markers],
-        certainty=tracked.certainty,
     )
 
 

@@ -28,7 +28,6 @@ class Places:
     kept: Int[np.ndarray, " n"]
     described: Int[np.ndarray, " n"]
     rest_mm: Float[np.ndarray, "n 3"]
-    offset_px: float
 
 
 def places_of(
@@ -43,9 +42,8 @@ def places_of(
     """Each marker's rest place: the described one whose projection it lies on, else its ray's on the face
     (that of `outline`, a plane without).
 
-    `offset_px` is the median distance to the described places (0 without a description). Raises
-    TactileFailure (wrong-sensor) that says what does not agree: the image's size (height, width), or the
-    markers' places.
+    Raises TactileFailure (wrong-sensor) that says what does not agree: the image's size (height, width), or
+    the markers' places.
     """
     width, height = camera.image_px
     if shape != (height, width):
@@ -56,7 +54,7 @@ def places_of(
         )
     if rest_mm is None:
         every = np.arange(len(reference_px))
-        return Places(every, every, on_gel(camera, reference_px, outline), 0.0)
+        return Places(every, every, on_gel(camera, reference_px, outline))
     expected_px = project(camera, rest_mm)
     away, which = cKDTree(expected_px).query(reference_px)
     spacing = spacing_of(reference_px)
@@ -73,4 +71,4 @@ def places_of(
             "and that the pads are not swapped.",
         )
     described = np.asarray(which)[kept]
-    return Places(kept, described, rest_mm[described], float(np.median(np.asarray(away)[kept])))
+    return Places(kept, described, rest_mm[described])

@@ -44,12 +44,6 @@ class TrackedMarkers:
     certainty: Float[np.ndarray, " t"] | None = None
 
     @property
-    def seen(self) -> Float[np.ndarray, " t"]:
-        """Share of the markers that each frame shows."""
-        share: Float[np.ndarray, " t"] = np.isfinite(self.position_px[..., 0]).mean(axis=1)
-        return share
-
-    @property
     def torn(self) -> Bool[np.ndarray, " n"]:
         """Markers that went and never came back while at least half of the others stayed in view."""
         lost = ~np.isfinite(self.position_px[-1, :, 0])

@@ -53,7 +53,6 @@ class Air:
     before_N: float | None
     after_N: float | None
     touch: int
-    after_rows: int = 0
 
 
 def resets(
@@ -122,7 +121,7 @@ def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
     if len(tail) < STAYS:
         tail = _flat_tail(travel, force_N, sd)
     after = float(np.median(tail)) if len(tail) >= STAYS else None
-    return Air(before_N=before, after_N=after, touch=touch, after_rows=len(tail))
+    return Air(before_N=before, after_N=after, touch=touch)
 
 
 def direction(travel: Float[np.ndarray, " t"], touch: int) -> float:
