@@ -112,60 +112,60 @@ def _squeeze(
     source: str,
 ) -> RigidPress:
     """One contact episode, checked."""
+
+    def require(holds: object, observed: str, expected: str, advice: str) -> None:
+        if not holds:
+            raise _no_squeeze(source, observed, expected, advice)
+
     peak = frames.start + int(np.argmax(force[frames]))
+    most = float(force[peak])
     into = np.arange(frames.start, peak + 1)
     after = np.arange(peak + 1, frames.stop)
     into = into[_new_readings(travel[into])]
     next_reading = after[np.diff(travel[peak : frames.stop]) != 0.0][:1]
-    if (force[next_reading] > (1 - FALL) * force[peak]).all():
+    if (force[next_reading] > (1 - FALL) * most).all():
         into = np.r_[into, next_reading]
-    if len(into) < FEWEST_READINGS:
-        found = f"{len(into)} readings of the travel on the way to {force[peak]:.3g} N"
-        raise _no_squeeze(
-            source, found, f"{FEWEST_READINGS} or more", "close the jaws slower, or record more often"
-        )
-    if force[into].max() < (1 - SHORT) * force[peak]:
-        found = f"no new reading of the travel between {force[into].max():.3g} and {force[peak]:.3g} N"
-        raise _no_squeeze(
-            source, found, f"one within {SHORT:.0%} of the largest force", "close the jaws slower"
-        )
+    observed = f"{len(into)} readings of the travel on the way to {most:.3g} N"
+    advice = "close the jaws slower, or record more often"
+    require(len(into) >= FEWEST_READINGS, observed, f"{FEWEST_READINGS} or more", advice)
+    last = float(force[into].max())
+    observed = f"no new reading of the travel between {last:.3g} and {most:.3g} N"
+    expected = f"one within {SHORT:.0%} of the largest force"
+    require(last >= (1 - SHORT) * most, observed, expected, "close the jaws slower")
     gone = float(travel[into].max() - travel[into[0]])
-    if not gone > 0.0:
-        found = f"a travel that goes {gone:.3g} mm as the force grows to {force[peak]:.3g} N"
-        raise _no_squeeze(source, found, "one that grows", "give it its sign, or the gap as a gap")
-    if gone > NOT_RIGID * size_mm:
-        found = f"{gone:.3g} mm of travel on an object of {size_mm:g} mm"
-        raise _no_squeeze(
-            source, found, f"at most {NOT_RIGID:.0%} of its size", "squeeze what is rigid; sizes are in mm"
-        )
-    fallen = float((np.maximum.accumulate(force[into]) - force[into]).max())
-    if fallen > FALL * force[peak] + TOUCHED * noise_N:
-        found = f"a force that falls by {fallen:.3g} of {force[peak]:.3g} N while the travel goes on"
-        raise _no_squeeze(source, found, "one that grows", "squeeze an object that neither slips nor breaks")
-    lost = _back_mm(travel[into])
-    if lost > FALL * gone + TOUCHED * _noise(travel[into]):
-        found = f"a travel that goes back by {lost:.3g} of {gone:.3g} mm while the force grows"
-        raise _no_squeeze(source, found, "one that grows", "check that force and travel have one clock")
+    observed = f"a travel that goes {gone:.3g} mm as the force grows to {most:.3g} N"
+    require(gone > 0.0, observed, "one that grows", "give it its sign, or the gap as a gap")
+    observed, expected = (
+        f"{gone:.3g} mm of travel on an object of {size_mm:g} mm",
+        f"at most {NOT_RIGID:.0%} of its size",
+    )
+    require(gone <= NOT_RIGID * size_mm, observed, expected, "squeeze what is rigid; sizes are in mm")
+    fallen = _back(force[into])
+    observed = f"a force that falls by {fallen:.3g} of {most:.3g} N while the travel goes on"
+    advice = "squeeze an object that neither slips nor breaks"
+    require(fallen <= FALL * most + TOUCHED * noise_N, observed, "one that grows", advice)
+    lost = _back(travel[into])
+    observed = f"a travel that goes back by {lost:.3g} of {gone:.3g} mm while the force grows"
+    advice = "check that force and travel have one clock"
+    require(lost <= FALL * gone + TOUCHED * _noise(travel[into]), observed, "one that grows", advice)
     _require_stiffening(force[into], travel[into], source)
     stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
     still = after[: len(after) if stands.all() else int(np.argmin(stands))]
-    held = 1.0 - _lost_N(time_s, force, frames.start, peak, still) / float(force[peak])
-    if held < 1 - CREEP:
-        found = f"{1 - held:.0%} of the force lost while the travel stands still"
-        raise _no_squeeze(source, found, f"at most {CREEP:.0%}", "squeeze an object that does not relax")
+    held = 1.0 - _lost_N(time_s, force, frames.start, peak, still) / most
+    observed = f"{1 - held:.0%} of the force lost while the travel stands still"
+    require(held >= 1 - CREEP, observed, f"at most {CREEP:.0%}", "squeeze an object that does not relax")
     crept = float((travel[still] - travel[peak]).max(initial=0.0)) / gone
-    if crept > CREEPS_ON:
-        found = f"a travel that goes on by {crept:.0%} after the largest force"
-        raise _no_squeeze(source, found, f"at most {CREEPS_ON:.0%}", "squeeze an object that does not creep")
+    observed = f"a travel that goes on by {crept:.0%} after the largest force"
+    require(crept <= CREEPS_ON, observed, f"at most {CREEPS_ON:.0%}", "squeeze an object that does not creep")
     back = after[len(still) :]
     back = back[_new_readings(travel[back])]
-    low = back[(force[back] < 0.2 * force[peak]) & (force[back] > 0.05 * force[peak])]
+    low = back[(force[back] < 0.2 * most) & (force[back] > 0.05 * most)]
     if len(low):
         in_there = float(np.interp(np.median(force[low]), np.sort(force[into]), np.sort(travel[into])))
         stays = (float(np.median(travel[low])) - in_there) / gone
-        if stays > SET and stays * gone > TOUCHED * _noise(travel[back]):
-            found = f"{stays:.0%} of the travel left as the force comes back to {np.median(force[low]):.3g} N"
-            raise _no_squeeze(source, found, f"at most {SET:.0%}", "squeeze an object that is not dented")
+        observed = f"{stays:.0%} of the travel left as the force comes back to {np.median(force[low]):.3g} N"
+        within = stays <= SET or stays * gone <= TOUCHED * _noise(travel[back])
+        require(within, observed, f"at most {SET:.0%}", "squeeze an object that is not dented")
     return RigidPress(
         source=source,
         force_N=force[into],
@@ -217,8 +217,9 @@ def _new_readings(travel: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     return np.asarray(np.r_[True, np.diff(travel) != 0.0][: len(travel)])
 
 
-def _back_mm(travel: Float[np.ndarray, " t"]) -> float:
-    return float((np.maximum.accumulate(travel) - travel).max())
+def _back(values: Float[np.ndarray, " t"]) -> float:
+    """By how much they fall below what came before."""
+    return float((np.maximum.accumulate(values) - values).max())
 
 
 def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:

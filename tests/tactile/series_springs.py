@@ -1,12 +1,14 @@
 """Squeezes by closed forms: a rig that is a spring in series with Hertz's contact of its pads, and an object.
 
-Travel is a sum of approaches under one force: F/k of the machine, (F/a)^(2/3) of the pads. Nothing of tactile
-or fem is used.
+Travel is a sum of approaches under one force: F/k of the machine, (F/a)^(2/3) of the pads. No mechanics of
+tactile or fem is used.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from tactile.io.recording import IndenterPad, Recording
 
 
 @dataclass(frozen=True)
@@ -57,4 +59,25 @@ def press(
         time,
         force + zero_N + noise_N * rng.standard_normal(len(force)),
         travel + noise_mm * rng.standard_normal(len(force)),
+    )
+
+
+def bare_press(time_s, force_N, travel_mm):
+    """The recording of a ball of 5 mm on a load cell."""
+    pad = IndenterPad(
+        name="tip",
+        pose=np.broadcast_to(np.eye(4), (len(time_s), 4, 4)).copy(),
+        force_z_N=force_N,
+        indenter="ball",
+        radius_mm=5.0,
+    )
+    return Recording(
+        fruit_id="f",
+        category="plum",
+        loading="press",
+        support="base",
+        sensor="load cell",
+        time_s=time_s,
+        aperture_mm=travel_mm,
+        pads=(pad,),
     )

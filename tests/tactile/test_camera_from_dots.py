@@ -89,12 +89,16 @@ def test_more_dots_than_the_gel_has_are_another_sensors(rows: int, columns: int)
         found(picture(eye(), dots()), grid=(rows, columns))
 
 
-def test_a_pressed_gel_is_refused() -> None:
+@pytest.mark.parametrize("size_px", [None, (240, 240)])
+def test_a_pressed_gel_is_refused_in_a_resized_picture_too(size_px: tuple[int, int] | None) -> None:
     rest = dots()
     push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
     rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
+    seen = picture(eye(), rest)
+    if size_px is not None:
+        seen = cv2.resize(seen, size_px, interpolation=cv2.INTER_AREA)
     with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
-        found(picture(eye(), rest))
+        found(seen)
 
 
 @pytest.mark.parametrize("size_px", [(240, 240), (320, 180), (180, 240), (480, 200)])
@@ -114,15 +118,6 @@ def test_a_picture_of_its_own_proportions_has_square_pixels() -> None:
     one = found(cv2.resize(picture(eye(), dots()), (240, 180), interpolation=cv2.INTER_AREA))
     assert one.aspect is None
     assert one.camera.focal_px[0] == one.camera.focal_px[1]
-
-
-def test_a_pressed_gel_in_a_resized_picture_is_refused() -> None:
-    rest = dots()
-    push = np.exp(-(((rest[:, :2] - [3.0, 1.0]) / 4.0) ** 2).sum(axis=1))
-    rest[:, :2] += 1.5 * push[:, None] * (rest[:, :2] - [3.0, 1.0]) / 4.0
-    resized = cv2.resize(picture(eye(), rest), (240, 240), interpolation=cv2.INTER_AREA)
-    with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
-        found(resized)
 
 
 def test_a_picture_without_dots_says_so() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_grasp import injected_grasp
+from series_springs import bare_press
 
 from tactile.correction import (
     ComplianceFault,
@@ -16,7 +17,6 @@ from tactile.correction import (
     misplacement,
 )
 from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
-from tactile.io.recording import IndenterPad, Recording
 
 
 @pytest.fixture(scope="module")
@@ -167,24 +167,8 @@ def test_order_of_faults_does_not_matter_and_none_changes_nothing(true):
 
 def test_a_bare_indenter_is_corrected_too():
     time_s = np.arange(5.0)
-    pad = IndenterPad(
-        name="tip",
-        pose=np.tile(np.eye(4), (5, 1, 1)),
-        force_z_N=1.2 * (2.0 * time_s) + 0.1 * time_s,
-        indenter="ball",
-        radius_mm=5.0,
-    )
-    recorded = Recording(
-        fruit_id="x",
-        category="plum",
-        loading="press",
-        support="base",
-        sensor="rig",
-        time_s=time_s,
-        aperture_mm=time_s + 0.5 * 2.0 * time_s,
-        pads=(pad,),
-        wrench_N=np.ones((5, 6)),
-    )
+    felt_N, travel_mm = 1.2 * (2.0 * time_s) + 0.1 * time_s, time_s + 0.5 * 2.0 * time_s
+    recorded = replace(bare_press(time_s, felt_N, travel_mm), wrench_N=np.ones((5, 6)))
     faults = [
         GainFault(pad="tip", gain=1.2),
         DriftFault(pad="tip", newton_per_s=0.1),

@@ -24,6 +24,11 @@ TIME = np.arange(FRAMES) / 30
 JAWS = 60 - np.interp(TIME, [0, 0.5, 2.5, 3.0, 4.9], [0, 0, 4, 4, 0])
 
 
+def logged(travel, force):
+    rows = np.arange(len(travel))
+    return LoggedTrace(time_s=rows / 50, travel=travel, force_N=force, rows=rows + 2)
+
+
 @pytest.mark.parametrize("seed", [0, 2, 4])
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_is_named_and_the_stiffness_is_that_of_the_sound_press(tmp_path, kind, seed):
@@ -54,9 +59,7 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
         columns = [one.copy() for one in (travel, force)]
         for one in columns:
             one[200 : 200 + count] = fill
-        return LoggedTrace(
-            time_s=np.arange(600) / 50, travel=columns[0], force_N=columns[1], rows=np.arange(600) + 2
-        )
+        return logged(*columns)
 
     (correction,) = prepare(lost(6)).corrections
     assert correction.rows == tuple(range(202, 208))
@@ -69,11 +72,7 @@ def test_each_block_of_rows_that_were_never_written_has_its_own_note():
     travel = np.interp(np.arange(300), [0, 150, 299], [10, 13, 10.0])
     force = 5 * np.maximum(travel - 11, 0) ** 1.5 + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(300)
     blocks = np.repeat([-999.0, 0.0], 20)
-    time = np.arange(340) / 50
-    logged = LoggedTrace(
-        time_s=time, travel=np.r_[blocks, travel], force_N=np.r_[blocks, force], rows=np.arange(340) + 2
-    )
-    _, notes = written_runs(logged)
+    _, notes = written_runs(logged(np.r_[blocks, travel], np.r_[blocks, force]))
     assert [(one.rows[0], len(one.rows), one.values) for one in notes] == [
         (2, 20, (-999.0, -999.0)),
         (22, 20, (0.0, 0.0)),
@@ -86,9 +85,8 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     force = 6 * np.maximum(travel - 0.5, 0)
     force[row:] -= force[row]
     force += 0.01 * np.random.default_rng(0).standard_normal(300)
-    logged = LoggedTrace(time_s=np.arange(300) / 50, travel=travel, force_N=force, rows=np.arange(300) + 2)
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
-        prepare(logged)
+        prepare(logged(travel, force))
     assert f"at row {row + 2}, and no frames in air" in caught.value.found
 
 

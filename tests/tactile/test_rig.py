@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from series_springs import SeriesRig, press
+from series_springs import SeriesRig, bare_press, press
 
-from tactile.io.recording import GelPad, IndenterPad, Recording
+from tactile.io.recording import GelPad
 from tactile.rig.gel_give import gel_give_mm
 from tactile.rig.rig_correction import without_rig
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
@@ -127,27 +127,6 @@ def test_two_squeezes_in_one_recording_are_two():
     assert len(found((time, np.r_[one[1], two[1]], np.r_[one[2], two[2]]))) == 2
 
 
-def trace(columns) -> Recording:
-    time, force, travel = columns
-    pad = IndenterPad(
-        name="tip",
-        pose=np.broadcast_to(np.eye(4), (len(time), 4, 4)).copy(),
-        force_z_N=force,
-        indenter="ball",
-        radius_mm=5.0,
-    )
-    return Recording(
-        fruit_id="f",
-        category="c",
-        loading="press",
-        support="base",
-        sensor="load cell",
-        time_s=time,
-        aperture_mm=travel,
-        pads=(pad,),
-    )
-
-
 def object_mm(force):
     """Hertz: a ball of 5 mm on a half-space of 1 MPa, nu 0.45."""
     return (np.maximum(force, 0) / (4 / 3 / (1 - 0.45**2) * np.sqrt(5.0))) ** (2 / 3)
@@ -157,7 +136,7 @@ def test_what_is_left_of_the_travel_is_the_objects():
     rng = np.random.default_rng(11)
     curve = fitted(rng).curve
     columns = press(rng, RIG, own_mm=object_mm, peak_N=15.0, noise_mm=0.0, noise_N=0.0, zero_N=0.3)
-    left = without_rig(trace(columns), curve, source="t.csv", named="rig.toml").recording
+    left = without_rig(bare_press(*columns), curve, source="t.csv", named="rig.toml").recording
     force = columns[1] - 0.3
     loaded = force > 0.5
     off = left.aperture_mm - 0.4 - object_mm(force)
@@ -170,8 +149,8 @@ def test_a_trace_beyond_the_rig_or_corrected_before_is_refused():
     rng = np.random.default_rng(12)
     curve = fitted(rng).curve
     with pytest.raises(TactileFailure, match=r"calibrated up to 20 N.*at most 1.25 times that"):
-        without_rig(trace(press(rng, RIG, peak_N=30.0)), curve, source="t.csv", named="rig.toml")
-    said = without_rig(trace(press(rng, RIG, peak_N=23.0)), curve, source="t.csv", named="rig.toml")
+        without_rig(bare_press(*press(rng, RIG, peak_N=30.0)), curve, source="t.csv", named="rig.toml")
+    said = without_rig(bare_press(*press(rng, RIG, peak_N=23.0)), curve, source="t.csv", named="rig.toml")
     assert any("extrapolated by its last slope" in note for note in said.notes)
     with pytest.raises(TactileFailure, match="already corrected for a rig"):
         without_rig(said.recording, curve, source="t.csv", named="rig.toml")

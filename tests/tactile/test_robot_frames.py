@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from series_springs import bare_press
 from simulated_robot import (
     BASE_FROM_MAT,
     FLANGE_FROM_CAMERA,
@@ -23,7 +24,7 @@ from simulated_robot import (
 )
 
 from tactile.io.flange_table import FlangeTable, read_flange_table
-from tactile.io.recording import IndenterPad, Recording
+from tactile.io.recording import Recording
 from tactile.io.robot_file import Gripper, Robot, read_gripper
 from tactile.robot.base_and_mat import BaseAndMat
 from tactile.robot.hand_eye import hand_eye
@@ -90,12 +91,8 @@ def test_poses_that_were_not_used_are_predicted_a_little_worse_than_those_used(d
 
 def a_recording(frames: int = 9) -> Recording:
     """A press with a bare tip, whose pose is fixed on the flange."""
-    t, poses = np.linspace(0, 1, frames), np.broadcast_to(np.eye(4), (frames, 4, 4))
-    tip = IndenterPad(name="tip", pose=poses, force_z_N=np.zeros(frames), indenter="ball", radius_mm=5.0)
-    return Recording(
-        fruit_id="f", category="nectarine", loading="press", support="base", sensor="cell", time_s=t,
-        aperture_mm=t, pads=(tip,),
-    )  # fmt: skip
+    time_s = np.linspace(0, 1, frames)
+    return bare_press(time_s, np.zeros(frames), time_s)
 
 
 def a_robot(calibration: BaseAndMat, pose_sd_mm: float = 0.0) -> Robot:

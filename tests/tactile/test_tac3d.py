@@ -7,13 +7,18 @@ import pytest
 from tac3d_folder import FRAMES, KN, KT, REST, write_sensor
 
 from tactile.from_tac3d import recording_of_tac3d
+from tactile.io.converted import Converted
 from tactile.io.recording import GelPad, read_recording, write_recording
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.tactile_failure import TactileFailure
 
 
-def gel(found: Tac3D) -> GelPad:
-    pad = recording_of_tac3d([found], fruit_id="f1", category="nectarine").recording.pads[0]
+def converted(*sensors: Tac3D) -> Converted:
+    return recording_of_tac3d(sensors, fruit_id="f1", category="nectarine")
+
+
+def gel(sensor: Tac3D) -> GelPad:
+    pad = converted(sensor).recording.pads[0]
     assert isinstance(pad, GelPad)
     return pad
 
@@ -27,33 +32,27 @@ def test_every_number_is_kept_but_for_the_forces_sign_and_the_origin(tmp_path: P
     np.testing.assert_allclose(pad.rest_mm - pad.rest_mm[0], REST - REST[0], atol=1e-9)
 
 
-def test_a_pressed_gel_pushes_the_fruit(tmp_path: Path) -> None:
+def test_a_pressed_gel_pushes_the_fruit_and_its_stiffness_is_read_off_the_loaded_markers(
+    tmp_path: Path,
+) -> None:
     pad = gel(read_tac3d(write_sensor(tmp_path / "AD2")))
     assert pad.force_N[-1, :, 2].sum() > 0
     assert pad.displacement_mm[-1, :, 2].min() < 0
-
-
-def test_the_gels_stiffness_is_read_off_the_loaded_markers(tmp_path: Path) -> None:
-    pad = gel(read_tac3d(write_sensor(tmp_path / "AD2")))
     assert pad.gel_kn_MPa_per_mm == pytest.approx(KN, rel=0.02)
     assert pad.gel_kt_MPa_per_mm == pytest.approx(KT, rel=0.02)
 
 
 def test_the_canonical_file_gives_the_recording_back(tmp_path: Path) -> None:
-    found = recording_of_tac3d(
-        [read_tac3d(write_sensor(tmp_path / "AD2"))], fruit_id="f1", category="nectarine"
-    )
-    write_recording(tmp_path / "out.h5", found.recording)
+    made = converted(read_tac3d(write_sensor(tmp_path / "AD2"))).recording
+    write_recording(tmp_path / "out.h5", made)
     again = read_recording(tmp_path / "out.h5").pads[0]
     assert isinstance(again, GelPad)
-    np.testing.assert_allclose(
-        again.displacement_mm, gel(read_tac3d(tmp_path / "AD2")).displacement_mm, rtol=1e-6
-    )
+    np.testing.assert_allclose(again.displacement_mm, made.pads[0].displacement_mm, rtol=1e-6)
 
 
 def test_lost_frames_the_deadband_and_the_resultant_are_said(tmp_path: Path) -> None:
     sensor = read_tac3d(write_sensor(tmp_path / "AD2", lost=(20, 21, 30)))
-    said = " ".join(recording_of_tac3d([sensor], fruit_id="f1", category="nectarine").notes)
+    said = " ".join(converted(sensor).notes)
     assert "AD2: 3 of 40 frames are missing (2 gaps in the index)" in said
     assert "13 frames are exactly zero (a deadband)" in said
     assert "the resultant and the sum of the forces differ by up to" in said
@@ -63,7 +62,7 @@ def test_lost_frames_the_deadband_and_the_resultant_are_said(tmp_path: Path) -> 
 def test_two_clocks_six_seconds_apart_are_brought_together_by_the_forces(tmp_path: Path) -> None:
     one = read_tac3d(write_sensor(tmp_path / "left", clock_s=100.0))
     two = read_tac3d(write_sensor(tmp_path / "right", clock_s=106.0, starts_s=0.12))
-    found = recording_of_tac3d([one, two], fruit_id="f1", category="nectarine")
+    found = converted(one, two)
     assert "the time stamps of left and right differ by 6.12 s (two clocks)" in " ".join(found.notes)
     left, right = (
         np.asarray(pad.force_N).sum(axis=1)[:, 2] for pad in found.recording.pads if isinstance(pad, GelPad)
@@ -95,7 +94,7 @@ def test_a_wrong_array_is_named(tmp_path: Path, name: str, values: np.ndarray, s
     folder = write_sensor(tmp_path / "AD2")
     np.save(folder / f"{name}.npy", values)
     with pytest.raises(TactileFailure, match=says):
-        recording_of_tac3d([read_tac3d(folder)], fruit_id="f1", category="nectarine")
+        converted(read_tac3d(folder))
 
 
 def test_a_cut_and_a_missing_array_are_named(tmp_path: Path) -> None:
