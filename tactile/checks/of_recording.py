@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -61,10 +62,10 @@ def recording_findings(
     if len(pads) != len(recording.pads):
         return []
     pressings = [pressing_of(pad) for pad in pads]
-    found: list[Finding] = []
+    findings: list[Finding] = []
 
-    def touch_hidden() -> bool:
-        return any(one.hides_touch for one in found)
+    def if_touch_is_seen(check: Callable[[], list[Finding]]) -> list[Finding]:
+        return [] if any(finding.hides_touch for finding in findings) else check()
 
     stages: list[Callable[[], list[Finding]]] = [
         lambda: reference_findings(pads),
@@ -73,26 +74,27 @@ def recording_findings(
         lambda: time_findings(recording, pressings),
         lambda: [finding for known in gels for finding in gel_findings(pads, known)],
         lambda: relation_findings(
-            pressings, closing_mm=[closing_mm(one) for one in pressings], E_range_MPa=E_range_MPa
+            pressings, closing_mm=[closing_mm(press) for press in pressings], E_range_MPa=E_range_MPa
         ),
         lambda: noise_findings(pressings),
     ]
-    if vertices is not None and faces is not None:
+    edges = partial(if_touch_is_seen, lambda: edge_findings(pressings))
+    if vertices is None or faces is None:
+        stages.append(edges)
+    else:
         centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         size = float(np.ptp(vertices, axis=0).mean())
         stages += [
             lambda: jaw_findings(recording, pressings, centre_mm=centre, size_mm=size),
-            lambda: [] if touch_hidden() else indentation_findings(pressings),
-            lambda: [] if touch_hidden() else edge_findings(pressings),
-            lambda: [] if touch_hidden() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
+            partial(if_touch_is_seen, lambda: indentation_findings(pressings)),
+            edges,
+            partial(if_touch_is_seen, lambda: _on_the_fruit(pressings, vertices, faces, surface_sd_mm)),
         ]
-    else:
-        stages.append(lambda: [] if touch_hidden() else edge_findings(pressings))
     for stage in stages:
-        found += stage()
-        if any(one.refused for one in found):
+        findings += stage()
+        if any(finding.refused for finding in findings):
             break
-    return sorted(found, key=lambda one: (not one.refused, one.rank))
+    return sorted(findings, key=lambda finding: (not finding.refused, finding.rank))
 
 
 def _on_the_fruit(
@@ -102,21 +104,26 @@ def _on_the_fruit(
     surface_sd_mm: float,
 ) -> list[Finding]:
     """Findings of the pads' footprints on the mesh, or that another arrangement fits better."""
-    prints = [footprint(one, vertices, faces) for one in pressings]
-    there = [one for one in prints if one is not None]
-    if len(there) < len(pressings):
+    prints = _prints(pressings, vertices, faces)
+    if len(prints) < len(pressings):
         return []
-    width = None
-    if len(pressings) == 2:
-        width = _width_mm(pressings, vertices, faces)
-    found = footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
-    if len(pressings) != 2 or any(one.kind is not FindingKind.PRINT_ASIDE for one in found):
-        return found
-    if tilted(there, surface_sd_mm) ** 2 < OTHERWISE:  # no arrangement can fit that much better
-        return found
+    width = _width_mm(pressings, vertices, faces) if len(pressings) == 2 else None
+    findings = footprint_findings(prints, width_mm=width, surface_sd_mm=surface_sd_mm)
+    if len(pressings) != 2 or any(finding.kind is not FindingKind.PRINT_ASIDE for finding in findings):
+        return findings
+    if tilted(prints, surface_sd_mm) ** 2 < OTHERWISE:  # no arrangement can fit that much better
+        return findings
     others = other_arrangements(pressings, vertices, faces)
-    better = better_otherwise(there, others, surface_sd_mm=surface_sd_mm)
-    return found if better is None else [better]
+    better = better_otherwise(prints, others, surface_sd_mm=surface_sd_mm)
+    return findings if better is None else [better]
+
+
+def _prints(
+    pressings: Sequence[Pressing], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> list[Footprint]:
+    """Of the pads that touch what they look at."""
+    prints = [footprint(press, vertices, faces) for press in pressings]
+    return [pad_print for pad_print in prints if pad_print is not None]
 
 
 def other_arrangements(
@@ -129,11 +136,11 @@ def other_arrangements(
         replace(right, pad=replace(right.pad, pose=left.pad.pose)),
     )
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    made = [(FindingKind.PADS_EXCHANGED, [footprint(one, vertices, faces) for one in exchanged])]
-    for turn in QUARTERS:
-        turned = centre + (vertices - centre) @ turn
-        made.append((FindingKind.MESH_TURNED, [footprint(one, turned, faces) for one in pressings]))
-    return [(kind, [one for one in there if one is not None]) for kind, there in made]
+    turned = [centre + (vertices - centre) @ turn for turn in QUARTERS]
+    return [
+        (FindingKind.PADS_EXCHANGED, _prints(exchanged, vertices, faces)),
+        *((FindingKind.MESH_TURNED, _prints(pressings, places, faces)) for places in turned),
+    ]
 
 
 def _width_mm(

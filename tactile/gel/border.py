@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.interpolate import RegularGridInterpolator
 
 from tactile.gel.grid import GelGrid, with_smooth
-from tactile.gel.poisson_equation import laplacian_eigenvalues, poisson
+from tactile.gel.photometric import laplacian_eigenvalues, poisson
 from tactile.gel.slab import GelLayer, tent_compliance
 from tactile.gel_camera import on_face, project
 from tactile.sensors import GelCamera

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+from scipy.fft import dstn, idstn
 from scipy.ndimage import map_coordinates
 
-from tactile.gel.poisson_equation import laplacian_eigenvalues, poisson
 from tactile.gel_camera import rays
 from tactile.sensors import GelCamera, GelLight
 
@@ -208,3 +208,14 @@ def _integrated(
     right = (gradient[:, 1:, 1] + gradient[:, :-1, 1]) / 2
     divergence = (down[1:, 1:-1] - down[:-1, 1:-1]) + (right[1:-1, 1:] - right[1:-1, :-1])
     return np.pad(poisson(divergence, eigen), 1)
+
+
+def laplacian_eigenvalues(shape: tuple[int, int]) -> Float[np.ndarray, "a b"]:
+    """Eigenvalues of the five-point Laplacian inside a grid's border, in the order of the sine transform."""
+    a, b = (2.0 * np.cos(np.pi * np.arange(1, n - 1) / (n - 1)) - 2.0 for n in shape)
+    return np.asarray(a[:, None] + b)
+
+
+def poisson(right: Float[np.ndarray, "a b"], eigen: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
+    """The inside values, zero at the border, whose five-point Laplacian is `right`, by sine transforms."""
+    return np.asarray(idstn(dstn(right, type=1) / eigen, type=1))

@@ -14,6 +14,14 @@ def grid(columns: int = 9, rows: int = 7) -> Float[np.ndarray, "n 2"]:
     return np.stack([x.ravel() + 38.3, y.ravel() + 29.6], axis=1)
 
 
+def bulged(
+    places: Float[np.ndarray, "n 2"], px: float, *, middle: Float[np.ndarray, "2"], wide: float
+) -> Float[np.ndarray, "n 2"]:
+    """Markers driven outwards by up to `px`, as an incompressible gel is under a ball."""
+    away = places - middle
+    return places + px * away / wide * np.exp(0.5 - (away**2).sum(axis=1, keepdims=True) / 2 / wide**2)
+
+
 def drawn(
     markers_px: Float[np.ndarray, "n 2"],
     *,

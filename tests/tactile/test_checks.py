@@ -194,7 +194,6 @@ def test_a_mesh_of_another_size_is_refused_with_both_widths(nectarine_grasp, tim
     (found,) = findings(recording, (middle + times * (vertices - middle), faces))
     assert found.refused
     said = re.search(r"\(([0-9.]+) times\)", found.sentence)
-    assert said is not None
     assert float(said.group(1)) == pytest.approx(times, abs=0.005)
     assert "another fruit" in found.sentence
 

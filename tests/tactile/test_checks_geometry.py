@@ -32,13 +32,11 @@ def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit
     level, leaning = [0.004, -0.006], [0.03, 0.02]
     off, fits = prints(leaning, leaning), prints(level, level)
     found = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
-    assert found is not None
     assert found.kind is FindingKind.PADS_EXCHANGED
     assert "with the pads exchanged: left and right are swapped" in found.sentence
     turned = better_otherwise(
         off, [(FindingKind.PADS_EXCHANGED, off), (FindingKind.MESH_TURNED, fits)], surface_sd_mm=0.0
     )
-    assert turned is not None
     assert turned.kind is FindingKind.MESH_TURNED
     for others in (
         [],

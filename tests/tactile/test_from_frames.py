@@ -37,9 +37,7 @@ def raw(whole: Path, tmp_path: Path) -> Path:
 
 
 def gel(converted: Converted, pad: int = 0) -> GelPad:
-    found = converted.recording.pads[pad]
-    assert isinstance(found, GelPad)
-    return found
+    return converted.recording.pads[pad]
 
 
 def test_displaced_markers_are_seen_where_the_pictures_have_them(converted: Converted) -> None:
@@ -110,7 +108,6 @@ def test_a_jump_that_a_pitch_more_or_less_fits_as_well_is_said_with_its_frame(ra
     assert any("right: frame 5 (0.250 s): nearly all markers move at once" in note for note in found.notes)
     np.testing.assert_array_equal(gel(found, 0).certainty, 1.0)
     certainty = gel(found, 1).certainty
-    assert certainty is not None
     assert (certainty[:5] == 1).all()
     assert (certainty[5:] < 1).all()
 

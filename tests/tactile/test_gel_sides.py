@@ -121,7 +121,6 @@ def test_markers_of_a_domed_gel_lie_on_its_face(tmp_path) -> None:
     dome = "size_mm = [26, 22]\nface_radius_mm = [190, 114]\n"
     path.write_text(GEL + dome + "[markers]\nrows = 3\ncolumns = 3\npitch_mm = [8, 6]\n")
     rest = read_sensor(path).rest_mm
-    assert rest is not None
     assert rest[4].tolist() == [0, 0, 0]
     assert rest[0, 2] == pytest.approx(-(8**2) / (2 * 190) - 6**2 / (2 * 114))
 

@@ -20,16 +20,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 def gel(recording: Recording) -> GelPad:
-    pad = recording.pads[0]
-    assert isinstance(pad, GelPad)
-    return pad
+    return recording.pads[0]
 
 
 def test_what_is_known_of_each_marker_is_kept(made: Recording, tmp_path: Path) -> None:
     write_recording(tmp_path / "g.h5", made)
     spread, own = gel(read_recording(tmp_path / "g.h5")).spread, gel(made).spread
-    assert spread is not None
-    assert own is not None
     assert spread.displacement_sd_mm.shape == gel(made).displacement_mm.shape
     assert (spread.displacement_sd_mm > 0).all()
     np.testing.assert_allclose(spread.displacement_sd_mm, own.displacement_sd_mm, rtol=1e-6)
@@ -38,9 +34,7 @@ def test_what_is_known_of_each_marker_is_kept(made: Recording, tmp_path: Path) -
 
 def test_the_covariance_is_that_of_the_frame_of_greatest_force(made: Recording) -> None:
     pad = gel(made)
-    assert pad.spread is not None
     joint = pad.spread.joint
-    assert joint is not None
     assert joint.frame == np.abs(pad.force_N[:, :, 2]).sum(axis=1).argmax()
     np.testing.assert_allclose(joint.values, joint.values.T, atol=1e-9 * np.abs(joint.values).max())
     assert np.linalg.eigvalsh(joint.values).min() > -1e-9 * np.abs(joint.values).max()
@@ -53,7 +47,6 @@ def test_the_covariance_is_that_of_the_frame_of_greatest_force(made: Recording) 
 def test_without_the_option_there_is_no_covariance(made: Recording, tmp_path: Path) -> None:
     plain = recording_of(read_raw_grasp(write_raw(tmp_path / "grasp-1"))).recording
     spread = gel(plain).spread
-    assert spread is not None
     assert spread.joint is None
 
 

@@ -175,9 +175,7 @@ def test_a_description_by_lights_gives_the_depth_of_a_dent(tmp_path: Path, gamma
         np.rint(255 * (image(eye(), shape, seed) / 255) ** (1 / gamma)).astype(np.uint8)
         for seed, shape in enumerate((flat, dent))
     )
-    assert sensor.camera is not None
     shading = shading_of(sensor, sensor.camera, rest)
-    assert shading is not None
     places = DOTS + dent(DOTS[:, :2])
     miss = 1e3 * (shading.at(pressed, seen_at(eye(), places)) - places)
     assert np.sqrt((miss[:, 2] ** 2).mean()) < 8

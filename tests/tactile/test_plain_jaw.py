@@ -63,15 +63,12 @@ def grasp(*, shear_N: float = 0.0) -> Recording:
 
 
 def jaw_of(recording: Recording) -> GelPad:
-    pad = with_plain_jaw(recording, ball(), source="g.h5").pads[1]
-    assert isinstance(pad, GelPad)
-    return pad
+    return with_plain_jaw(recording, ball(), source="g.h5").pads[1]
 
 
 def test_the_jaw_pushes_back_what_the_gel_pushes() -> None:
     recording = grasp(shear_N=0.7)
     left, right = recording.pads[0], jaw_of(recording)
-    assert isinstance(left, GelPad)
     on_fruit = [np.einsum("tij,tnj->ti", pad.pose[:, :3, :3], pad.force_N) for pad in (left, right)]
     assert np.abs(on_fruit[0] + on_fruit[1]).max() < 1e-12
     assert not right.displacement_mm.any()
@@ -97,7 +94,6 @@ def test_where_the_flesh_is_known_the_contact_is_as_wide_as_hertz_has_it_of_the_
     """Johnson 1985, eq. 4.22: a^3 = 3 F R / (4 E*), in every frame."""
     plane_strain_MPa = 0.8
     right = with_plain_jaw(grasp(), ball(), source="g.h5", plane_strain_MPa=plane_strain_MPa).pads[1]
-    assert isinstance(right, GelPad)
     for frame in (FRAMES // 2, FRAMES - 1):
         weight = right.force_N[frame, :, 2]
         middle = weight @ right.rest_mm / weight.sum()

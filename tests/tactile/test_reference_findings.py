@@ -18,7 +18,6 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 def changed(recording: Recording, act: Callable[[GelPad], dict[str, Any]]) -> Recording:
     """The left pad with other fields."""
     left, *others = recording.pads
-    assert isinstance(left, GelPad)
     return replace(recording, pads=(replace(left, **act(left)), *others))
 
 

@@ -140,7 +140,6 @@ def test_what_is_left_of_the_travel_is_the_objects():
     force = columns[1] - 0.3
     loaded = force > 0.5
     off = left.aperture_mm - 0.4 - object_mm(force)
-    assert left.rig_sd_mm is not None
     assert np.ptp(off[loaded]) < 0.005 * RIG.give_mm(15.0)
     assert (np.abs(off - off[loaded].mean()) < left.rig_sd_mm)[loaded].all()
 

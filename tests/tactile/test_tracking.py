@@ -4,6 +4,7 @@ import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from drawn_gel import PITCH_PX, drawn, grid
 from jaxtyping import Float
 from scipy.spatial import cKDTree
@@ -11,6 +12,11 @@ from scipy.spatial import cKDTree
 from tactile.markers.tracking import ReferenceMarkers, follow, reference_of, track
 
 FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def reference() -> ReferenceMarkers:
+    return reference_of(drawn(grid()), source="drawn")
 
 
 def press(amplitude_px: float, centre: tuple[float, float] = (160.0, 120.0)) -> Float[np.ndarray, "n 2"]:
@@ -37,15 +43,13 @@ def test_a_press_of_more_than_half_a_pitch_is_followed_to_hundredths_of_a_pixel(
     assert quality.min() > 0.7
 
 
-def test_a_press_already_there_in_the_first_frame_is_understood() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_a_press_already_there_in_the_first_frame_is_understood(reference: ReferenceMarkers) -> None:
     truth = press(0.8 * PITCH_PX)
     position, _ = track(reference, [drawn(truth)])
     assert np.abs(position[0] - truth[names(reference)]).max() < 0.2
 
 
-def test_the_whole_gel_jumps_by_most_of_a_pitch_between_two_frames() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_the_whole_gel_jumps_by_most_of_a_pitch_between_two_frames(reference: ReferenceMarkers) -> None:
     truth = [grid(), grid() + np.array([0.8 * PITCH_PX, -0.6 * PITCH_PX])]
     position, _ = track(reference, [drawn(t) for t in truth])
     seen = np.isfinite(position[1, :, 0])
@@ -53,15 +57,13 @@ def test_the_whole_gel_jumps_by_most_of_a_pitch_between_two_frames() -> None:
     assert np.abs(position[1] - truth[1][names(reference)])[seen].max() < 0.2
 
 
-def test_no_light_moves_a_marker() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_no_light_moves_a_marker(reference: ReferenceMarkers) -> None:
     lights = np.linspace(1.0, 0.5, FRAMES)
     position, _ = track(reference, (drawn(grid(), light=k, tilt=k - 0.5) for k in lights))
     assert np.abs(position - grid()[names(reference)]).max() < 0.1
 
 
-def test_a_hidden_marker_is_lost_for_as_long_and_then_itself_again() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_a_hidden_marker_is_lost_for_as_long_and_then_itself_again(reference: ReferenceMarkers) -> None:
     order = names(reference)
     truth = np.stack([press(s) for s in np.linspace(0, 15, FRAMES)])
     hidden = [22, 31, 32]
@@ -75,8 +77,7 @@ def test_a_hidden_marker_is_lost_for_as_long_and_then_itself_again() -> None:
     assert np.abs(position - truth[:, order])[~expected_lost].max() < 0.2
 
 
-def test_a_false_blob_in_a_torn_markers_stead_is_not_taken() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_a_false_blob_in_a_torn_markers_stead_is_not_taken(reference: ReferenceMarkers) -> None:
     order = names(reference)
     shown = grid()
     shown[30] += [0.62 * PITCH_PX, 0.55 * PITCH_PX]  # came off and lies among the others
@@ -86,15 +87,13 @@ def test_a_false_blob_in_a_torn_markers_stead_is_not_taken() -> None:
     assert np.abs(position[1] - grid()[order])[~lost].max() < 0.1
 
 
-def test_backwards_and_forwards_agree_on_every_name() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_backwards_and_forwards_agree_on_every_name(reference: ReferenceMarkers) -> None:
     frames = [drawn(press(s)) for s in (0, 8, 18, 24, 12, 3)]
     forward, backward = track(reference, frames)[0], track(reference, frames[::-1])[0][::-1]
     assert np.abs(forward - backward).max() < 0.02
 
 
-def test_memory_does_not_grow_with_the_number_of_frames() -> None:
-    reference = reference_of(drawn(grid()), source="drawn")
+def test_memory_does_not_grow_with_the_number_of_frames(reference: ReferenceMarkers) -> None:
     picture = drawn(press(6.0))
 
     def peak_bytes(count: int) -> int:
