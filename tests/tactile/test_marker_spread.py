@@ -14,8 +14,12 @@ from tactile.tactile_failure import TactileFailure
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    folder = write_raw(tmp_path_factory.mktemp("raw") / "grasp-1")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_raw(tmp_path_factory.mktemp("raw") / "grasp-1")
+
+
+@pytest.fixture(scope="module")
+def made(folder: Path) -> Recording:
     return recording_of(read_raw_grasp(folder), covariance=True).recording
 
 
@@ -44,10 +48,8 @@ def test_the_covariance_is_that_of_the_frame_of_greatest_force(made: Recording) 
     assert 0.1 < np.median(ratio) < 1.5
 
 
-def test_without_the_option_there_is_no_covariance(made: Recording, tmp_path: Path) -> None:
-    plain = recording_of(read_raw_grasp(write_raw(tmp_path / "grasp-1"))).recording
-    spread = gel(plain).spread
-    assert spread.joint is None
+def test_without_the_option_there_is_no_covariance(folder: Path) -> None:
+    assert gel(recording_of(read_raw_grasp(folder)).recording).spread.joint is None
 
 
 @pytest.mark.parametrize(
