@@ -1,14 +1,10 @@
-"""How flesh pushes back: linear stiffness, and what finite strain adds, on bricks round a rigid pit.
+"""Bricks of flesh round a rigid pit: their linear stiffness, and what nodal forces do to the unknowns.
 
-Laws, for Lame constants mu and lam of a fruit's E and nu:
-    small strain          sigma = 2 mu eps + lam tr(eps) I
-    Neo-Hookean           P = mu (F - F^-T) + lam ln(det F) F^-T         (Bonet and Wood 2008, eq. 6.28)
-The second tends to the first for small strain. Unknowns: the free nodes' displacements and the pit's shift
-and rotation vector; the pit turns as a rigid body through any angle.
+Unknowns: the free nodes' displacements and the pit's shift and rotation vector; the pit turns as a rigid body
+through any angle. Laws at finite strain: samples.mismatch.flesh_laws.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,9 +12,7 @@ from scipy.sparse import coo_array, csr_array, eye_array, kron
 from scipy.spatial.transform import Rotation
 
 from samples.hexahedra import Bricks, lagrange
-from samples.sample_failure import NotInEquilibrium
 
-Law = Literal["neo-hookean", "linear"]
 HOLDING_N_PER_MM = 2e-2
 """A hair-fine spring on the pit: holds the fruit in the air; a hundredth of a millimetre costs it 0.2 mN."""
 
@@ -30,7 +24,6 @@ class BrickFlesh:
     bricks: Bricks
     mu_MPa: float
     lam_MPa: float
-    law: Law
     slopes: Float[np.ndarray, "m 27 27 3"]
     volumes: Float[np.ndarray, "m 27"]
     free_nodes: Int[np.ndarray, " f"]
@@ -50,13 +43,6 @@ class BrickFlesh:
         u[self.bricks.pit_nodes] = q[-6:-3] + Rotation.from_rotvec(q[-3:]).apply(arms) - arms
         return u if self.bricks.follows is None else np.asarray(self.bricks.follows @ u)
 
-    def excess(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-        """Internal force less `stiffness @ q` (zero under the linear law); moment about the pit's centre."""
-        if self.law == "linear":
-            return np.zeros_like(q)
-        nodal = self._internal_force(self.displacement(q))
-        return np.asarray(self.on_unknowns(nodal, q) - self.stiffness @ q)
-
     def on_unknowns(
         self, nodal_N: Float[np.ndarray, "n 3"], q: Float[np.ndarray, " u"]
     ) -> Float[np.ndarray, " u"]:
@@ -74,26 +60,8 @@ class BrickFlesh:
         force[-6:] += _holding() * q[-6:]
         return force
 
-    def _internal_force(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Nodal forces of the neo-Hookean bricks at displacements `u`; raises NotInEquilibrium."""
-        cells = self.bricks.cells
-        m = len(cells)
-        local = u[cells]
-        grad = np.matmul(self.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), local)
-        F = grad.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2) + np.eye(3)
-        J = np.linalg.det(F)
-        if J.min() <= 0:
-            raise NotInEquilibrium("a brick of the sample's flesh was turned inside out: take shorter steps")
-        inverse_t = np.linalg.inv(F).transpose(0, 1, 3, 2)
-        P = self.mu_MPa * (F - inverse_t) + self.lam_MPa * np.log(J)[..., None, None] * inverse_t
-        P *= self.volumes[..., None, None]
-        stacked = P.transpose(0, 1, 3, 2).reshape(m, 81, 3)
-        forces = np.matmul(self.slopes.transpose(0, 2, 1, 3).reshape(m, 27, 81), stacked)
-        total = [np.bincount(cells.ravel(), forces[..., i].ravel(), minlength=len(u)) for i in range(3)]
-        return np.stack(total, axis=1)
 
-
-def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) -> BrickFlesh:
+def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFlesh:
     """Integrate the bricks (27 Gauss points) and assemble the linear stiffness with a rigid pit.
 
     Raises ValueError where a brick is turned inside out.
@@ -117,7 +85,6 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
         bricks=bricks,
         mu_MPa=mu,
         lam_MPa=lam,
-        law=law,
         slopes=slopes,
         volumes=volumes,
         free_nodes=free,

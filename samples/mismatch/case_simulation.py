@@ -9,11 +9,12 @@ from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
+from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.case_files import Label
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_parameters
-from samples.mismatch.four_grasps import CaseGrasp, four_grasps
+from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.freestone import loose_compliance, pit_contact
 from samples.mismatch.gel_faults import (
     with_bent_reading,
@@ -43,8 +44,8 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import CONVERGED_MM, NonlinearBody
+from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
+from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
@@ -75,7 +76,7 @@ class CasePlan:
 
     case_id: str
     drawn: DrawnFruit
-    grasps: tuple[CaseGrasp, ...]
+    grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
     out_of_catalogue: OutOfCatalogue | None = None
 
@@ -115,7 +116,7 @@ def planned(
 
 
 def _placed(
-    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
+    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[PlannedGrasp, ...], rng: np.random.Generator
 ) -> InjectedEffect:
     if one.effect == "third_contact":
         place = drawn_place_mm(drawn.fruit.skin, rng)
@@ -163,7 +164,10 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], fineness=fineness, wide=touches_widely(plan.injected))
+        stands = meshed_fruit(
+            plan.drawn.fruit, here[0], sensor=plan.drawn.sensor, fineness=fineness,
+            wider=WIDE_SHARE if touches_widely(plan.injected) else 0.0,
+        )  # fmt: skip
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
@@ -242,9 +246,3 @@ def as_recorded(
             shift = (p["shift_mm"][0], p["shift_mm"][1])
             truth = with_pose_error(truth, pad=p["pad"], shift_mm=shift, tilt_deg=p["tilt_deg"])
     return truth
-
-
-def sound_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
-    """Plain flesh of one mesh; `stop_mm`: see NonlinearBody."""
-    whole = whole_fruit(stands.flesh, stands.dofs)
-    return NonlinearBody(whole, plain_flesh(stands.flesh), stop_mm=stop_mm)

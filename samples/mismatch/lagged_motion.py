@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from samples.mismatch.four_grasps import CaseGrasp
+from samples.grasp_plan import Motion, PlannedGrasp
 from samples.mismatch.machine_effects import with_clock_lag
-from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 
 
-def with_instants(grasp: CaseGrasp, times_s: Float[np.ndarray, " k"]) -> CaseGrasp:
+def with_instants(grasp: PlannedGrasp, times_s: Float[np.ndarray, " k"]) -> PlannedGrasp:
     """The same grasp with corners at `times_s` too, every corner recorded."""
     motion = grasp.motion
     time = np.unique(np.round(np.concatenate([motion.time_s, times_s]), 9))

@@ -10,9 +10,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from samples.mismatch.true_recording import PadTruth, TrueRecording
-
-PAD_NAMES = ("left", "right")
+from samples.mismatch.true_recording import PAD_NAMES, PadTruth, TrueRecording
 
 
 def with_gain(truth: TrueRecording, *, pad: str, gain: float) -> TrueRecording:

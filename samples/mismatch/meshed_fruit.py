@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.brick_flesh import BrickFlesh, flesh_of
+from samples.fruit import SampleFruit
 from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
-from samples.hexahedra import Bricks, Fineness, flesh_bricks
-from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.marker_sensor import MarkerSensor
+from samples.grasp_plan import PlannedGrasp
+from samples.hexahedra import Fineness, flesh_bricks
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor
 from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
 
 CASE = BrickGrading(cells=4, layers=4)
@@ -40,46 +40,30 @@ class MeshedFruit:
 
 
 def meshed_fruit(
-    drawn: DrawnFruit,
-    grasp: CaseGrasp,
+    fruit: SampleFruit,
+    grasp: PlannedGrasp,
     *,
+    sensor: MarkerSensor = DEFAULT_SENSOR,
     fineness: BrickGrading | Fineness = CASE,
-    wide: bool = False,
+    wider: float = 0.0,
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
-    `wide`: it gives way less than plain flesh of its modulus.
+    `wider`: so much greater is the share of the travel in which skin may touch a pad (see WIDE_SHARE).
     """
-    fruit = drawn.fruit
-    firmness = fruit.E_MPa / (FIRMNESS_MM * drawn.sensor.gel.kn_MPa_per_mm)
-    share = RIGID_SHARE - HALF / (1 + firmness) + (WIDE_SHARE if wide else 0.0)
-    overlap = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
-    bricks = _bricks(drawn, grasp, fineness, overlap)
-    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law="linear")
-    left, right = (
-        patch_of(bricks, turn, touch_mm=touch, overlap_mm=overlap)
-        for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
-    )
+    firmness = fruit.E_MPa / (FIRMNESS_MM * sensor.gel.kn_MPa_per_mm)
+    share = RIGID_SHARE - HALF / (1 + firmness) + wider
+    overlap_mm = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
+    pads = list(zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True))
+    axis = grasp.hold.turns[0][:, 2]
+    if isinstance(fineness, Fineness):
+        bricks = flesh_bricks(fruit, axis, fineness)
+    else:
+        touched = [touched_skin_mm(fruit, turn, touch_mm=at, overlap_mm=overlap_mm) for turn, at in pads]
+        bricks = graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
+    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio)
+    left, right = (patch_of(bricks, turn, touch_mm=at, overlap_mm=overlap_mm) for turn, at in pads)
     dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
     return MeshedFruit(
-        flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=drawn.sensor
+        flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=sensor
     )
-
-
-def _bricks(
-    drawn: DrawnFruit, grasp: CaseGrasp, fineness: BrickGrading | Fineness, overlap_mm: float
-) -> Bricks:
-    fruit, hold = drawn.fruit, grasp.hold
-    axis = hold.turns[0][:, 2]
-    if isinstance(fineness, Fineness):
-        return flesh_bricks(fruit, axis, fineness)
-    touched = [
-        touched_skin_mm(fruit, turn, touch_mm=touch, overlap_mm=overlap_mm)
-        for turn, touch in zip(hold.turns, hold.touch_mm, strict=True)
-    ]
-    return graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
-
-
-def nodes_of(stands: MeshedFruit) -> Float[np.ndarray, "n 3"]:
-    """Nodes of the mesh at rest."""
-    return stands.flesh.bricks.nodes_mm

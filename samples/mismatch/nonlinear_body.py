@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.anderson_mixing import AndersonMixing
-from samples.mismatch.flesh_laws import FleshLaw, State
+from samples.mismatch.flesh_laws import FleshLaw, Lame, PlainFlesh, State
 from samples.mismatch.grip import Grip, Instant, before_touch, going_on, next_instant
-from samples.mismatch.whole_fruit import WholeFruit
+from samples.mismatch.meshed_fruit import MeshedFruit
+from samples.mismatch.whole_fruit import WholeFruit, whole_fruit
 from samples.sample_failure import NotInEquilibrium
 
 CONVERGED_MM = 4e-5
@@ -141,6 +142,12 @@ class NonlinearBody:
             return P
 
         return self._whole.excess(q, stress), found
+
+
+def sound_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
+    """Plain flesh of one mesh; `stop_mm`: see NonlinearBody."""
+    lame = Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa)
+    return NonlinearBody(whole_fruit(stands.flesh, stands.dofs), PlainFlesh(lame=lame), stop_mm=stop_mm)
 
 
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:

@@ -7,7 +7,8 @@ grasp 4 takes the spots of grasp 1 with the fruit turned round between the jaws.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+
+from samples.grasp_plan import Motion
 
 CLEARANCE_MM = 0.4
 """Between pad and skin before and after, mm: more than the skin's own waves (0.1 mm), so that nothing
@@ -22,19 +23,6 @@ SHEAR_MM, SHEAR_S, PAUSE_S = 1.2, 1.5, 0.4
 """Sideways way of a pad in the hold (mm), its time and the pause before it (s), set by hand."""
 LET_GO_MM = -0.02
 """mm past first touch of the last frame of opening: just out of contact."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Motion:
-    """Corners of the jaws' way, linear in between: travel of each jaw past first touch, left pad's shear.
-
-    `recorded` marks the corners that are frames of the recording; the others are instants between frames.
-    """
-
-    time_s: Float[np.ndarray, " t"]
-    travel_mm: Float[np.ndarray, " t"]
-    shear_mm: Float[np.ndarray, " t"]
-    recorded: Bool[np.ndarray, " t"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,8 @@ class SofteningGelBody:
     ) -> Instant:
         """Equilibrium with the gel as soft as it is now."""
         self._pressed_s = self._pressed_s + pause_s if np.any(before.force_N) else 0.0
-        soft = replace(grip, gel=self._softened(grip.gel))
+        left, right = grip.gels
+        soft = replace(grip, gels=(self._softened(left), self._softened(right)))
         return self._body.advance(soft, before, origins, pause_s)
 
     def _softened(self, gel: Gel) -> Gel:

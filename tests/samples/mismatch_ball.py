@@ -5,13 +5,13 @@ from ball_fruit import ball
 
 from samples.fruit import SampleFruit, SamplePit
 from samples.gel_contact import Gel
+from samples.grasp_plan import Motion, PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import CaseGrasp, through_centre
+from samples.mismatch.four_grasps import through_centre
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
-from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
 ROUGH = Fineness(degrees=(0, 7, 14, 45), along=1, depths=(0, 0.3, 1))
@@ -35,18 +35,18 @@ def motion(travel_mm: list[float], *, pause_s: float = 0.1, shear_mm: list[float
     )
 
 
-def grasp_along_x(drawn: DrawnFruit, way: Motion, *, turned: bool = False) -> CaseGrasp:
+def grasp_along_x(drawn: DrawnFruit, way: Motion, *, turned: bool = False) -> PlannedGrasp:
     hold = through_centre(drawn.fruit.skin, azimuth_deg=0.0, tilt_deg=0.0, uneven_mm=0.0)
-    return CaseGrasp(name="grasp-1", hold=hold, motion=way, mesh=0, turned=turned)
+    return PlannedGrasp(name="grasp-1", hold=hold, motion=way, turned=turned)
 
 
-def rough(drawn: DrawnFruit, way: Motion, fineness: Fineness = ROUGH) -> tuple[CaseGrasp, MeshedFruit]:
+def rough(drawn: DrawnFruit, way: Motion, fineness: Fineness = ROUGH) -> tuple[PlannedGrasp, MeshedFruit]:
     grasp = grasp_along_x(drawn, way)
-    return grasp, meshed_fruit(drawn, grasp, fineness=fineness)
+    return grasp, meshed_fruit(drawn.fruit, grasp, sensor=drawn.sensor, fineness=fineness)
 
 
 def grasped_ball(
-    grasp: CaseGrasp,
+    grasp: PlannedGrasp,
     stands: MeshedFruit,
     body: GrippedBody,
     *,

@@ -65,7 +65,7 @@ def _flux(bricks: Bricks, cells: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def test_even_strain_leaves_no_force_inside(bricks: Bricks) -> None:
-    flesh = flesh_of(bricks, E_MPa=0.5, poisson_ratio=0.45, law="linear")
+    flesh = flesh_of(bricks, E_MPa=0.5, poisson_ratio=0.45)
     strain = np.random.default_rng(0).normal(size=(3, 3))
     u = bricks.nodes_mm @ strain.T
     full = assembled(
@@ -100,7 +100,7 @@ def test_bricks_are_small_where_the_pads_touch_and_no_pad_meets_a_hanging_node(b
 def test_contact_is_that_of_an_even_mesh() -> None:
     drawn, way = drawn_ball(), motion([-0.1, 0.3, 0.6])
     grasp, even = rough(drawn, way, FINE_AND_EVEN)
-    graded = meshed_fruit(drawn, grasp, fineness=BrickGrading(cells=3, layers=2, levels=2))
+    graded = meshed_fruit(drawn.fruit, grasp, fineness=BrickGrading(cells=3, layers=2, levels=2))
     a, b = (
         grasped_ball(grasp, s, ElasticBody(skin_compliance(s.flesh.stiffness, s.dofs)))
         for s in (even, graded)

@@ -8,13 +8,8 @@ from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
 
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.drawn_fruit import CATEGORIES, drawn_fruit, seen_anew, seen_by_drawn_sensor
-from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor, drawn_sensor
+from samples.mismatch.marker_sensor import MarkerSensor, drawn_sensor
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.simulated_grasp import marker_grid
-
-
-def test_the_default_sensor_is_that_of_the_sample_batch() -> None:
-    assert DEFAULT_SENSOR.rest_mm == pytest.approx(marker_grid())
 
 
 def test_drawn_sensors_stay_in_their_ranges_and_cover_the_contact() -> None:

@@ -15,9 +15,9 @@ from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
 from samples.mismatch.effect_levels import AMPLITUDES, LEVELS
 from samples.mismatch.injected import EFFECTS
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import marker_grid
 from tactile.io.recording import GelPad, read_recording
 
 FRAMES = 40
@@ -31,7 +31,7 @@ def true_recording(name: str = "grasp-1") -> TrueRecording:
     pad = PadTruth(pose=pose, displacement_mm=np.zeros((FRAMES, 400, 3)), force_N=force)
     return TrueRecording(
         name=name, time_s=0.1 * np.arange(FRAMES), aperture_mm=np.full(FRAMES, 50.0),
-        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
+        rest_mm=DEFAULT_SENSOR.rest_mm, gel=Gel(), pads=(pad, pad),
     )  # fmt: skip
 
 

@@ -13,10 +13,10 @@ from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, 
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.protocol import four_manners, motion_of
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import marker_grid
 from tactile.io.recording import GelPad, read_recording
 
 
@@ -25,7 +25,7 @@ def recording(frames: int = 60) -> TrueRecording:
     pad = PadTruth(pose=pose, displacement_mm=np.zeros((frames, 400, 3)), force_N=np.zeros((frames, 400, 3)))
     return TrueRecording(
         name="grasp-1", time_s=0.1 * np.arange(frames), aperture_mm=np.full(frames, 50.0),
-        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
+        rest_mm=DEFAULT_SENSOR.rest_mm, gel=Gel(), pads=(pad, pad),
     )  # fmt: skip
 
 

@@ -21,16 +21,16 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.out_of_catalogue import believed
 from samples.mismatch.true_recording import PadTruth, TrueRecording
-from samples.simulated_grasp import marker_grid
 
 
 @pytest.fixture
 def truth() -> TrueRecording:
     """Two pads that close along x, forces rising with time."""
     time_s = np.linspace(0.0, 2.0, 9)
-    rest = marker_grid()
+    rest = DEFAULT_SENSOR.rest_mm
     shape = np.exp(-(rest[:, 0] ** 2 + rest[:, 1] ** 2) / 20)
     pads = []
     for side in (1.0, -1.0):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, grasped_ball, motion, rough
 
+from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.effect_levels import LEVELS, drawn_parameters
-from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
@@ -27,7 +27,7 @@ def force_on_fruit(truth: TrueRecording) -> np.ndarray:
 
 
 @cache
-def meshed() -> tuple[CaseGrasp, MeshedFruit]:
+def meshed() -> tuple[PlannedGrasp, MeshedFruit]:
     return rough(drawn_ball(), WAY, FINER)
 
 
