@@ -15,6 +15,8 @@ from samples.hexahedra import Bricks, lagrange
 
 HOLDING_N_PER_MM = 2e-2
 """A hair-fine spring on the pit: holds the fruit in the air; a hundredth of a millimetre costs it 0.2 mN."""
+HOLDING = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+"""The spring on the pit's shift (N/mm) and on its turn (N mm)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,13 @@ class BrickFlesh:
     def unknowns(self) -> int:
         """Three per free node, six for the pit."""
         return 3 * len(self.free_nodes) + 6
+
+    def dofs_of(self, nodes: Int[np.ndarray, " k"]) -> Int[np.ndarray, "k 3"]:
+        """The unknowns of free nodes. Raises ValueError for a node that hangs on larger bricks."""
+        place = np.searchsorted(self.free_nodes, nodes)
+        if not np.array_equal(self.free_nodes[np.minimum(place, len(self.free_nodes) - 1)], nodes):
+            raise ValueError("a pad may touch skin whose nodes hang on larger bricks: refine a wider zone")
+        return 3 * place[:, None] + np.arange(3)
 
     def displacement(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "n 3"]:
         """Nodal displacement, mm, of the unknowns q."""
@@ -57,7 +66,7 @@ class BrickFlesh:
         arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
         force[-6:-3] = pit.sum(axis=0)
         force[-3:] = np.cross(Rotation.from_rotvec(q[-3:]).apply(arms), pit).sum(axis=0)
-        force[-6:] += _holding() * q[-6:]
+        force[-6:] += HOLDING * q[-6:]
         return force
 
 
@@ -77,10 +86,8 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFles
     full = assembled(bricks.cells, slopes, volumes, mu, lam, count)
     tie = rigid_tie(bricks, free, centre)
     stiffness = csr_array(tie.T @ full @ tie)
-    diagonal = np.zeros(stiffness.shape[0])
-    diagonal[-6:] = _holding()
-    ends = np.arange(len(diagonal) - 6, len(diagonal))
-    stiffness = csr_array(stiffness + coo_array((diagonal[-6:], (ends, ends)), shape=stiffness.shape).tocsr())
+    ends = np.arange(stiffness.shape[0] - 6, stiffness.shape[0])
+    stiffness = csr_array(stiffness + coo_array((HOLDING, (ends, ends)), shape=stiffness.shape).tocsr())
     return BrickFlesh(
         bricks=bricks,
         mu_MPa=mu,
@@ -91,10 +98,6 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFles
         stiffness=stiffness,
         pit_centre_mm=centre,
     )
-
-
-def _holding() -> Float[np.ndarray, " 6"]:
-    return HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
 
 
 def shape_gradients(
@@ -131,9 +134,15 @@ def assembled(
         for i in range(3):
             block[:, :, i, :, i] += mu * trace
         dofs = (3 * cells[part][:, :, None] + np.arange(3)).reshape(len(part), 81)
-        rows, columns = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
-        total = total + csr_array(coo_array((block.ravel(), (rows, columns)), shape=total.shape))
+        total = total + scattered(block, dofs, 3 * count)
     return total
+
+
+def scattered(blocks: np.ndarray, dofs: Int[np.ndarray, "m k"], size: int) -> csr_array:
+    """The sum of the cells' square blocks, each at the unknowns of its cell."""
+    count = dofs.shape[1]
+    rows, columns = np.repeat(dofs, count, axis=1).ravel(), np.tile(dofs, (1, count)).ravel()
+    return csr_array(coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)))
 
 
 def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:

@@ -16,12 +16,6 @@ from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn
 from samples.mismatch.effect_levels import Amplitude, drawn_parameters
 from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.freestone import loose_compliance, pit_contact
-from samples.mismatch.gel_faults import (
-    with_bent_reading,
-    with_gel_creep,
-    with_hysteresis,
-    with_thermal_drift,
-)
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
@@ -37,12 +31,17 @@ from samples.mismatch.injected import (
     stiffness_at_rest,
     touches_widely,
 )
-from samples.mismatch.lagged_motion import recorded_late, with_instants
 from samples.mismatch.machine_effects import (
+    recorded_late,
+    with_bent_reading,
     with_drift,
     with_gain,
+    with_gel_creep,
     with_gripper_compliance,
+    with_hysteresis,
+    with_instants,
     with_pose_error,
+    with_thermal_drift,
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody

@@ -11,7 +11,7 @@ from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness, flesh_bricks
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor
-from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
+from samples.mismatch.skin_patch import SkinPatch, patch_of
 
 CASE = BrickGrading(cells=4, layers=4)
 """Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
@@ -63,7 +63,7 @@ def meshed_fruit(
         bricks = graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
     flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio)
     left, right = (patch_of(bricks, turn, touch_mm=at, overlap_mm=overlap_mm) for turn, at in pads)
-    dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
+    dofs = flesh.dofs_of(np.concatenate([left.nodes, right.nodes])).ravel()
     return MeshedFruit(
         flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=sensor
     )

@@ -40,14 +40,8 @@ HALVINGS = 3
 class NonlinearBody:
     """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
 
-    def __init__(
-        self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0, stop_mm: float = CONVERGED_MM
-    ) -> None:
-        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens.
-
-        `stop_mm`: the change of a skin node in a round at which the rounds end.
-        """
-        self._stop_mm = stop_mm
+    def __init__(self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0) -> None:
+        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
         self._whole, self._compliance, self._law = whole, whole.compliance.scaled(1 / firmer), law
         self._firmer = firmer
         self.still = law.still
@@ -69,7 +63,7 @@ class NonlinearBody:
         for _ in range(ROUNDS):
             excess, state = self._excess(q, pause_s)
             mapped = ((self._firmer - 1) * q - self._whole.solve(excess)) / self._firmer
-            if np.abs(mapped - q).max() < self._stop_mm / 10:
+            if np.abs(mapped - q).max() < CONVERGED_MM / 10:
                 break
             q = mixing.mixed(q, mapped)
         else:
@@ -125,7 +119,7 @@ class NonlinearBody:
             balance = whole.spread(instant.force_N) - excess
             mapped = ((self._firmer - 1) * q + whole.solve(balance)) / self._firmer
             start = instant.force_N
-            if np.abs((mapped - q)[whole.dofs]).max() < self._stop_mm:
+            if np.abs((mapped - q)[whole.dofs]).max() < CONVERGED_MM:
                 self._trend = (mapped - self._q) if np.any(instant.force_N) else np.zeros_like(mapped)
                 self._state, self._q = state, mapped
                 return instant
@@ -144,10 +138,10 @@ class NonlinearBody:
         return self._whole.excess(q, stress), found
 
 
-def sound_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
-    """Plain flesh of one mesh; `stop_mm`: see NonlinearBody."""
+def sound_body(stands: MeshedFruit) -> NonlinearBody:
+    """Plain flesh of one mesh."""
     lame = Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa)
-    return NonlinearBody(whole_fruit(stands.flesh, stands.dofs), PlainFlesh(lame=lame), stop_mm=stop_mm)
+    return NonlinearBody(whole_fruit(stands.flesh, stands.dofs), PlainFlesh(lame=lame))
 
 
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:

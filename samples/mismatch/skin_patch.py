@@ -36,15 +36,3 @@ def patch_of(
     nodes, cells = nodes[order], np.argsort(order)[cells]
     rim = np.isin(nodes, bricks.skin_cells[~near])
     return SkinPatch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))
-
-
-def degrees_of_freedom(
-    patches: tuple[SkinPatch, ...], free_nodes: Int[np.ndarray, " f"], count: int
-) -> Int[np.ndarray, " d"]:
-    """The unknowns of the patches' nodes, three each, pad after pad; all must be free nodes."""
-    number = np.full(count, -1)
-    number[free_nodes] = np.arange(len(free_nodes))
-    touched = np.concatenate([number[p.nodes] for p in patches])
-    if touched.min() < 0:
-        raise ValueError("a pad may touch skin whose nodes hang on larger bricks: refine a wider zone")
-    return np.asarray((3 * touched[:, None] + np.arange(3)).ravel())

@@ -1,7 +1,7 @@
 """The recording of one grasp before any sensor: instants at the frames, and what the machine knows."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,7 +9,7 @@ from jaxtyping import Float
 from samples.gel_contact import Gel
 from samples.grasp_plan import Hold, Motion, PlannedGrasp
 from samples.mismatch.bodies import GrippedBody
-from samples.mismatch.gel_bed import POINTS, bed_of
+from samples.mismatch.gel_bed import bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.sensor_noise import SensorNoise, measured
@@ -44,6 +44,16 @@ class TrueRecording:
         places = np.unique(self.rest_mm[:, 0])
         return float(places[1] - places[0]) ** 2
 
+    def with_pads(
+        self, change: Callable[[PadTruth], PadTruth], *, only: str | None = None
+    ) -> "TrueRecording":
+        """The recording with each pad changed, or the one of that name."""
+        left, right = (
+            change(pad) if only in (None, name) else pad
+            for name, pad in zip(PAD_NAMES, self.pads, strict=True)
+        )
+        return replace(self, pads=(left, right))
+
     @property
     def peak_force_N(self) -> float:
         """Largest total normal force of a pad over the recording."""
@@ -55,9 +65,8 @@ def grip_of(
     *,
     gel: Gel | tuple[Gel, Gel],
     inner: InnerContact | None = None,
-    points: int = POINTS,
 ) -> Grip:
-    """The grip on a fruit as it was meshed. `gel`: of both pads, or of each; `points`: see gel_bed.bed_of."""
+    """The grip on a fruit as it was meshed. `gel`: of both pads, or of each."""
     nodes = stands.flesh.bricks.nodes_mm
     local = [
         (nodes[p.nodes] - touch) @ p.turn for p, touch in zip(stands.patches, stands.touch_mm, strict=True)
@@ -65,10 +74,7 @@ def grip_of(
     return Grip(
         patches=stands.patches,
         rest_mm=tuple(nodes[p.nodes] for p in stands.patches),
-        beds=tuple(
-            bed_of(stands.sensor, x, p.cells, points=points)
-            for p, x in zip(stands.patches, local, strict=True)
-        ),
+        beds=tuple(bed_of(stands.sensor, x, p.cells) for p, x in zip(stands.patches, local, strict=True)),
         gels=gel if isinstance(gel, tuple) else (gel, gel),
         inner=inner,
     )
@@ -79,10 +85,9 @@ def grasped(
     grip: Grip,
     body: GrippedBody,
     *,
-    steps: int = 1,
     watch: Callable[[int, Instant], None] | None = None,
 ) -> TrueRecording:
-    """Go through the motion, from corner to corner in `steps`; keep the recorded corners.
+    """Go through the motion, from corner to corner; keep the recorded corners.
 
     `watch` is told each corner's number and instant. Raises NotInEquilibrium where a step finds no balance.
     """
@@ -96,9 +101,7 @@ def grasped(
         origins = _origins(hold, motion, k)
         unmoved = np.array_equal(origins, instant.origins)
         if not (unmoved and body.still):
-            first = instant.origins
-            for step in range(1, steps + 1):
-                instant = body.advance(grip, instant, first + step / steps * (origins - first), pause / steps)
+            instant = body.advance(grip, instant, origins, pause)
         if motion.recorded[k]:
             frames.append(instant)
     if watch is not None:

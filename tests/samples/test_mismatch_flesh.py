@@ -10,9 +10,16 @@ from scipy.spatial.transform import Rotation
 from samples.brick_flesh import BrickFlesh, flesh_of, rigid_tie
 from samples.gel_contact import Gel
 from samples.hexahedra import flesh_bricks
-from samples.mismatch.altered_flesh import graded, soft_spot, stiffer_along_stem, uneven, with_skin
+from samples.mismatch.altered_flesh import (
+    graded,
+    integration_points_mm,
+    relative_depths,
+    soft_spot,
+    stiffer_along_stem,
+    uneven,
+    with_skin,
+)
 from samples.mismatch.case_simulation import body_of
-from samples.mismatch.cell_places import integration_points_mm, relative_depths
 from samples.mismatch.flesh_laws import (
     Damaged,
     Draining,

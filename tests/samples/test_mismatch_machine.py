@@ -7,19 +7,19 @@ import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion
 
 from samples.gel_contact import Gel
-from samples.mismatch.gel_faults import (
-    with_bent_reading,
-    with_gel_creep,
-    with_hysteresis,
-    with_thermal_drift,
-)
 from samples.mismatch.injected import InjectedEffect
-from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
 from samples.mismatch.machine_effects import (
+    at_times,
+    recorded_late,
+    with_bent_reading,
     with_drift,
     with_gain,
+    with_gel_creep,
     with_gripper_compliance,
+    with_hysteresis,
+    with_instants,
     with_pose_error,
+    with_thermal_drift,
 )
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.out_of_catalogue import believed
