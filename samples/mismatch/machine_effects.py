@@ -103,7 +103,7 @@ def with_bent_reading(truth: TrueRecording, *, a: float) -> TrueRecording:
     """Recorded force = f (1 + a |f| / M) at each marker, M the largest |f| of any marker of the recording."""
 
     def size(pad: PadTruth) -> Float[np.ndarray, "t n 1"]:
-        return np.linalg.norm(pad.force_N, axis=2, keepdims=True)
+        return np.asarray(np.linalg.norm(pad.force_N, axis=2, keepdims=True))
 
     largest = max(float(size(pad).max()) for pad in truth.pads)
     return truth.with_pads(lambda p: replace(p, force_N=p.force_N * (1 + a * size(p) / largest)))

@@ -12,7 +12,6 @@ and Ni 2011, type II) until q no longer changes.
 import numpy as np
 from jaxtyping import Float
 
-from samples.anderson_mixing import AndersonMixing
 from samples.mismatch.flesh_laws import FleshLaw, Lame, PlainFlesh, State
 from samples.mismatch.grip import Grip, Instant, before_touch, going_on, next_instant
 from samples.mismatch.meshed_fruit import MeshedFruit
@@ -146,3 +145,23 @@ def sound_body(stands: MeshedFruit) -> NonlinearBody:
 
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:
     return float(np.linalg.norm(origins[1] - origins[0]))
+
+
+class AndersonMixing:
+    """The last `depth` rounds and their mix; of the samples, as truth must not use the estimator's code."""
+
+    def __init__(self, depth: int) -> None:
+        self._depth = depth
+        self._mapped: list[np.ndarray] = []
+        self._change: list[np.ndarray] = []
+
+    def mixed(self, q: Float[np.ndarray, " u"], mapped: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+        """The next guess, where `mapped` is what a round has made of the guess q."""
+        self._mapped = [*self._mapped[-self._depth :], mapped]
+        self._change = [*self._change[-self._depth :], mapped - q]
+        if len(self._change) == 1:
+            return mapped
+        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
+        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
+        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
+        return np.asarray(mapped - moves @ share)

@@ -125,12 +125,13 @@ def fruit_cover(
     finer: int,
 ) -> Float[np.ndarray, "h w"]:
     """The share of each pixel of a window that the fruit covers, seen by a pinhole; `finer`^2 rays each."""
-    fine, fine_window = scaled(view, finer), tuple(finer * side for side in window)
+    left, top, width, height = (finer * side for side in window)
+    fine = scaled(view, finer)
     which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
-    camera = mi.load_dict(window_sensor(mi, fine, fine_window))
+    camera = mi.load_dict(window_sensor(mi, fine, (left, top, width, height)))
     shape = np.array(mi.render(world.scene, sensor=camera, integrator=which, spp=1))[..., 0]
     middle_mm = np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]])
-    column, row = np.rint(fine.pixels(middle_mm)[0] - fine_window[:2]).astype(int)
+    column, row = np.rint(fine.pixels(middle_mm)[0] - [left, top]).astype(int)
     on_fruit = (shape == shape[row, column]).astype(np.float32)  # nothing hides the fruit's middle
     return np.asarray(cv2.resize(on_fruit, window[2:], interpolation=cv2.INTER_AREA))
 
