@@ -22,10 +22,10 @@ from jaxtyping import Bool, Float
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
 from samples.grasp_plan import Hold, Motion, PlannedGrasp
+from samples.mismatch.four_grasps import CLEARANCE_MM
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
-from samples.mismatch.protocol import CLEARANCE_MM
 from samples.mismatch.true_recording import PadTruth, grasped, grip_of
 from tactile.io.recording import GelPad, Recording, read_recording
 

@@ -4,7 +4,7 @@ import fcntl
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +28,6 @@ offset_sd_mm = 0.5        # expected spread of the pit prior
 size_sd = 0.03
 mesh_sd_mm = 0.1
 """
-
-
-@dataclass(frozen=True, kw_only=True)
-class Label:
-    """What was injected in a case, as its label says it."""
-
-    effect: str
-    parameters: dict[str, Any]
 
 
 def write_case_files(
@@ -86,12 +78,11 @@ def sensed(
     )  # fmt: skip
 
 
-def answer(drawn: DrawnFruit, label: Label) -> dict[str, Any]:
-    """One entry of answers.json, in the case's frame."""
+def answer(drawn: DrawnFruit, label: dict[str, Any]) -> dict[str, Any]:
+    """One entry of answers.json, in the case's frame; `label`: effect and parameters."""
     centre = np.array(drawn.fruit.pit.centre_mm) - np.array(drawn.prior.centre_mm)
     return {
-        "effect": label.effect,
-        "parameters": label.parameters,
+        **label,
         "E_MPa": drawn.fruit.E_MPa,
         "nu": drawn.fruit.poisson_ratio,
         "pit_semi_axes_mm": list(drawn.fruit.pit.semi_axes_mm),

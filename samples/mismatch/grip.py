@@ -24,8 +24,8 @@ from samples.mismatch.gel_bed import (
     marker_values,
     nothing_held,
 )
+from samples.mismatch.meshed_fruit import SkinPatch
 from samples.mismatch.skin_compliance import SkinCompliance, Slices, parts_of
-from samples.mismatch.skin_patch import SkinPatch
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3

@@ -9,9 +9,8 @@ from samples.brick_flesh import BrickFlesh, flesh_of
 from samples.fruit import SampleFruit
 from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
 from samples.grasp_plan import PlannedGrasp
-from samples.hexahedra import Fineness, flesh_bricks
+from samples.hexahedra import Bricks, Fineness, flesh_bricks
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor
-from samples.mismatch.skin_patch import SkinPatch, patch_of
 
 CASE = BrickGrading(cells=4, layers=4)
 """Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
@@ -23,6 +22,20 @@ flesh much softer than the gel (Hertz), all of it for flesh much firmer. In betw
 (2.4 mm kn)), seen on 6 pads of one fruit; 0.2 and 0.1 mm are to spare, for patches end with whole cells."""
 WIDE_SHARE = 0.3
 """So much greater is that share where flesh gives way less: then it may reach the whole travel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkinPatch:
+    """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
+
+    Nodes are in the order in which a face that comes nearer would meet them.
+    `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    nodes: Int[np.ndarray, " n"]
+    cells: Int[np.ndarray, "k 9"]
+    rim: Int[np.ndarray, " r"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,3 +80,19 @@ def meshed_fruit(
     return MeshedFruit(
         flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=sensor
     )
+
+
+def patch_of(
+    bricks: Bricks, turn: Float[np.ndarray, "3 3"], *, touch_mm: Float[np.ndarray, " 3"], overlap_mm: float
+) -> SkinPatch:
+    """Cells that face the pad and come within `overlap_mm` of its face where it first touches."""
+    local = (bricks.nodes_mm - touch_mm) @ turn
+    corners = local[bricks.skin_cells]
+    normal = np.cross(corners[:, 2, 1] - corners[:, 0, 1], corners[:, 1, 2] - corners[:, 1, 0])
+    faces_it = normal[:, 2] < -0.3 * np.linalg.norm(normal, axis=1)
+    near = faces_it & (corners[..., 2].min(axis=(1, 2)) < overlap_mm)
+    nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
+    order = np.argsort(local[nodes, 2], kind="stable")
+    nodes, cells = nodes[order], np.argsort(order)[cells]
+    rim = np.isin(nodes, bricks.skin_cells[~near])
+    return SkinPatch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))

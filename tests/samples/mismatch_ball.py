@@ -7,12 +7,14 @@ from samples.fruit import SampleFruit, SamplePit
 from samples.gel_contact import Gel
 from samples.grasp_plan import Motion, PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import GrippedBody
+from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import through_centre
 from samples.mismatch.grip import InnerContact
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
-from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
+from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.true_recording import PadTruth, TrueRecording, grasped, grip_of
 
 ROUGH = Fineness(degrees=(0, 7, 14, 45), along=1, depths=(0, 0.3, 1))
 
@@ -59,3 +61,24 @@ def grasped_ball(
 def total_N(truth: TrueRecording, pad: int = 0) -> np.ndarray:
     """Normal force of one pad over the frames."""
     return np.asarray(truth.pads[pad].force_N.sum(axis=1)[:, 2])
+
+
+def linear_body(stands: MeshedFruit) -> ElasticBody:
+    return ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+
+
+def force_on_fruit(truth: TrueRecording) -> np.ndarray:
+    """Sum of both pads' marker forces in the fruit frame, by frame."""
+    return np.sum([np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads], axis=0)
+
+
+def still_recording(frames: int, *, name: str = "grasp-1", late_N: float = 0.0) -> TrueRecording:
+    """Nothing moves, and each marker bears `late_N` in the second half."""
+    force = np.zeros((frames, 400, 3))
+    force[frames // 2 :, :, 2] = late_N
+    pose = np.broadcast_to(np.eye(4), (frames, 4, 4)).copy()
+    pad = PadTruth(pose=pose, displacement_mm=np.zeros((frames, 400, 3)), force_N=force)
+    return TrueRecording(
+        name=name, time_s=0.1 * np.arange(frames), aperture_mm=np.full(frames, 50.0),
+        rest_mm=DEFAULT_SENSOR.rest_mm, gel=Gel(), pads=(pad, pad),
+    )  # fmt: skip

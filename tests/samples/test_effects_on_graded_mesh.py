@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, rough, total_N
 
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import ElasticBody, GrippedBody
+from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.effect_levels import drawn_parameters
@@ -15,7 +15,6 @@ from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
-from samples.mismatch.skin_compliance import skin_compliance
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
 FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
@@ -63,7 +62,7 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little(
     ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit],
 ) -> None:
     _, grasp, stands = ball
-    linear = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    linear = linear_body(stands)
     small, large = (total_N(grasped_ball(grasp, stands, body)) for body in (linear, sound_body(stands)))
     assert large[1:] == pytest.approx(small[1:], rel=0.05)
     assert np.abs(large[2] / small[2] - 1) > 1e-3

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, rough, total_N
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.skin_compliance import skin_compliance
 
 
@@ -31,14 +30,14 @@ def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:
     # a rigid cap of depth d pushes aside gel of volume pi d^2 (3 R - d) / 3
     drawn = drawn_ball(E_MPa=100.0, nu=0.3)
     grasp, stands = rough(drawn, motion([-0.1, 0.3, 0.6]))
-    truth = grasped_ball(grasp, stands, ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs)))
+    truth = grasped_ball(grasp, stands, linear_body(stands))
     expected = 0.22 * np.pi * 0.6**2 * (75.0 - 0.6) / 3
     assert total_N(truth)[2] == pytest.approx(expected, rel=0.02)
 
 
 def test_the_pads_push_alike_and_only_where_they_touch() -> None:
     grasp, stands = rough(drawn_ball(), motion([-0.2, 0.3, 0.7, 0.3, -0.2]))
-    truth = grasped_ball(grasp, stands, ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs)))
+    truth = grasped_ball(grasp, stands, linear_body(stands))
     left, right = total_N(truth, 0), total_N(truth, 1)
     assert left == pytest.approx(right, abs=0.02)
     assert left[[0, 4]] == pytest.approx(0.0, abs=1e-12)
@@ -52,7 +51,7 @@ def test_the_pads_push_alike_and_only_where_they_touch() -> None:
 def test_friction_stays_within_its_cone() -> None:
     way = motion([-0.1, 0.4, 0.8, 0.8, 0.8], shear_mm=[0, 0, 0, 0.5, 1.0])
     grasp, stands = rough(drawn_ball(), way)
-    body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    body = linear_body(stands)
     slippery = grasped_ball(grasp, stands, body, gel=Gel(friction=0.05))
     sticky = grasped_ball(grasp, stands, body)
     for pad, other in zip(slippery.pads, sticky.pads, strict=True):
@@ -67,7 +66,7 @@ def test_turning_the_fruit_round_changes_the_pads_over() -> None:
     drawn = drawn_ball()
     way = motion([-0.1, 0.4], shear_mm=[0, 0])
     grasp, stands = rough(drawn, way)
-    body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    body = linear_body(stands)
     before = grasped_ball(grasp, stands, body)
     after = grasped_ball(grasp_along_x(drawn, way, turned=True), stands, body)
     for a, b in zip(before.pads, after.pads[::-1], strict=True):
