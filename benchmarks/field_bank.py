@@ -20,7 +20,7 @@ import numpy as np
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, SamplePit, fruit_of_seed, scanned_mesh, scanned_skin
-from samples.grasp_plan import hold_along, two_cycles
+from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit
 from samples.sample_failure import SampleFailure
@@ -74,12 +74,13 @@ def grasped(one: Drawn, azimuth_deg: float, grasp: int, rng: np.random.Generator
         )
         try:
             noise_rng = np.random.default_rng([one.fruit.seed, 7, grasp])
-            found = simulate(one.fruit, hold, way, rng=noise_rng, fineness=FINENESS)
+            plan = PlannedGrasp(name=f"grasp-{grasp + 1}", hold=hold, motion=way)
+            found = simulate(one.fruit, plan, rng=noise_rng, fineness=FINENESS)
         except SampleFailure as failure:
             sys.stderr.write(f"{one.fruit.fruit_id} grasp {grasp + 1}: {failure}; less deep\n")
             depth_mm *= 0.8
             continue
-        return replace(found.recording, category=one.category)
+        return replace(found, category=one.category)
     return None
 
 

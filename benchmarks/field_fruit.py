@@ -11,8 +11,8 @@ import numpy as np
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruit_of_seed, scanned_mesh
 from samples.grasp_plan import hold_along, two_cycles
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.sensor_noise import SensorNoise, measured
-from samples.simulated_grasp import MARKER_AREA_MM2, marker_grid
 from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.registration import depth_along
 
@@ -99,7 +99,7 @@ def cheap_fruit(seed: int) -> Fruit:
         )
         way = two_cycles(deepest_mm=float(rng.uniform(1.0, 1.6)), speed_mm_per_s=float(rng.uniform(0.5, 4.0)))
         share = float(np.exp(rng.uniform(np.log(0.08), np.log(0.45))))
-        rest, pads = marker_grid(), []
+        rest, pads = DEFAULT_SENSOR.rest_mm, []
         for side, name in enumerate(("left", "right")):
             turn = hold.turns[side]
             origin = hold.origins(float(way.travel_mm[0]))[side]
@@ -109,7 +109,7 @@ def cheap_fruit(seed: int) -> Fruit:
             moved = np.zeros((*over.shape, 3))
             moved[:, :, 2] = -over
             moved[:, :, :2] = 0.1 * over[:, :, None] * rest[:, :2] / 10.0
-            stiffness = np.array([KT_MPA_PER_MM, KT_MPA_PER_MM, KN_MPA_PER_MM]) * MARKER_AREA_MM2
+            stiffness = np.array([KT_MPA_PER_MM, KT_MPA_PER_MM, KN_MPA_PER_MM]) * DEFAULT_SENSOR.pitch_mm**2
             felt, pushed = measured(moved, -stiffness * moved, SensorNoise(), rng)
             pose = np.broadcast_to(np.eye(4), (len(over), 4, 4)).copy()
             pose[:, :3, :3] = turn

@@ -21,7 +21,7 @@ from field_mistakes import graded
 
 from samples.cubed_sphere import even_sphere
 from samples.gel_contact import DEFAULT_GEL, Gel
-from samples.grasp_plan import hold_along, two_cycles
+from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import SampleFailure
 from samples.simulated_grasp import simulate
@@ -46,9 +46,8 @@ def recorded(number: int, one: Drawn, folder: Path, fineness: Fineness) -> Recor
     for less in LESS_DEEP:
         way = two_cycles(deepest_mm=less * deepest_mm, speed_mm_per_s=speed_mm_per_s)
         with suppress(SampleFailure):
-            found = simulate(
-                one.fruit, hold, way, rng=rng, gel=(DEFAULT_GEL, STIFF), fineness=fineness
-            ).recording
+            grasp = PlannedGrasp(name="grasp-1", hold=hold, motion=way)
+            found = simulate(one.fruit, grasp, rng=rng, gel=(DEFAULT_GEL, STIFF), fineness=fineness)
             break
     if found is None:
         raise SampleFailure(f"{one.fruit.fruit_id}: not in equilibrium at any depth")

@@ -106,8 +106,8 @@ def fruit_of_scene(scene: dict[str, Any]) -> SampleFruit:
 def planned(fruit: SampleFruit, *, count: int) -> list[PlannedGrasp]:
     """Grasps as samples/ plans them, no deeper than the size of the fruit allows."""
     deepest = min(DEEPEST_MM, DEEPEST_SHARE * min(fruit.skin.half_axes_mm))
-    protocol = two_cycles(deepest_mm=deepest, speed_mm_per_s=SPEED_MM_PER_S)
-    return [replace(plan, protocol=protocol) for plan in planned_grasps(fruit, count=count)]
+    motion = two_cycles(deepest_mm=deepest, speed_mm_per_s=SPEED_MM_PER_S)
+    return [replace(plan, motion=motion) for plan in planned_grasps(fruit, count=count)]
 
 
 def category_of_bank(kind: str) -> str:
@@ -158,8 +158,7 @@ def write_batch(
         if path.is_file():
             continue
         rng = np.random.default_rng([fruit.seed, 7, k])
-        made = simulate(fruit, plan.hold, plan.protocol, rng=rng, fineness=fineness)
-        recording = replace(made.recording, category=kind)
+        recording = replace(simulate(fruit, plan, rng=rng, fineness=fineness), category=kind)
         write_recording(path, recording)
 
 

@@ -21,13 +21,11 @@ from jaxtyping import Bool, Float
 
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
-from samples.grasp_plan import Hold
-from samples.mismatch.case_simulation import sound_body
-from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import CaseGrasp
+from samples.grasp_plan import Hold, Motion, PlannedGrasp
+from samples.mismatch.four_grasps import CLEARANCE_MM
 from samples.mismatch.marker_sensor import MarkerSensor
-from samples.mismatch.meshed_fruit import CASE, meshed_fruit
-from samples.mismatch.protocol import CLEARANCE_MM, Motion
+from samples.mismatch.meshed_fruit import meshed_fruit
+from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.true_recording import PadTruth, grasped, grip_of
 from tactile.io.recording import GelPad, Recording, read_recording
 
@@ -81,7 +79,8 @@ def verify(folder: Path, number: int) -> None:
     theirs = read_recording(folder / "dense" / f"grasp-{number}.h5")
     grasp = as_recorded(theirs)
     start = time.process_time()
-    stands = meshed_fruit(as_drawn(truth, theirs), grasp, fineness=CASE)
+    fruit, sensor = as_sample(truth, theirs)
+    stands = meshed_fruit(fruit, grasp, sensor=sensor)
     body = sound_body(stands)
     meshed = time.process_time()
     ours = grasped(grasp, grip_of(stands, gel=stands.sensor.gel), body)
@@ -94,8 +93,8 @@ def verify(folder: Path, number: int) -> None:
     table(ours.pads, pads_of(theirs), phases(grasp.motion))
 
 
-def as_drawn(truth: dict[str, Any], theirs: Recording) -> DrawnFruit:
-    """The body of `truth.json` in the words of samples."""
+def as_sample(truth: dict[str, Any], theirs: Recording) -> tuple[SampleFruit, MarkerSensor]:
+    """The body of `truth.json`, and the sensor of its pads."""
     axes, centre, half = (tuple(truth[k]) for k in ("axes", "pit_centre", "pit"))
     formula = FormulaSkin(half_axes_mm=axes, **{k: truth[k] for k in ("suture", "stem", "lop")})
     skin = cast(Skin, formula)  # all that meshing asks of a skin
@@ -106,11 +105,10 @@ def as_drawn(truth: dict[str, Any], theirs: Recording) -> DrawnFruit:
     )  # fmt: skip
     gel = Gel(kn_MPa_per_mm=truth["kn"], kt_MPa_per_mm=truth["kt"], friction=truth["friction"])
     places = np.unique(gel_pads(theirs)[0].rest_mm[:, 0])
-    sensor = MarkerSensor(gel=gel, markers=len(places), pitch_mm=float(places[1] - places[0]))
-    return DrawnFruit(category=truth["category"], fruit=fruit, prior=pit, depth_mm=0.0, sensor=sensor)
+    return fruit, MarkerSensor(gel=gel, markers=len(places), pitch_mm=float(places[1] - places[0]))
 
 
-def as_recorded(theirs: Recording) -> CaseGrasp:
+def as_recorded(theirs: Recording) -> PlannedGrasp:
     """The way of the pads, read from their poses; a corner at first touch comes before the first press."""
     poses = [p.pose for p in theirs.pads]
     turns = (poses[0][0, :3, :3], poses[1][0, :3, :3])
@@ -126,7 +124,7 @@ def as_recorded(theirs: Recording) -> CaseGrasp:
         shear_mm=np.insert(shear, first, 0.0),
         recorded=np.insert(np.ones(len(time_s), dtype=bool), first, False),
     )
-    return CaseGrasp(
+    return PlannedGrasp(
         name=theirs.fruit_id, hold=Hold(turns=turns, touch_mm=touch), motion=motion, mesh=0, turned=False
     )
 

@@ -32,17 +32,13 @@ def skin_colours(
     blush = _mix(
         _BLUSH_PALE, _BLUSH_DEEP, np.clip(ripeness + 0.25 * random_field(directions, 3.0, rng), 0, 1)
     )
-    sunny = directions @ _unit(rng.normal(size=3) * np.array([1, 1, 0.3]))
+    sunny = directions @ unit(rng.normal(size=3) * np.array([1, 1, 0.3]))
     cover = 2.2 * (ripeness - 0.42) + 0.55 * sunny + 0.45 * random_field(directions, 4.0, rng)
     cover += 0.30 * random_field(directions, 12.0, rng) + 0.16 * random_field(directions, 40.0, rng)
     colour = _between(ground, blush, 1 / (1 + np.exp(-4.5 * cover)))
     cavity = np.exp(-((np.arccos(np.clip(directions[:, 2], -1, 1)) / 0.16) ** 2))
     colour = _between(colour, np.broadcast_to(_STEM_END, colour.shape), 0.7 * cavity)
-    spots = rng.normal(size=(900, 3))
-    spots /= np.linalg.norm(spots, axis=1, keepdims=True)
-    spread, which = cKDTree(spots).query(directions)
-    width = rng.uniform(0.004, 0.011, 900)[which]
-    speck = 0.75 * np.exp(-((spread / width) ** 2))
+    speck = 0.75 * specks(directions, 900, 0.011, rng)
     colour = _between(colour, np.broadcast_to(_LENTICEL, colour.shape), speck)
     colour *= 1 + 0.05 * random_field(directions, 25.0, rng)[:, None]
     return linear_rgb(colour)
@@ -88,6 +84,17 @@ def random_field(
     return np.asarray(np.cos(directions @ waves.T + phase).sum(axis=1) / np.sqrt(20.0))
 
 
+def specks(
+    directions: Float[np.ndarray, "n 3"], count: int, widest: float, rng: np.random.Generator
+) -> Float[np.ndarray, " n"]:
+    """Shades of `count` dots, 0.004 to `widest` radians wide: 1 in a middle, 0 between them."""
+    middles = rng.normal(size=(count, 3))
+    middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+    away, nearest = cKDTree(middles).query(directions)
+    width = rng.uniform(0.004, widest, count)[nearest]
+    return np.asarray(np.exp(-((away / width) ** 2)))
+
+
 def _mix(
     a: tuple[float, float, float], b: tuple[float, float, float], share: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
@@ -100,7 +107,8 @@ def _between(
     return np.asarray(a + share[:, None] * (b - a))
 
 
-def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+def unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+    """The vector at length 1."""
     return np.asarray(vector / np.linalg.norm(vector))
 
 

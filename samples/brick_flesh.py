@@ -1,14 +1,10 @@
-"""How flesh pushes back: linear stiffness, and what finite strain adds, on bricks round a rigid pit.
+"""Bricks of flesh round a rigid pit: their linear stiffness, and what nodal forces do to the unknowns.
 
-Laws, for Lame constants mu and lam of a fruit's E and nu:
-    small strain          sigma = 2 mu eps + lam tr(eps) I
-    Neo-Hookean           P = mu (F - F^-T) + lam ln(det F) F^-T         (Bonet and Wood 2008, eq. 6.28)
-The second tends to the first for small strain. Unknowns: the free nodes' displacements and the pit's shift
-and rotation vector; the pit turns as a rigid body through any angle.
+Unknowns: the free nodes' displacements and the pit's shift and rotation vector; the pit turns as a rigid body
+through any angle. Laws at finite strain: samples.mismatch.flesh_laws.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,11 +12,11 @@ from scipy.sparse import coo_array, csr_array, eye_array, kron
 from scipy.spatial.transform import Rotation
 
 from samples.hexahedra import Bricks, lagrange
-from samples.sample_failure import NotInEquilibrium
 
-Law = Literal["neo-hookean", "linear"]
 HOLDING_N_PER_MM = 2e-2
 """A hair-fine spring on the pit: holds the fruit in the air; a hundredth of a millimetre costs it 0.2 mN."""
+HOLDING = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+"""The spring on the pit's shift (N/mm) and on its turn (N mm)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +26,6 @@ class BrickFlesh:
     bricks: Bricks
     mu_MPa: float
     lam_MPa: float
-    law: Law
     slopes: Float[np.ndarray, "m 27 27 3"]
     volumes: Float[np.ndarray, "m 27"]
     free_nodes: Int[np.ndarray, " f"]
@@ -42,6 +37,13 @@ class BrickFlesh:
         """Three per free node, six for the pit."""
         return 3 * len(self.free_nodes) + 6
 
+    def dofs_of(self, nodes: Int[np.ndarray, " k"]) -> Int[np.ndarray, "k 3"]:
+        """The unknowns of free nodes. Raises ValueError for a node that hangs on larger bricks."""
+        place = np.searchsorted(self.free_nodes, nodes)
+        if not np.array_equal(self.free_nodes[np.minimum(place, len(self.free_nodes) - 1)], nodes):
+            raise ValueError("a pad may touch skin whose nodes hang on larger bricks: refine a wider zone")
+        return 3 * place[:, None] + np.arange(3)
+
     def displacement(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "n 3"]:
         """Nodal displacement, mm, of the unknowns q."""
         u = np.zeros_like(self.bricks.nodes_mm)
@@ -49,13 +51,6 @@ class BrickFlesh:
         arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
         u[self.bricks.pit_nodes] = q[-6:-3] + Rotation.from_rotvec(q[-3:]).apply(arms) - arms
         return u if self.bricks.follows is None else np.asarray(self.bricks.follows @ u)
-
-    def excess(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-        """Internal force less `stiffness @ q` (zero under the linear law); moment about the pit's centre."""
-        if self.law == "linear":
-            return np.zeros_like(q)
-        nodal = self._internal_force(self.displacement(q))
-        return np.asarray(self.on_unknowns(nodal, q) - self.stiffness @ q)
 
     def on_unknowns(
         self, nodal_N: Float[np.ndarray, "n 3"], q: Float[np.ndarray, " u"]
@@ -71,29 +66,11 @@ class BrickFlesh:
         arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
         force[-6:-3] = pit.sum(axis=0)
         force[-3:] = np.cross(Rotation.from_rotvec(q[-3:]).apply(arms), pit).sum(axis=0)
-        force[-6:] += _holding() * q[-6:]
+        force[-6:] += HOLDING * q[-6:]
         return force
 
-    def _internal_force(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Nodal forces of the neo-Hookean bricks at displacements `u`; raises NotInEquilibrium."""
-        cells = self.bricks.cells
-        m = len(cells)
-        local = u[cells]
-        grad = np.matmul(self.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), local)
-        F = grad.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2) + np.eye(3)
-        J = np.linalg.det(F)
-        if J.min() <= 0:
-            raise NotInEquilibrium("a brick of the sample's flesh was turned inside out: take shorter steps")
-        inverse_t = np.linalg.inv(F).transpose(0, 1, 3, 2)
-        P = self.mu_MPa * (F - inverse_t) + self.lam_MPa * np.log(J)[..., None, None] * inverse_t
-        P *= self.volumes[..., None, None]
-        stacked = P.transpose(0, 1, 3, 2).reshape(m, 81, 3)
-        forces = np.matmul(self.slopes.transpose(0, 2, 1, 3).reshape(m, 27, 81), stacked)
-        total = [np.bincount(cells.ravel(), forces[..., i].ravel(), minlength=len(u)) for i in range(3)]
-        return np.stack(total, axis=1)
 
-
-def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) -> BrickFlesh:
+def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFlesh:
     """Integrate the bricks (27 Gauss points) and assemble the linear stiffness with a rigid pit.
 
     Raises ValueError where a brick is turned inside out.
@@ -109,25 +86,18 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
     full = assembled(bricks.cells, slopes, volumes, mu, lam, count)
     tie = rigid_tie(bricks, free, centre)
     stiffness = csr_array(tie.T @ full @ tie)
-    diagonal = np.zeros(stiffness.shape[0])
-    diagonal[-6:] = _holding()
-    ends = np.arange(len(diagonal) - 6, len(diagonal))
-    stiffness = csr_array(stiffness + coo_array((diagonal[-6:], (ends, ends)), shape=stiffness.shape).tocsr())
+    ends = np.arange(stiffness.shape[0] - 6, stiffness.shape[0])
+    stiffness = csr_array(stiffness + coo_array((HOLDING, (ends, ends)), shape=stiffness.shape).tocsr())
     return BrickFlesh(
         bricks=bricks,
         mu_MPa=mu,
         lam_MPa=lam,
-        law=law,
         slopes=slopes,
         volumes=volumes,
         free_nodes=free,
         stiffness=stiffness,
         pit_centre_mm=centre,
     )
-
-
-def _holding() -> Float[np.ndarray, " 6"]:
-    return HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
 
 
 def shape_gradients(
@@ -164,9 +134,15 @@ def assembled(
         for i in range(3):
             block[:, :, i, :, i] += mu * trace
         dofs = (3 * cells[part][:, :, None] + np.arange(3)).reshape(len(part), 81)
-        rows, columns = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
-        total = total + csr_array(coo_array((block.ravel(), (rows, columns)), shape=total.shape))
+        total = total + scattered(block, dofs, 3 * count)
     return total
+
+
+def scattered(blocks: np.ndarray, dofs: Int[np.ndarray, "m k"], size: int) -> csr_array:
+    """The sum of the cells' square blocks, each at the unknowns of its cell."""
+    count = dofs.shape[1]
+    rows, columns = np.repeat(dofs, count, axis=1).ravel(), np.tile(dofs, (1, count)).ravel()
+    return csr_array(coo_array((blocks.ravel(), (rows, columns)), shape=(size, size)))
 
 
 def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:

@@ -128,7 +128,7 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
         groove_width=float(rng.uniform(0.10, 0.14)),
         cubic=cubic,
     )
-    skin = _on_its_base(skin)
+    skin = on_its_base(skin)
     low, high = box_mm(skin)
     half_box = (high - low) / 2
     centre = (low + high) / 2 + np.array(PIT_RAISED) * half_box + rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
@@ -183,7 +183,8 @@ def mesh_volume_mm3(vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarra
     return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0)
 
 
-def _on_its_base(skin: Skin) -> Skin:
+def on_its_base(skin: Skin) -> Skin:
+    """The skin moved so that its lowest point is at z = 0 and its box is centred on the z axis."""
     low, high = box_mm(skin)
     middle = (low + high) / 2
     return replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from fem.sparse.solver import Factor, factorise
 from samples.brick_flesh import assembled, shape_gradients
-from samples.factors import Solve, factorise
 from samples.hexahedra import lagrange, with_midpoints
 from samples.sample_failure import NotInEquilibrium
 
@@ -99,7 +100,7 @@ def gel_block(
     slopes, volumes = shape_gradients(nodes[cells])
     stiffness = assembled(cells, slopes, volumes, mu, lam, len(nodes))
     fixed = 3 * a * b
-    solve = factorise(stiffness[fixed:][:, fixed:])
+    factor = factorise(csr_array(stiffness[fixed:][:, fixed:]))
     face = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     reach = np.flatnonzero(np.linalg.norm(face, axis=1) < reach_mm)
     top = stiffness.shape[0] - fixed - 3 * a * b
@@ -108,7 +109,7 @@ def gel_block(
         y_mm=y,
         weights_mm2=(_simpson(x)[:, None] * _simpson(y)).ravel(),
         reach=reach,
-        compliance=_columns(solve, top, 3 * a * b, reach),
+        compliance=_columns(factor, top, 3 * a * b, reach),
     )
 
 
@@ -209,13 +210,13 @@ def _equilibrium(
     raise NotInEquilibrium(f"the ball's contact did not settle: {np.abs(miss).max():.1e} mm are left")
 
 
-def _columns(solve: Solve, top: int, size: int, reach: Int[np.ndarray, " r"]) -> Float[np.ndarray, "d 3*r"]:
+def _columns(factor: Factor, top: int, size: int, reach: Int[np.ndarray, " r"]) -> Float[np.ndarray, "d 3*r"]:
     dofs = top + (3 * reach[:, None] + np.arange(3)).ravel()
     out = np.empty((size, len(dofs)))
     for part in np.array_split(np.arange(len(dofs)), max(1, len(dofs) // 100)):
         unit = np.zeros((top + size, len(part)))
         unit[dofs[part], np.arange(len(part))] = 1.0
-        out[:, part] = solve(unit)[top:]
+        out[:, part] = factor.solve(unit)[top:]
     return out
 
 

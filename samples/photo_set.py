@@ -16,13 +16,17 @@ from jaxtyping import Float, UInt8
 from recon.cameras.printed_mat import Mat
 from samples.appearance import mat_texture, skin_colours, table_texture
 from samples.cubed_sphere import even_sphere
-from samples.fruit import SampleFruit, box_mm
-from samples.renderer import denoiser, mitsuba, sensor, vertex_normals
+from samples.fruit import SampleFruit, box_mm, triple
+from samples.renderer import denoiser, layers_of, mesh_shape, mitsuba, sensor, vertex_normals
+from samples.scenes.light import Lamp, lamp_shape
+from samples.scenes.phone import Pipeline, developed
 from samples.viewpoints import Viewpoint, rings
 
 NECTARINE = {"roughness": 0.38, "specular": 0.45, "clearcoat": 0.6, "clearcoat_gloss": 0.75}
 """Of a skin, as shares of 1, as the renderer's "principled" surface has them (Burley 2012); by eye on shop
 fruit."""
+SOFTBOX = (1.0, 0.95, 0.88)
+"""Linear RGB of both lamps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,15 +86,13 @@ def rendered(
         {"type": "aov", "aovs": "a:albedo,n:sh_normal", "path": {"type": "path", "max_depth": 5}}
     )
     gain = float(rng.uniform(0.9, 1.1))
+    camera_pipeline = Pipeline(kind="none", sensor_noise=options.noise_levels)
     for k, view in enumerate(views):
+        camera = mi.load_dict(sensor(mi, view))
         layers = np.array(
-            mi.render(
-                scene, sensor=mi.load_dict(sensor(mi, view)), integrator=integrator,
-                spp=options.samples_per_pixel, seed=k + 1,
-            )
-        )  # fmt: skip
-        colour, albedo, normal = (np.ascontiguousarray(layers[..., c : c + 3]) for c in (0, 3, 6))
-        yield _developed(gain * denoise(colour, albedo, normal), options, rng)
+            mi.render(scene, sensor=camera, integrator=integrator, spp=options.samples_per_pixel, seed=k + 1)
+        )
+        yield developed(gain * denoise(*layers_of(layers)), pipeline=camera_pipeline, rng=rng)
 
 
 def _scene(
@@ -101,13 +103,12 @@ def _scene(
     to = mi.ScalarTransform4f
     turn = float(rng.uniform(0, 360))
     lights = {}
-    for k, (azimuth, tilt, power) in enumerate(((turn, 38.0, 11.0), (turn + 150.0, 55.0, 6.0))):
-        frame = to().rotate([0, 0, 1], azimuth).rotate([0, 1, 0], tilt).translate([0, 0, 700])
-        frame = frame @ to().scale([150, 110, 1]).rotate([1, 0, 0], 180)
-        radiance = {"type": "rgb", "value": [power * c for c in (1.0, 0.95, 0.88)]}
-        lights[f"softbox{k}"] = {
-            "type": "rectangle", "to_world": frame, "emitter": {"type": "area", "radiance": radiance},
-        }  # fmt: skip
+    for k, (azimuth, elevation, power) in enumerate(((turn, 52.0, 11.0), (turn + 150.0, 35.0, 6.0))):
+        softbox = Lamp(
+            azimuth_deg=azimuth, elevation_deg=elevation, distance_mm=700.0, half_mm=(150.0, 110.0),
+            rgb=SOFTBOX, share=1.0,
+        )  # fmt: skip
+        lights[f"softbox{k}"] = lamp_shape(mi, softbox, radiance=triple(power * np.array(SOFTBOX)))
     bitmap = {"type": "bitmap", "raw": True, "wrap_mode": "mirror"}
     sheet = to().translate([0, 0, -0.02]).scale([mat.width_mm / 2, mat.height_mm / 2, 1])
     return {
@@ -142,35 +143,15 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     colours = skin_colours(
         sphere.directions, ripeness=fruit.ripeness, rng=np.random.default_rng([fruit.seed, 5])
     )
-    coat = mi.load_dict(
-        {
-            "type": "principled",
-            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            **NECTARINE,
-        }
-    )
-    properties = mi.Properties()
-    properties["bsdf"] = coat
-    mesh = mi.Mesh("skin", len(points), len(triangles), has_vertex_normals=True, props=properties)
-    mesh.add_attribute("vertex_color", 3, colours.astype(np.float32).ravel())
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = points.astype(np.float32).ravel()
-    values["faces"] = triangles.astype(np.uint32).ravel()
-    values["vertex_normals"] = vertex_normals(points, triangles).astype(np.float32).ravel()
-    values.update()
-    return mesh
+    coat = {
+        "type": "principled", "base_color": {"type": "mesh_attribute", "name": "vertex_color"}, **NECTARINE,
+    }  # fmt: skip
+    return mesh_shape(
+        mi, "skin", points, triangles, bsdf=coat, normals=vertex_normals(points, triangles),
+        attributes={"vertex_color": colours},
+    )  # fmt: skip
 
 
 def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:
     # the renderer lays a bitmap's first row along v = 0, the rectangle's -y side
     return np.ascontiguousarray(mat_texture(mat, pixels_per_mm=max(8.0, 144.0 / mat.tag_mm))[::-1])
-
-
-def _developed(
-    light: Float[np.ndarray, "h w 3"], options: PhotoOptions, rng: np.random.Generator
-) -> UInt8[np.ndarray, "h w 3"]:
-    tone = np.clip(light, 0.0, None)
-    tone = np.where(tone > 0.7, 0.7 + 0.3 * np.tanh((tone - 0.7) / 0.3), tone)
-    srgb = np.where(tone <= 0.0031308, 12.92 * tone, 1.055 * np.maximum(tone, 1e-9) ** (1 / 2.4) - 0.055)
-    levels = 255.0 * srgb + options.noise_levels * rng.normal(size=srgb.shape)
-    return np.ascontiguousarray(np.clip(np.rint(levels), 0, 255)[..., ::-1], dtype=np.uint8)

@@ -1,5 +1,5 @@
 """Mitsuba 3 and Open Image Denoise, imported when a photo is asked for, and what every picture needs of them:
-cameras, vertex normals, channels.
+cameras, meshes, vertex normals, channels.
 """
 
 import importlib
@@ -104,3 +104,37 @@ def vertex_normals(
     for k in range(3):
         np.add.at(total, triangles[:, k], facet)
     return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+
+def mesh_shape(
+    mi: Any,
+    name: str,
+    points: Float[np.ndarray, "n 3"],
+    triangles: np.ndarray,
+    *,
+    bsdf: dict[str, Any],
+    emitter: dict[str, Any] | None = None,
+    uv: Float[np.ndarray, "n 2"] | None = None,
+    normals: Float[np.ndarray, "n 3"] | None = None,
+    attributes: dict[str, np.ndarray] | None = None,
+) -> Any:
+    """A mesh for the renderer with its colours or texture coordinates."""
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    if emitter is not None:
+        properties["emitter"] = mi.load_dict(emitter)
+    mesh = mi.Mesh(
+        name, len(points), len(triangles), props=properties, has_vertex_normals=normals is not None,
+        has_vertex_texcoords=uv is not None,
+    )  # fmt: skip
+    for key, values in (attributes or {}).items():
+        mesh.add_attribute(key, 1 if values.ndim == 1 else 3, values.astype(np.float32).ravel())
+    parts = mi.traverse(mesh)
+    parts["vertex_positions"] = points.astype(np.float32).ravel()
+    parts["faces"] = triangles.astype(np.uint32).ravel()
+    if normals is not None:
+        parts["vertex_normals"] = normals.astype(np.float32).ravel()
+    if uv is not None:
+        parts["vertex_texcoords"] = uv.astype(np.float32).ravel()
+    parts.update()
+    return mesh

@@ -146,15 +146,14 @@ def write_grasps(
     """grasp-1.h5, grasp-2.h5, ... from directions about 90 degrees apart."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, plan in enumerate(planned_grasps(fruit, count=count)):
-        grasp = simulate(
+        recording = simulate(
             fruit,
-            plan.hold,
-            plan.protocol,
+            plan,
             rng=np.random.default_rng([fruit.seed, 7, k]),
             fineness=fineness,
             progress=None if progress is None else _named(progress, plan.name),
         )
-        write_recording(folder / f"{plan.name}.h5", grasp.recording)
+        write_recording(folder / f"{plan.name}.h5", recording)
 
 
 def write_answers(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -> None:

@@ -52,9 +52,7 @@ def rings(
             azimuth = np.radians(start + 360.0 * k / size + rng.normal(0, 3.0))
             elevation = np.radians(elevation_deg + rng.normal(0, 1.5))
             reach = closer * rng.normal(315.0, 9.0)
-            where = reach * np.array(
-                [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-            )
+            where = reach * direction(azimuth, elevation)
             aim = np.asarray(aim_mm) + closer * rng.normal(0, 3.0, 3)
             cam_from_world = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
             views.append(
@@ -63,6 +61,13 @@ def rings(
                 )
             )
     return tuple(views)
+
+
+def direction(azimuth: float, elevation: float) -> Float[np.ndarray, " 3"]:
+    """The unit vector at angles (radians) from +x towards +y and up."""
+    return np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
 
 
 def look_at(

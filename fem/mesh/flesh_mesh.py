@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import (
-    TET_EDGES,
     TET_FACES,
     t6_gradient,
     t6_shape,
@@ -22,8 +21,8 @@ from fem.mesh.closed_surface import Surface, checked_surface, must_enclose, must
 from fem.mesh.closest_point import TriangleSearch
 from fem.mesh.contact_size import contact_size
 from fem.mesh.creases import corner_targets, middle_targets
-from fem.mesh.local_refinement import PASSES, SizeField, affordable_size, bisect_edges, bisect_once
-from fem.mesh.tetrahedra import boundary_faces, compact, unique_edges, with_mid_edges
+from fem.mesh.local_refinement import affordable_size, bisected
+from fem.mesh.tetrahedra import boundary_faces, with_mid_edges
 from fem.mesh.tetwild import fill, simplified
 
 QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
@@ -123,33 +122,10 @@ def tetrahedralise(
     at, edge, radius = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, refine_radius_mm)
     if len(at):
         size = affordable_size(nodes, tets, at, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
-        nodes, tets = _refined(nodes, tets, size, outer, pit)
+        nodes, tets = bisected(
+            nodes, tets, size, settle=lambda moved, cut, new: _on_surfaces(moved, cut, new, outer, pit)
+        )
     return _quadratic(nodes, tets, outer, pit, curved=curved)
-
-
-def refined_where(
-    mesh: FleshMesh,
-    marked: Bool[np.ndarray, " m"],
-    outer: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]],
-    pit: tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]] | None,
-) -> FleshMesh:
-    """The same flesh with the marked elements (and what must follow) cut in two at their longest edges.
-
-    For elements that hold much of fem.solid.discretisation_error's error. Raises FemFailure as
-    `tetrahedralise` does.
-    """
-    surfaces = (
-        checked_surface(*outer, name="fruit"),
-        None if pit is None else checked_surface(*pit, name="pit"),
-    )
-    nodes, tets = compact(mesh.nodes_mm, mesh.tets[:, :4])
-    before = len(nodes)
-    edges, of_tet = unique_edges(tets, TET_EDGES)
-    too_long = np.zeros(len(edges), dtype=bool)
-    too_long[of_tet[marked]] = True
-    nodes, tets = bisect_edges(nodes, tets, too_long)
-    nodes = _on_surfaces(nodes, tets, np.arange(before, len(nodes)), *surfaces)
-    return _quadratic(nodes, tets, *surfaces, curved=True)
 
 
 def _fine_places(
@@ -172,19 +148,6 @@ def _fine_places(
     if refine_radius_mm is not None:
         near = np.full(len(short), refine_radius_mm)
     return np.vstack([at, touched_mm]), np.concatenate([edge, short]), np.concatenate([radius, near])
-
-
-def _refined(
-    nodes: np.ndarray, tets: np.ndarray, size: SizeField, outer: Surface, pit: Surface | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bisect until the size field is met, new boundary nodes pulled to the surfaces after every pass."""
-    for _ in range(PASSES):
-        before = len(nodes)
-        nodes, tets = bisect_once(nodes, tets, size)
-        if len(nodes) == before:
-            break
-        nodes = _on_surfaces(nodes, tets, np.arange(before, len(nodes)), outer, pit)
-    return nodes, tets
 
 
 def _on_surfaces(

@@ -69,48 +69,38 @@ def t10_dofs(tets: Int[np.ndarray, "m 4"]) -> int:
 
 
 def bisected(
-    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], size_mm: SizeField
+    nodes_mm: Float[np.ndarray, "n 3"],
+    tets: Int[np.ndarray, "m 4"],
+    size_mm: SizeField,
+    *,
+    settle: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
-    """`bisect_once` until nothing is too long, at most PASSES times."""
+    """`bisect_once` until nothing is too long, at most PASSES times.
+
+    `settle`: new places of all nodes after a pass, from nodes, tetrahedra and the numbers of the new nodes.
+    """
     for _ in range(PASSES):
         before = len(nodes_mm)
         nodes_mm, tets = bisect_once(nodes_mm, tets, size_mm)
         if len(nodes_mm) == before:
             break
+        if settle is not None:
+            nodes_mm = settle(nodes_mm, tets, np.arange(before, len(nodes_mm)))
     return nodes_mm, tets
 
 
 def bisect_once(
     nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], size_mm: SizeField
 ) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
-    """Bisect the longest edge of every tetrahedron in which it is longer than wanted; the mesh conforms."""
-    edges, of_tet = unique_edges(tets, TET_EDGES)
-    length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
-    too_long = length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1))
-    return _bisected(nodes_mm, tets, edges, of_tet, too_long)
-
-
-def bisect_edges(
-    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], too_long: Bool[np.ndarray, " e"]
-) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
-    """Bisect the longest edge of every tetrahedron that has one too long (numbered as in unique_edges).
+    """Bisect the longest edge of every tetrahedron in which it is longer than wanted; the mesh conforms.
 
     Marks are closed first: a tetrahedron with any marked edge has its longest one marked too (Rivara, 1984).
     Each tetrahedron is then cut at its longest marked edge until none is left; ranks are global, so two
     neighbours cut their common face alike. The new nodes come last, at edge middles.
     """
-    return _bisected(nodes_mm, tets, *unique_edges(tets, TET_EDGES), too_long)
-
-
-def _bisected(
-    nodes_mm: Float[np.ndarray, "n 3"],
-    tets: Int[np.ndarray, "m 4"],
-    edges: Int[np.ndarray, "e 2"],
-    of_tet: Int[np.ndarray, "m 6"],
-    too_long: Bool[np.ndarray, " e"],
-) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
-    """`bisect_edges` of a mesh whose edges are counted."""
+    edges, of_tet = unique_edges(tets, TET_EDGES)
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
+    too_long = length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1))
     rank = np.empty(len(edges), dtype=np.int64)
     rank[np.lexsort((np.arange(len(edges)), length))] = np.arange(len(edges))
     marked = _closed_marks(rank, of_tet, too_long)

@@ -98,17 +98,16 @@ class FiniteStrainSolid:
         *,
         start: Float[np.ndarray, "f n 3"] | None = None,
         tolerance: float = TOLERANCE,
-        keep_factor: bool = True,
         together: bool = False,
     ) -> FiniteResult:
         """The displacement under each of f loads: dead forces on the nodes, N per MPa of the modulus.
 
         Each search starts from `start`, or from the linear answer plus what the load before, if it was alike,
-        has shown to lie beyond it. `keep_factor`: chord steps with the linear factor as long as they serve;
-        else a tangent at every step. `together`: chord steps of all loads at once first, from `start` or the
-        linear answer; only a load that they do not balance is searched for by itself. A load that is not
-        balanced at once is applied in smaller steps; the result then holds the last displacement in balance
-        (`share` < 1). Raises BAD_LOAD like the solid.
+        has shown to lie beyond it. Chord steps with the linear factor go on as long as they serve.
+        `together`: chord steps of all loads at once first, from `start` or the linear answer; only a load
+        that they do not balance is searched for by itself. A load that is not balanced at once is applied in
+        smaller steps; the result then holds the last displacement in balance (`share` < 1). Raises BAD_LOAD
+        like the solid.
         """
         linear = self.solid.displacement(nodal_force_over_E) if start is None else start
         at_once: list[_Loaded | None] = [None] * len(linear)
@@ -125,9 +124,7 @@ class FiniteStrainSolid:
                 first = start[k]
             else:
                 first = linear[k] if last is None else linear[k] + _predicted(linear, last, k)
-            tangent = None
-            if keep_factor:
-                tangent = self.rest.linear_tangent if last is None else last.tangent
+            tangent = self.rest.linear_tangent if last is None else last.tangent
             found.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
         return FiniteResult(
             displacement=np.stack([one.displacement_mm for one in found]),
@@ -182,10 +179,10 @@ class FiniteStrainSolid:
         first: Float[np.ndarray, "n 3"],
         *,
         tolerance: float,
-        tangent: Tangent | None,
+        tangent: Tangent,
     ) -> "_Loaded":
         """One load, at once or in steps: halved where the search fails, doubled where it succeeds."""
-        rest, keep = self.rest, tangent is not None
+        rest = self.rest
         last = rest.state(np.zeros_like(first))
         share, step, iterations, tangents, left = 0.0, 1.0, 0, 0, 0.0
         ending, guess = Ending.CONVERGED, rest.admissible(first)
@@ -196,14 +193,14 @@ class FiniteStrainSolid:
                 guess,
                 tolerance=tolerance,
                 iterations=ITERATIONS,
-                tangents=Tangents.WHILE_THEY_SERVE if keep else Tangents.EVERY_STEP,
+                tangents=Tangents.WHILE_THEY_SERVE,
                 tangent=tangent,
             )
             iterations, tangents = iterations + len(result.shares), tangents + result.tangents
             ending = result.ending
             if ending is Ending.CONVERGED:
                 before, last, left = last, result.state, result.sizes[-1]
-                tangent = result.tangent if keep else None
+                tangent = result.tangent or rest.linear_tangent
                 step = min(2 * step, 1 - wanted)
                 # straight on along the path so far
                 guess = rest.between(before, last, 1 + step / (wanted - share)) if step > 0 else last
@@ -213,8 +210,6 @@ class FiniteStrainSolid:
             else:
                 step /= 2
                 guess = rest.state(step * first) if share == 0 else last
-            if keep and tangent is None:
-                tangent = rest.linear_tangent
         return _Loaded(
             displacement_mm=last.displacement_mm,
             share=share if load.any() else 1.0,
@@ -255,7 +250,7 @@ class _Loaded:
     iterations: int
     tangents: int
     out_of_balance: float
-    tangent: Tangent | None
+    tangent: Tangent
 
 
 def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:

@@ -149,10 +149,6 @@ class UnitModulusSolid:
         held += across.T
         return held
 
-    def unbalance(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
-        """Resultant force (N) and moment (N mm, about the flesh's centroid) of each load."""
-        return np.asarray(self.free_body.resultant(self._columns(nodal_force_N)).T)
-
     def energy(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
         """U' K0 U of each field, twice the strain energy for E = 1 MPa: N mm MPa where U is in mm MPa."""
         columns = displacement.reshape(len(displacement), -1).T

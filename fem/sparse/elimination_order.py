@@ -155,10 +155,3 @@ def _parents(low: Int[np.ndarray, " l"], high: Int[np.ndarray, " l"], n: int) ->
             v = top[v]
         parent[v] = top[v] = later
     return parent
-
-
-def fill_reducing_order(matrix: csr_array) -> Int[np.ndarray, " d"]:
-    """A fill-reducing elimination order of the dofs."""
-    groups = same_pattern_groups(matrix)
-    order = elimination_tree(groups).order
-    return np.concatenate([groups.members[groups.start[g] : groups.start[g + 1]] for g in order])

@@ -12,10 +12,9 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.sparse.condensed_compliance import compliance
 from fem.sparse.elimination_order import ordering
 from fem.sparse.fronts import Fronts, fronts
-from fem.sparse.multifrontal import CholeskyFactor, NotPositiveDefinite, cholesky
+from fem.sparse.multifrontal import NotPositiveDefinite, cholesky
 
 
 @runtime_checkable
@@ -88,7 +87,7 @@ class _Plan:
     def of(self, stiffness: csr_array) -> Factor:
         """Of a canonical matrix of just this pattern."""
         try:
-            factor = _Factorised(cholesky(self.fronts, stiffness.data))
+            factor = cholesky(self.fronts, stiffness.data)
         except NotPositiveDefinite as error:
             raise _singular("a pivot is not positive") from error
         probe = np.random.default_rng(0).standard_normal((stiffness.shape[0], 1))
@@ -102,22 +101,6 @@ class _Plan:
         """Whether the matrix stores the nonzeros that were analysed, in their order."""
         same = np.array_equal(stiffness.indptr, self.indptr)
         return same and np.array_equal(stiffness.indices, self.indices)
-
-
-@dataclass(frozen=True)
-class _Factorised:
-    cholesky: CholeskyFactor
-
-    def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
-        return self.cholesky.solve(load)
-
-    def solve_at(
-        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
-    ) -> Float[np.ndarray, "c f"]:
-        return self.cholesky.solve_at(load, dofs)
-
-    def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
-        return compliance(self.cholesky, dofs)
 
 
 def _canonical(stiffness: csr_array) -> csr_array:

@@ -6,11 +6,10 @@ on the same unknowns (free nodes and the rigid pit).
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
-from samples.brick_flesh import BrickFlesh, assembled, rigid_tie
+from samples.brick_flesh import BrickFlesh, assembled, rigid_tie, scattered
 from samples.hexahedra import Bricks, lagrange
-from samples.mismatch.cell_places import integration_points_mm, relative_depths
 
 SPOT_EDGE_MM = 0.5
 """Over which a soft spot's modulus changes: half of an element under the pads, so that no mesh cuts it."""
@@ -44,10 +43,7 @@ def stiffer_along_stem(flesh: BrickFlesh, *, axial: float) -> csr_array:
     bricks = flesh.bricks
     along = flesh.slopes[..., 2]
     block = np.einsum("mga,mgb,mg->mab", along, along, flesh.volumes) * axial * flesh.mu_MPa
-    dofs = 3 * bricks.cells + 2
-    rows, columns = np.repeat(dofs, 27, axis=1).ravel(), np.tile(dofs, (1, 27)).ravel()
-    size = 3 * len(bricks.nodes_mm)
-    return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
+    return _tied(flesh, scattered(block, 3 * bricks.cells + 2, 3 * len(bricks.nodes_mm)))
 
 
 def with_skin(flesh: BrickFlesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_array:
@@ -83,11 +79,26 @@ def with_skin(flesh: BrickFlesh, *, Et_N_per_mm: float, poisson_ratio: float) ->
     law = Et_N_per_mm / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
     block = np.einsum("mgax,ab,mgby,mg->mxy", strain, law, strain, area, optimize=True)
     dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 27)
-    rows, columns = np.repeat(dofs, 27, axis=1).ravel(), np.tile(dofs, (1, 27)).ravel()
-    size = 3 * len(bricks.nodes_mm)
-    return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
+    return _tied(flesh, scattered(block, dofs, 3 * len(bricks.nodes_mm)))
 
 
 def _tied(flesh: BrickFlesh, full: csr_array) -> csr_array:
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
     return csr_array(tie.T @ full @ tie)
+
+
+def _shares() -> Float[np.ndarray, "27 27"]:
+    """Shape functions of a brick's nodes at its 27 Gauss points."""
+    at, _ = np.polynomial.legendre.leggauss(3)
+    value, _ = lagrange(at)
+    return np.asarray(np.einsum("ai,bj,ck->abcijk", value, value, value).reshape(27, 27))
+
+
+def integration_points_mm(bricks: Bricks) -> Float[np.ndarray, "m 27 3"]:
+    """Places of the 27 integration points of every cell, in the order of samples.brick_flesh."""
+    return np.asarray(np.einsum("gn,mni->mgi", _shares(), bricks.nodes_mm[bricks.cells]))
+
+
+def relative_depths(bricks: Bricks) -> Float[np.ndarray, "m 27"]:
+    """Depth of every integration point: 0 at the skin, 1 at the pit, even along each ray."""
+    return np.asarray(np.einsum("gn,mn->mg", _shares(), bricks.relative_depth[bricks.cells]))

@@ -4,7 +4,7 @@ import fcntl
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,8 @@ from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import scanned_skin
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.machine_effects import PAD_NAMES
-from samples.mismatch.true_recording import TrueRecording
-from samples.sensor_noise import measured
-from tactile.io.recording import GelPad, Recording, write_recording
+from samples.mismatch.true_recording import TrueRecording, as_measured
+from tactile.io.recording import Recording, write_recording
 
 MESH_CELLS = 33
 """Along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
@@ -30,14 +28,6 @@ offset_sd_mm = 0.5        # expected spread of the pit prior
 size_sd = 0.03
 mesh_sd_mm = 0.1
 """
-
-
-@dataclass(frozen=True, kw_only=True)
-class Label:
-    """What was injected in a case, as its label says it."""
-
-    effect: str
-    parameters: dict[str, Any]
 
 
 def write_case_files(
@@ -81,41 +71,18 @@ def sensed(
     rng: np.random.Generator,
 ) -> Recording:
     """The recording as the sensor gives it, in the frame whose origin is at `origin_mm`."""
-    noise = drawn.sensor.noise(peak_N)
-    pads = []
-    for name, pad in zip(PAD_NAMES, truth.pads, strict=True):
-        felt, pushed = measured(pad.displacement_mm, pad.force_N, noise, rng)
-        pose = pad.pose.copy()
-        pose[:, :3, 3] -= origin_mm
-        pads.append(
-            GelPad(
-                name=name,
-                pose=pose,
-                rest_mm=truth.rest_mm,
-                displacement_mm=felt,
-                force_N=pushed,
-                gel_kn_MPa_per_mm=truth.gel.kn_MPa_per_mm,
-                gel_kt_MPa_per_mm=truth.gel.kt_MPa_per_mm,
-            )
-        )
-    return Recording(
-        fruit_id=fruit_id,
-        category=drawn.category,
-        loading="grasp",
-        support="free",
-        sensor=drawn.sensor.name,
-        time_s=np.round(truth.time_s, 3),
-        aperture_mm=np.round(truth.aperture_mm, 4),
-        pads=tuple(pads),
-    )
+    rounded = replace(truth, time_s=np.round(truth.time_s, 3), aperture_mm=np.round(truth.aperture_mm, 4))
+    return as_measured(
+        rounded, gels=(truth.gel, truth.gel), noise=drawn.sensor.noise(peak_N), rng=rng, fruit_id=fruit_id,
+        category=drawn.category, sensor=drawn.sensor.name, origin_mm=origin_mm,
+    )  # fmt: skip
 
 
-def answer(drawn: DrawnFruit, label: Label) -> dict[str, Any]:
-    """One entry of answers.json, in the case's frame."""
+def answer(drawn: DrawnFruit, label: dict[str, Any]) -> dict[str, Any]:
+    """One entry of answers.json, in the case's frame; `label`: effect and parameters."""
     centre = np.array(drawn.fruit.pit.centre_mm) - np.array(drawn.prior.centre_mm)
     return {
-        "effect": label.effect,
-        "parameters": label.parameters,
+        **label,
         "E_MPa": drawn.fruit.E_MPa,
         "nu": drawn.fruit.poisson_ratio,
         "pit_semi_axes_mm": list(drawn.fruit.pit.semi_axes_mm),

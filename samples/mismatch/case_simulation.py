@@ -9,18 +9,12 @@ from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
+from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.case_files import Label
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import Amplitude, drawn_parameters
-from samples.mismatch.four_grasps import CaseGrasp, four_grasps
+from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.freestone import loose_compliance, pit_contact
-from samples.mismatch.gel_faults import (
-    with_bent_reading,
-    with_gel_creep,
-    with_hysteresis,
-    with_thermal_drift,
-)
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
@@ -36,15 +30,20 @@ from samples.mismatch.injected import (
     stiffness_at_rest,
     touches_widely,
 )
-from samples.mismatch.lagged_motion import recorded_late, with_instants
 from samples.mismatch.machine_effects import (
+    recorded_late,
+    with_bent_reading,
     with_drift,
     with_gain,
+    with_gel_creep,
     with_gripper_compliance,
+    with_hysteresis,
+    with_instants,
     with_pose_error,
+    with_thermal_drift,
 )
-from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import CONVERGED_MM, NonlinearBody
+from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
+from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
@@ -58,13 +57,17 @@ from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
 
-GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
+FAULTS: dict[str, Callable[..., TrueRecording]] = {
+    "sensor_gain": with_gain,
+    "sensor_drift": with_drift,
+    "gripper_compliance": with_gripper_compliance,
+    "pose_error": with_pose_error,
     "sensor_nonlinear": with_bent_reading,
     "gel_creep": with_gel_creep,
     "gel_hysteresis": with_hysteresis,
     "thermal_drift": with_thermal_drift,
 }
-"""What makes each fault of the gels, by its effect's name."""
+"""What makes each fault of machine and gels from its label's parameters, by its effect's name."""
 BODIES = ("loose_pit", "third_contact", "split_pit")
 """Effects that make the fruit another body, of linear flesh; at most one, and none with a law of its own."""
 
@@ -75,7 +78,7 @@ class CasePlan:
 
     case_id: str
     drawn: DrawnFruit
-    grasps: tuple[CaseGrasp, ...]
+    grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
     out_of_catalogue: OutOfCatalogue | None = None
 
@@ -115,7 +118,7 @@ def planned(
 
 
 def _placed(
-    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
+    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[PlannedGrasp, ...], rng: np.random.Generator
 ) -> InjectedEffect:
     if one.effect == "third_contact":
         place = drawn_place_mm(drawn.fruit.skin, rng)
@@ -131,12 +134,14 @@ def _placed(
     return replace(one, parameters={**one.parameters, **where})
 
 
-def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
-    """What a plan's label says; `labelled`: its effects, in newtons where the peak force is known."""
+def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[str, Any]:
+    """A plan's label, `effect` and `parameters`; `labelled`: its effects, in newtons where the peak force is
+    known.
+    """
     if plan.out_of_catalogue is not None:
         parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
-        return Label(effect="unknown", parameters=parameters)
-    return Label(effect=joined_name(labelled), parameters=joined_parameters(labelled))
+        return {"effect": "unknown", "parameters": parameters}
+    return {"effect": joined_name(labelled), "parameters": joined_parameters(labelled)}
 
 
 def with_amount(one: InjectedEffect, peak_N: float, truths: tuple[TrueRecording, ...] = ()) -> InjectedEffect:
@@ -163,7 +168,10 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], fineness=fineness, wide=touches_widely(plan.injected))
+        stands = meshed_fruit(
+            plan.drawn.fruit, here[0], sensor=plan.drawn.sensor, fineness=fineness,
+            wider=WIDE_SHARE if touches_widely(plan.injected) else 0.0,
+        )  # fmt: skip
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
@@ -228,23 +236,7 @@ def as_recorded(
     """What the machine's faults make of a true recording; a late clock is in it already."""
     if out_of_catalogue is not None:
         return out_of_catalogue_recorded(truth, out_of_catalogue)
-    for one in injected:
-        p: dict[str, Any] = one.parameters
-        if one.effect in GEL_FAULTS:
-            truth = GEL_FAULTS[one.effect](truth, **p)
-        elif one.effect == "sensor_gain":
-            truth = with_gain(truth, pad=p["pad"], gain=p["gain"])
-        elif one.effect == "sensor_drift":
-            truth = with_drift(truth, pad=p["pad"], newton_per_s=p["newton_per_s"])
-        elif one.effect == "gripper_compliance":
-            truth = with_gripper_compliance(truth, mm_per_N=p["mm_per_N"])
-        elif one.effect == "pose_error":
-            shift = (p["shift_mm"][0], p["shift_mm"][1])
-            truth = with_pose_error(truth, pad=p["pad"], shift_mm=shift, tilt_deg=p["tilt_deg"])
+    for fault in injected:
+        if fault.effect in FAULTS:
+            truth = FAULTS[fault.effect](truth, **fault.parameters)
     return truth
-
-
-def sound_body(stands: MeshedFruit, *, stop_mm: float = CONVERGED_MM) -> NonlinearBody:
-    """Plain flesh of one mesh; `stop_mm`: see NonlinearBody."""
-    whole = whole_fruit(stands.flesh, stands.dofs)
-    return NonlinearBody(whole, plain_flesh(stands.flesh), stop_mm=stop_mm)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from samples.fruit import POISSON_RATIO
-from samples.mismatch.machine_effects import PAD_NAMES
+from samples.mismatch.true_recording import PAD_NAMES
 from samples.sample_failure import SampleFailure
 
 Range = tuple[float, float]

@@ -1,77 +1,121 @@
-"""Where the jaws of the four grasps are: along, across, oblique, and along with the fruit turned round."""
+"""The four grasps of a mismatch case: where the jaws are, how they close, which instants are recorded.
+
+Grasp 1 is fast and has two cycles, grasp 2 crosses it slowly, grasp 3 is oblique and shears during the hold,
+grasp 4 takes the spots of grasp 1 with the fruit turned round between the jaws.
+"""
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-from jaxtyping import Float
 
 from samples.cubed_sphere import even_sphere
 from samples.fruit import Skin
-from samples.grasp_plan import Hold
-from samples.mismatch.protocol import Motion, four_manners, motion_of
+from samples.grasp_plan import Hold, Motion, PlannedGrasp, jaw_turns
 
 TILT_SD_DEG, UNEVEN_SD_MM = 4.0, 0.02
 """How unlike their plan grasps are done, tilt in degrees and depth in mm (set by hand)."""
 OBLIQUE_TURN_DEG, OBLIQUE_TILT_DEG = 45.9, -28.8
 """Degrees round the stem and towards it of the third grasp, set by hand: off the fruit's planes of
 symmetry."""
+CLEARANCE_MM = 0.4
+"""Between pad and skin before and after, mm: more than the skin's own waves (0.1 mm), so that nothing
+touches."""
+AIR_BEFORE, AIR_AFTER, AIR_STEP_S = 30, 15, 0.1
+"""Frames in the air before and after contact, s between them: what zero and drift are told from."""
+HOLD_SHARES = (0.04, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)
+"""Of the hold's length at which frames are recorded: denser at first, where creep is fastest."""
+LOAD_FRAMES, UNLOAD_FRAMES, SHEAR_FRAMES = 8, 7, 6
+"""Frames of closing, opening and shearing: enough that curves show their bend (set by hand)."""
+SHEAR_MM, SHEAR_S, PAUSE_S = 1.2, 1.5, 0.4
+"""Sideways way of a pad in the hold (mm), its time and the pause before it (s), set by hand."""
+LET_GO_MM = -0.02
+"""mm past first touch of the last frame of opening: just out of contact."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseGrasp:
-    """One grasp: its name, the spots, the motion, and which of the meshes (0, 1, 2) it is solved on.
-
-    `hold` gives the spots in the mesh's order, left pad first; `turned`: the pads have changed places.
-    """
-
-    name: str
-    hold: Hold
-    motion: Motion
-    mesh: int
-    turned: bool
-
-
-def four_grasps(
-    skin: Skin, *, depth_mm: float, rng: np.random.Generator
-) -> tuple[CaseGrasp, CaseGrasp, CaseGrasp, CaseGrasp]:
+def four_grasps(skin: Skin, *, depth_mm: float, rng: np.random.Generator) -> tuple[PlannedGrasp, ...]:
     """Grasp 1 in a direction drawn at random near the equator, the others relative to it."""
-    azimuth = float(rng.uniform(0.0, 360.0))
-    tilts = np.clip(rng.normal(0.0, TILT_SD_DEG, 2), -8.0, 8.0)
-    uneven = rng.normal(0.0, UNEVEN_SD_MM, 3)
-    first = through_centre(skin, azimuth_deg=azimuth, tilt_deg=float(tilts[0]), uneven_mm=float(uneven[0]))
-    second = through_centre(
-        skin, azimuth_deg=azimuth + 90, tilt_deg=float(tilts[1]), uneven_mm=float(uneven[1])
+    azimuth_deg = float(rng.uniform(0.0, 360.0))
+    first_tilt_deg, second_tilt_deg = np.clip(rng.normal(0.0, TILT_SD_DEG, 2), -8.0, 8.0).tolist()
+    directions = (
+        (azimuth_deg, first_tilt_deg),
+        (azimuth_deg + 90, second_tilt_deg),
+        (azimuth_deg + OBLIQUE_TURN_DEG, OBLIQUE_TILT_DEG),
     )
-    third = through_centre(
-        skin, azimuth_deg=azimuth + OBLIQUE_TURN_DEG, tilt_deg=OBLIQUE_TILT_DEG, uneven_mm=float(uneven[2])
-    )
-    holds, meshes = (first, second, third, first), (0, 1, 2, 0)
-    manners = four_manners(depth_mm)
-    a, b, c, d = (
-        CaseGrasp(
-            name=f"grasp-{k + 1}", hold=holds[k], motion=motion_of(manners[k]), mesh=meshes[k], turned=k == 3
+    holds = [
+        through_centre(skin, azimuth_deg=azimuth, tilt_deg=tilt, uneven_mm=uneven_mm)
+        for (azimuth, tilt), uneven_mm in zip(
+            directions, rng.normal(0.0, UNEVEN_SD_MM, 3).tolist(), strict=True
         )
-        for k in range(4)
+    ]
+    return tuple(
+        PlannedGrasp(
+            name=f"grasp-{k + 1}", hold=holds[mesh], motion=motion_of(manner), mesh=mesh, turned=k == 3
+        )
+        for k, (mesh, manner) in enumerate(zip((0, 1, 2, 0), four_manners(depth_mm), strict=True))
     )
-    return a, b, c, d
 
 
 def through_centre(skin: Skin, *, azimuth_deg: float, tilt_deg: float, uneven_mm: float) -> Hold:
     """Jaws on a line through the skin's centre; both touch at travel 0, the left `uneven_mm` later."""
-    azimuth, tilt = np.radians(azimuth_deg), np.radians(tilt_deg)
-    axis = np.array([np.cos(azimuth) * np.cos(tilt), np.sin(azimuth) * np.cos(tilt), np.sin(tilt)])
-    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    up = np.cross(axis, across)
+    turns = jaw_turns(azimuth_deg=azimuth_deg, tilt_deg=tilt_deg)
+    axis = turns[0][:, 2]
     centre = np.asarray(skin.centre_mm)
-    heights = (skin.points_mm(_directions()) - centre) @ axis
+    heights = (skin.points_mm(even_sphere(160).directions) - centre) @ axis
     return Hold(
-        turns=(np.stack([across, up, axis], axis=1), np.stack([-across, up, -axis], axis=1)),
+        turns=turns,
         touch_mm=np.stack([centre + axis * (heights.min() - uneven_mm), centre + axis * heights.max()]),
     )
 
 
-@cache
-def _directions() -> Float[np.ndarray, "n 3"]:
-    """Directions in which a skin's height is looked for."""
-    return even_sphere(160).directions
+@dataclass(frozen=True, kw_only=True)
+class Manner:
+    """How one grasp is done: depths of its cycles (mm), speed of each jaw (mm/s), hold (s), shear or none."""
+
+    depths_mm: tuple[float, ...]
+    speed_mm_per_s: float
+    hold_s: float
+    shears: bool
+
+
+def four_manners(depth_mm: float) -> tuple[Manner, Manner, Manner, Manner]:
+    """The manners of grasps 1 to 4 for the deepest travel of the first."""
+    d = depth_mm
+    return (
+        Manner(depths_mm=(0.75 * d, d), speed_mm_per_s=4.0, hold_s=3.0, shears=False),
+        Manner(depths_mm=(0.85 * d,), speed_mm_per_s=0.5, hold_s=3.0, shears=False),
+        Manner(depths_mm=(0.95 * d,), speed_mm_per_s=1.5, hold_s=4.0, shears=True),
+        Manner(depths_mm=(0.9 * d,), speed_mm_per_s=1.5, hold_s=3.0, shears=False),
+    )
+
+
+def motion_of(manner: Manner) -> Motion:
+    """The corners of one grasp: air, each cycle's load and unload, a hold at the deepest, air again."""
+    corners: list[tuple[float, float, float, bool]] = []  # time, travel, shear, whether it is a frame
+
+    def go(pause_s: float, travel_mm: float, shear_mm: float | None = None, *, recorded: bool = True) -> None:
+        time_s, _, so_far_mm, _ = corners[-1] if corners else (0.0, 0.0, 0.0, True)
+        sideways_mm = so_far_mm if shear_mm is None else float(shear_mm)
+        corners.append((time_s + pause_s, float(travel_mm), sideways_mm, recorded))
+
+    for k in range(AIR_BEFORE):
+        go(0.0 if k == 0 else AIR_STEP_S, -CLEARANCE_MM)
+    go(AIR_STEP_S, 0.0, recorded=False)
+    last = len(manner.depths_mm) - 1
+    for cycle, depth in enumerate(manner.depths_mm):
+        step = depth / LOAD_FRAMES / manner.speed_mm_per_s
+        for travel in np.linspace(0.0, depth, LOAD_FRAMES + 1)[1:]:
+            go(step, travel)
+        if cycle == last:
+            for pause in np.diff([0.0, *HOLD_SHARES]) * manner.hold_s:
+                go(pause, depth)
+            for shear in np.linspace(0.0, SHEAR_MM, SHEAR_FRAMES + 1)[1:] if manner.shears else ():
+                go(SHEAR_S / SHEAR_FRAMES, depth, shear)
+        else:
+            go(PAUSE_S, depth, recorded=False)
+        step = depth / UNLOAD_FRAMES / manner.speed_mm_per_s
+        for travel in np.linspace(depth, 0.0, UNLOAD_FRAMES + 1)[1:]:
+            go(step, travel if travel > 0 else LET_GO_MM)
+    for _ in range(AIR_AFTER):
+        go(AIR_STEP_S, -CLEARANCE_MM)
+    time_s, travel_mm, shear_mm, recorded = map(np.array, zip(*corners, strict=True))
+    return Motion(time_s=time_s, travel_mm=travel_mm, shear_mm=shear_mm, recorded=recorded)

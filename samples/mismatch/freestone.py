@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array, eye_array, hstack, kron
 
-from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING, BrickFlesh, assembled, rigid_tie
 from samples.hexahedra import Bricks
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.skin_compliance import SkinCompliance, skin_compliance
@@ -27,12 +27,11 @@ def loose_compliance(
         bricks.cells, flesh.slopes, flesh.volumes, flesh.mu_MPa, flesh.lam_MPa, len(bricks.nodes_mm)
     )
     bonded = rigid_tie(bricks, flesh.free_nodes, flesh.pit_centre_mm)
-    own = _own_motion(flesh)
-    tie = csr_array(coo_array(_side_by_side(bonded, own)))
+    tie = csr_array(hstack([bonded, _motion_off_pit(flesh)]))
     stiffness = csr_array(tie.T @ full @ tie)
     count, nodes = flesh.unknowns, len(_opening_nodes(bricks))
     diagonal = np.zeros(stiffness.shape[0])
-    diagonal[count - 6 : count] = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+    diagonal[count - 6 : count] = HOLDING
     diagonal[count:] = THREADS_N_PER_MM / nodes
     stiffness = csr_array(stiffness + diags_array(diagonal))
     if extra is not None:
@@ -77,16 +76,16 @@ def _pit_quads(flesh: BrickFlesh) -> Int[np.ndarray, "k 4"]:
     """Four small quadrilaterals per innermost cell, outward."""
     bricks = flesh.bricks
     inner = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9].reshape(-1, 3, 3)
-    found = [
+    quads = [
         np.stack([inner[:, i, j], inner[:, i + 1, j], inner[:, i + 1, j + 1], inner[:, i, j + 1]], axis=1)
         for i in (0, 1)
         for j in (0, 1)
     ]
-    return np.concatenate(found)
+    return np.concatenate(quads)
 
 
-def _own_motion(flesh: BrickFlesh) -> coo_array:
-    """The pit nodes' motion of their own: normal, two tangents, per node."""
+def _motion_off_pit(flesh: BrickFlesh) -> coo_array:
+    """How the flesh moves off the pit at each node: along the normal and two tangents."""
     bricks = flesh.bricks
     normal, _ = _normals(flesh)
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
@@ -97,9 +96,7 @@ def _own_motion(flesh: BrickFlesh) -> coo_array:
     nodes = len(opening)
     rows = np.repeat(3 * opening[:, None] + np.arange(3), 3, axis=1).ravel()
     columns = np.tile(3 * np.arange(nodes)[:, None] + np.arange(3), (1, 3)).ravel()
-    own = coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
-    return own if bricks.follows is None else coo_array(kron(bricks.follows, eye_array(3)) @ own.tocsr())
-
-
-def _side_by_side(a: csr_array, b: coo_array) -> coo_array:
-    return coo_array(hstack([a, b]))
+    motion = coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
+    return (
+        motion if bricks.follows is None else coo_array(kron(bricks.follows, eye_array(3)) @ motion.tocsr())
+    )

@@ -38,20 +38,14 @@ class Bed:
     marker_area_mm2: float
 
 
-def bed_of(
-    sensor: MarkerSensor,
-    skin_mm: Float[np.ndarray, "n 3"],
-    cells: Int[np.ndarray, "k 9"],
-    *,
-    points: int = POINTS,
-) -> Bed:
+def bed_of(sensor: MarkerSensor, skin_mm: Float[np.ndarray, "n 3"], cells: Int[np.ndarray, "k 9"]) -> Bed:
     """Gauss points of the skin's cells as they face the gel (pad frame, mm), then the markers.
 
     Skin meets the gel nearly straight, so that integrals over the gel are integrals over whole cells: a grid
     of points that the cells' borders cut at random spreads pressure on a cell's nodes by wrong shares (a grid
     of 0.5 mm on cells of 1 mm put 1 to 2 um of waves on the markers).
     """
-    at, weight = np.polynomial.legendre.leggauss(points)
+    at, weight = np.polynomial.legendre.leggauss(POINTS)
     (value, slope), corners = lagrange(at), skin_mm[cells, :2].reshape(-1, 3, 3, 2)
     places = np.einsum("pi,qj,kijc->kpqc", value, value, corners).reshape(-1, 2)
     first = np.einsum("pi,qj,kijc->kpqc", slope, value, corners).reshape(-1, 2)

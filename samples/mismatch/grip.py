@@ -24,8 +24,8 @@ from samples.mismatch.gel_bed import (
     marker_values,
     nothing_held,
 )
+from samples.mismatch.meshed_fruit import SkinPatch
 from samples.mismatch.skin_compliance import SkinCompliance, Slices, parts_of
-from samples.mismatch.skin_patch import SkinPatch
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
@@ -64,7 +64,7 @@ class InnerContact:
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """What stays the same over a recording: patches, their nodes at rest (fruit frame), beds, the gel.
+    """What stays the same over a recording: patches, their nodes at rest (fruit frame), beds, gels.
 
     With an `inner` contact the vector of unknowns goes on, after the skin's, with how far each of its points
     opens.
@@ -73,7 +73,7 @@ class Grip:
     patches: tuple[SkinPatch, ...]
     rest_mm: tuple[Float[np.ndarray, "_n 3"], ...]
     beds: tuple[Bed, ...]
-    gel: Gel
+    gels: tuple[Gel, Gel]
     inner: InnerContact | None = None
 
     def local(
@@ -145,7 +145,7 @@ def next_instant(
             for s in (0, 1)
         ]
         links = [
-            link_of(grip.gel, grip.beds[s], held[s], grip.patches[s].cells, len(grip.rest_mm[s]))
+            link_of(grip.gels[s], grip.beds[s], held[s], grip.patches[s].cells, len(grip.rest_mm[s]))
             for s in (0, 1)
         ]
         enough = ROUGHLY_N if look == 0 and start is None else TOLERANCE_N
@@ -154,7 +154,7 @@ def next_instant(
         )
         change = np.abs(found.u - u).max()
         force, u = found.force_N, found.u
-        lost = [let_go(grip.gel, kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
+        lost = [let_go(grip.gels[s], kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
         if any(new is not None for new in lost):  # fewer hold each time: this ends
             kept_on = [old if new is None else new for old, new in zip(kept_on, lost, strict=True)]
             look = max(look, 1)
@@ -165,9 +165,10 @@ def next_instant(
     now = [grip.local(s, u, origins) for s in (0, 1)]
     if any(np.any(x[p.rim, 2] < 0) for x, p in zip(now, grip.patches, strict=True)):
         raise NotInEquilibrium("the contact patch outgrew the skin that was meshed for it: press less")
-    seen = [marker_values(grip.gel, grip.beds[s], links[s], now[s]) for s in (0, 1)]
+    seen = [marker_values(grip.gels[s], grip.beds[s], links[s], now[s]) for s in (0, 1)]
     memory = [
-        after_step(grip.gel, grip.beds[s], held[s], grip.patches[s].cells, now[s], links[s]) for s in (0, 1)
+        after_step(grip.gels[s], grip.beds[s], held[s], grip.patches[s].cells, now[s], links[s])
+        for s in (0, 1)
     ]
     return Instant(
         u=u, force_N=force, step_N=force - before.force_N, travel=origins - before.origins, origins=origins,
@@ -306,7 +307,7 @@ class _Push:
         for side, link in enumerate(links):
             turn = grip.patches[side].turn
             position = np.asarray(link.shares @ grip.local(side, u, origins))
-            load, change = traction(grip.gel, position, link.anchors_mm, link.stuck)
+            load, change = traction(grip.gels[side], position, link.anchors_mm, link.stuck)
             forces.append(((link.shares.T @ (load * link.areas_mm2[:, None])) @ turn.T).ravel())
             self._blocks.append(turn @ (-change * link.areas_mm2[:, None, None]) @ turn.T)
         self._opening = u[grip.part(1).stop :]

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import DEFAULT_GEL, Gel
+from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.altered_flesh import graded, soft_spot, stiffer_along_stem, uneven, with_skin
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.flesh_laws import (
@@ -21,7 +22,6 @@ from samples.mismatch.flesh_laws import (
     StiffeningFlesh,
     Yielding,
 )
-from samples.mismatch.four_grasps import CaseGrasp
 from samples.sample_failure import SampleFailure
 
 EFFECTS = (
@@ -137,7 +137,7 @@ def flesh_law(plain: PlainFlesh, one: InjectedEffect | None) -> tuple[FleshLaw, 
 
 
 def spot_under_pad(
-    drawn: DrawnFruit, grasp: CaseGrasp, *, pad: str, depth_mm: float, aside_deg: float,
+    drawn: DrawnFruit, grasp: PlannedGrasp, *, pad: str, depth_mm: float, aside_deg: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " 3"]:  # fmt: skip
     """A place `depth_mm` below the skin, seen from the centre `aside_deg` off the pad."""

@@ -6,12 +6,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.brick_flesh import BrickFlesh, flesh_of
+from samples.fruit import SampleFruit
 from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
+from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Bricks, Fineness, flesh_bricks
-from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.marker_sensor import MarkerSensor
-from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor
 
 CASE = BrickGrading(cells=4, layers=4)
 """Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
@@ -23,6 +22,20 @@ flesh much softer than the gel (Hertz), all of it for flesh much firmer. In betw
 (2.4 mm kn)), seen on 6 pads of one fruit; 0.2 and 0.1 mm are to spare, for patches end with whole cells."""
 WIDE_SHARE = 0.3
 """So much greater is that share where flesh gives way less: then it may reach the whole travel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkinPatch:
+    """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
+
+    Nodes are in the order in which a face that comes nearer would meet them.
+    `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    nodes: Int[np.ndarray, " n"]
+    cells: Int[np.ndarray, "k 9"]
+    rim: Int[np.ndarray, " r"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,46 +53,46 @@ class MeshedFruit:
 
 
 def meshed_fruit(
-    drawn: DrawnFruit,
-    grasp: CaseGrasp,
+    fruit: SampleFruit,
+    grasp: PlannedGrasp,
     *,
+    sensor: MarkerSensor = DEFAULT_SENSOR,
     fineness: BrickGrading | Fineness = CASE,
-    wide: bool = False,
+    wider: float = 0.0,
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
-    `wide`: it gives way less than plain flesh of its modulus.
+    `wider`: so much greater is the share of the travel in which skin may touch a pad (see WIDE_SHARE).
     """
-    fruit = drawn.fruit
-    firmness = fruit.E_MPa / (FIRMNESS_MM * drawn.sensor.gel.kn_MPa_per_mm)
-    share = RIGID_SHARE - HALF / (1 + firmness) + (WIDE_SHARE if wide else 0.0)
-    overlap = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
-    bricks = _bricks(drawn, grasp, fineness, overlap)
-    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law="linear")
-    left, right = (
-        patch_of(bricks, turn, touch_mm=touch, overlap_mm=overlap)
-        for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
-    )
-    dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
-    return MeshedFruit(
-        flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=drawn.sensor
-    )
-
-
-def _bricks(
-    drawn: DrawnFruit, grasp: CaseGrasp, fineness: BrickGrading | Fineness, overlap_mm: float
-) -> Bricks:
-    fruit, hold = drawn.fruit, grasp.hold
-    axis = hold.turns[0][:, 2]
+    firmness = fruit.E_MPa / (FIRMNESS_MM * sensor.gel.kn_MPa_per_mm)
+    share = RIGID_SHARE - HALF / (1 + firmness) + wider
+    overlap_mm = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
+    pads = list(zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True))
+    axis = grasp.hold.turns[0][:, 2]
     if isinstance(fineness, Fineness):
-        return flesh_bricks(fruit, axis, fineness)
-    touched = [
-        touched_skin_mm(fruit, turn, touch_mm=touch, overlap_mm=overlap_mm)
-        for turn, touch in zip(hold.turns, hold.touch_mm, strict=True)
-    ]
-    return graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
+        bricks = flesh_bricks(fruit, axis, fineness)
+    else:
+        touched = [touched_skin_mm(fruit, turn, touch_mm=at, overlap_mm=overlap_mm) for turn, at in pads]
+        bricks = graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
+    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio)
+    left, right = (patch_of(bricks, turn, touch_mm=at, overlap_mm=overlap_mm) for turn, at in pads)
+    dofs = flesh.dofs_of(np.concatenate([left.nodes, right.nodes])).ravel()
+    return MeshedFruit(
+        flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=sensor
+    )
 
 
-def nodes_of(stands: MeshedFruit) -> Float[np.ndarray, "n 3"]:
-    """Nodes of the mesh at rest."""
-    return stands.flesh.bricks.nodes_mm
+def patch_of(
+    bricks: Bricks, turn: Float[np.ndarray, "3 3"], *, touch_mm: Float[np.ndarray, " 3"], overlap_mm: float
+) -> SkinPatch:
+    """Cells that face the pad and come within `overlap_mm` of its face where it first touches."""
+    local = (bricks.nodes_mm - touch_mm) @ turn
+    corners = local[bricks.skin_cells]
+    normal = np.cross(corners[:, 2, 1] - corners[:, 0, 1], corners[:, 1, 2] - corners[:, 1, 0])
+    faces_it = normal[:, 2] < -0.3 * np.linalg.norm(normal, axis=1)
+    near = faces_it & (corners[..., 2].min(axis=(1, 2)) < overlap_mm)
+    nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
+    order = np.argsort(local[nodes, 2], kind="stable")
+    nodes, cells = nodes[order], np.argsort(order)[cells]
+    rim = np.isin(nodes, bricks.skin_cells[~near])
+    return SkinPatch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))

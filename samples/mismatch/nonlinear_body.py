@@ -12,10 +12,10 @@ and Ni 2011, type II) until q no longer changes.
 import numpy as np
 from jaxtyping import Float
 
-from samples.anderson_mixing import AndersonMixing
-from samples.mismatch.flesh_laws import FleshLaw, State
+from samples.mismatch.flesh_laws import FleshLaw, Lame, PlainFlesh, State
 from samples.mismatch.grip import Grip, Instant, before_touch, going_on, next_instant
-from samples.mismatch.whole_fruit import WholeFruit
+from samples.mismatch.meshed_fruit import MeshedFruit
+from samples.mismatch.whole_fruit import WholeFruit, whole_fruit
 from samples.sample_failure import NotInEquilibrium
 
 CONVERGED_MM = 4e-5
@@ -39,14 +39,8 @@ HALVINGS = 3
 class NonlinearBody:
     """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
 
-    def __init__(
-        self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0, stop_mm: float = CONVERGED_MM
-    ) -> None:
-        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens.
-
-        `stop_mm`: the change of a skin node in a round at which the rounds end.
-        """
-        self._stop_mm = stop_mm
+    def __init__(self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0) -> None:
+        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
         self._whole, self._compliance, self._law = whole, whole.compliance.scaled(1 / firmer), law
         self._firmer = firmer
         self.still = law.still
@@ -68,7 +62,7 @@ class NonlinearBody:
         for _ in range(ROUNDS):
             excess, state = self._excess(q, pause_s)
             mapped = ((self._firmer - 1) * q - self._whole.solve(excess)) / self._firmer
-            if np.abs(mapped - q).max() < self._stop_mm / 10:
+            if np.abs(mapped - q).max() < CONVERGED_MM / 10:
                 break
             q = mixing.mixed(q, mapped)
         else:
@@ -124,7 +118,7 @@ class NonlinearBody:
             balance = whole.spread(instant.force_N) - excess
             mapped = ((self._firmer - 1) * q + whole.solve(balance)) / self._firmer
             start = instant.force_N
-            if np.abs((mapped - q)[whole.dofs]).max() < self._stop_mm:
+            if np.abs((mapped - q)[whole.dofs]).max() < CONVERGED_MM:
                 self._trend = (mapped - self._q) if np.any(instant.force_N) else np.zeros_like(mapped)
                 self._state, self._q = state, mapped
                 return instant
@@ -143,5 +137,31 @@ class NonlinearBody:
         return self._whole.excess(q, stress), found
 
 
+def sound_body(stands: MeshedFruit) -> NonlinearBody:
+    """Plain flesh of one mesh."""
+    lame = Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa)
+    return NonlinearBody(whole_fruit(stands.flesh, stands.dofs), PlainFlesh(lame=lame))
+
+
 def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:
     return float(np.linalg.norm(origins[1] - origins[0]))
+
+
+class AndersonMixing:
+    """The last `depth` rounds and their mix; of the samples, as truth must not use the estimator's code."""
+
+    def __init__(self, depth: int) -> None:
+        self._depth = depth
+        self._mapped: list[np.ndarray] = []
+        self._change: list[np.ndarray] = []
+
+    def mixed(self, q: Float[np.ndarray, " u"], mapped: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+        """The next guess, where `mapped` is what a round has made of the guess q."""
+        self._mapped = [*self._mapped[-self._depth :], mapped]
+        self._change = [*self._change[-self._depth :], mapped - q]
+        if len(self._change) == 1:
+            return mapped
+        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
+        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
+        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
+        return np.asarray(mapped - moves @ share)

@@ -17,14 +17,13 @@ from scipy.sparse import coo_array, csr_array
 
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import ElasticBody, GrippedBody
+from samples.mismatch.bodies import ElasticBody, GrippedBody, SofteningGelBody
 from samples.mismatch.flesh_laws import Draining, FleshLaw
 from samples.mismatch.injected import plain_flesh
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.softening_gel import SofteningGelBody
 from samples.mismatch.true_recording import TrueRecording
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
@@ -90,9 +89,7 @@ def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> c
     lowest = places[np.argmin(places[:, 2])]
     under = (np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)
     near = skin[under & np.isin(skin, flesh.free_nodes)]
-    number = np.full(len(bricks.nodes_mm), -1)
-    number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
-    at = 3 * number[near] + 2
+    at = flesh.dofs_of(near)[:, 2]
     values = np.full(len(at), N_per_mm / len(at))
     return csr_array(coo_array((values, (at, at)), shape=(flesh.unknowns, flesh.unknowns)))
 
@@ -100,5 +97,7 @@ def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> c
 def believed(truth: TrueRecording, gel: Gel) -> TrueRecording:
     """The force that a sensor computes from the markers' displacement with the gel's nominal stiffness."""
     stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
-    pads = [replace(p, force_N=-truth.marker_area_mm2 * stiffness * p.displacement_mm) for p in truth.pads]
-    return replace(truth, gel=gel, pads=(pads[0], pads[1]))
+    felt = truth.with_pads(
+        lambda p: replace(p, force_N=-truth.marker_area_mm2 * stiffness * p.displacement_mm)
+    )
+    return replace(felt, gel=gel)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from fem.sparse.solver import factorise
-from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING, BrickFlesh, assembled, rigid_tie
 
 
 def split_pit_stiffness(flesh: BrickFlesh, *, angle_deg: float = 0.0, share: float = 1.0) -> csr_array:
@@ -32,8 +32,7 @@ def split_pit_stiffness(flesh: BrickFlesh, *, angle_deg: float = 0.0, share: flo
         )
     )
     holding = np.zeros(flesh.unknowns + 6)
-    weights = HOLDING_N_PER_MM / 2 * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
-    holding[-12:] = np.concatenate([weights, weights])
+    holding[-12:] = np.tile(HOLDING / 2, 2)
     at = np.arange(len(holding))
     free = csr_array(halves.T @ full @ halves + coo_array((holding, (at, at))).tocsr())
     return free if share == 1.0 else csr_array(free + _bond(free, share))

@@ -68,9 +68,7 @@ def with_third_contact(
     away = np.linalg.norm(bricks.nodes_mm[skin] - centre_mm, axis=1)
     away[~np.isin(skin, flesh.free_nodes)] = np.inf
     able = away < max(SEAT_RADIUS_MM, float(np.sort(away)[FEWEST - 1]) + 1e-9)
-    number = np.full(len(bricks.nodes_mm), -1)
-    number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
-    seat = 3 * number[skin[able]]
+    seat = flesh.dofs_of(skin[able])[:, 0]
     helper = np.eye(3)[np.abs(normal).argmin()]
     first = np.cross(normal, helper)
     first /= np.linalg.norm(first)

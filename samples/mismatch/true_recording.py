@@ -1,18 +1,21 @@
 """The recording of one grasp before any sensor: instants at the frames, and what the machine knows."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from samples.gel_contact import Gel
-from samples.grasp_plan import Hold
+from samples.grasp_plan import Hold, Motion, PlannedGrasp
 from samples.mismatch.bodies import GrippedBody
-from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.gel_bed import POINTS, bed_of
+from samples.mismatch.gel_bed import bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
-from samples.mismatch.meshed_fruit import MeshedFruit, nodes_of
-from samples.mismatch.protocol import Motion
+from samples.mismatch.meshed_fruit import MeshedFruit
+from samples.sensor_noise import SensorNoise, measured
+from tactile.io.recording import GelPad, Recording
+
+PAD_NAMES = ("left", "right")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +29,7 @@ class PadTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class TrueRecording:
-    """What happened at the frames; pads are left, right."""
+    """What happened at the frames; pads are left, right, the gel is the left one's."""
 
     name: str
     time_s: Float[np.ndarray, " t"]
@@ -41,6 +44,16 @@ class TrueRecording:
         places = np.unique(self.rest_mm[:, 0])
         return float(places[1] - places[0]) ** 2
 
+    def with_pads(
+        self, change: Callable[[PadTruth], PadTruth], *, only: str | None = None
+    ) -> "TrueRecording":
+        """The recording with each pad changed, or the one of that name."""
+        left, right = (
+            change(pad) if only in (None, name) else pad
+            for name, pad in zip(PAD_NAMES, self.pads, strict=True)
+        )
+        return replace(self, pads=(left, right))
+
     @property
     def peak_force_N(self) -> float:
         """Largest total normal force of a pad over the recording."""
@@ -48,44 +61,93 @@ class TrueRecording:
 
 
 def grip_of(
-    stands: MeshedFruit, *, gel: Gel, inner: InnerContact | None = None, points: int = POINTS
+    stands: MeshedFruit,
+    *,
+    gel: Gel | tuple[Gel, Gel],
+    inner: InnerContact | None = None,
 ) -> Grip:
-    """The grip on a fruit as it was meshed, with both pads of the given gel; `points`: see gel_bed.bed_of."""
-    nodes = nodes_of(stands)
+    """The grip on a fruit as it was meshed. `gel`: of both pads, or of each."""
+    nodes = stands.flesh.bricks.nodes_mm
     local = [
         (nodes[p.nodes] - touch) @ p.turn for p, touch in zip(stands.patches, stands.touch_mm, strict=True)
     ]
     return Grip(
         patches=stands.patches,
         rest_mm=tuple(nodes[p.nodes] for p in stands.patches),
-        beds=tuple(
-            bed_of(stands.sensor, x, p.cells, points=points)
-            for p, x in zip(stands.patches, local, strict=True)
-        ),
-        gel=gel,
+        beds=tuple(bed_of(stands.sensor, x, p.cells) for p, x in zip(stands.patches, local, strict=True)),
+        gels=gel if isinstance(gel, tuple) else (gel, gel),
         inner=inner,
     )
 
 
-def grasped(grasp: CaseGrasp, grip: Grip, body: GrippedBody, *, steps: int = 1) -> TrueRecording:
-    """Go through the motion, from corner to corner in `steps`; keep the recorded corners.
+def grasped(
+    grasp: PlannedGrasp,
+    grip: Grip,
+    body: GrippedBody,
+    *,
+    watch: Callable[[int, Instant], None] | None = None,
+) -> TrueRecording:
+    """Go through the motion, from corner to corner; keep the recorded corners.
 
-    Raises NotInEquilibrium where a step finds no balance.
+    `watch` is told each corner's number and instant. Raises NotInEquilibrium where a step finds no balance.
     """
     hold, motion = grasp.hold, grasp.motion
     instant = before_touch(grip, _origins(hold, motion, 0), body.begin())
     frames = [instant]
     for k in range(1, len(motion.time_s)):
+        if watch is not None:
+            watch(k - 1, instant)
         pause = float(motion.time_s[k] - motion.time_s[k - 1])
         origins = _origins(hold, motion, k)
         unmoved = np.array_equal(origins, instant.origins)
         if not (unmoved and body.still):
-            first = instant.origins
-            for step in range(1, steps + 1):
-                instant = body.advance(grip, instant, first + step / steps * (origins - first), pause / steps)
+            instant = body.advance(grip, instant, origins, pause)
         if motion.recorded[k]:
             frames.append(instant)
+    if watch is not None:
+        watch(len(motion.time_s) - 1, instant)
     return _at_frames(grasp, grip, frames, _markers_mm(grip))
+
+
+def as_measured(
+    truth: TrueRecording,
+    *,
+    gels: tuple[Gel, Gel],
+    noise: SensorNoise,
+    rng: np.random.Generator,
+    fruit_id: str,
+    category: str,
+    sensor: str,
+    origin_mm: Float[np.ndarray, " 3"] | None = None,
+) -> Recording:
+    """The recording as the sensor gives it; `origin_mm`: of its frame (None: the frame of the truth)."""
+    pads = []
+    for name, gel, pad in zip(PAD_NAMES, gels, truth.pads, strict=True):
+        felt, pushed = measured(pad.displacement_mm, pad.force_N, noise, rng)
+        pose = pad.pose.copy()
+        if origin_mm is not None:
+            pose[:, :3, 3] -= origin_mm
+        pads.append(
+            GelPad(
+                name=name,
+                pose=pose,
+                rest_mm=truth.rest_mm,
+                displacement_mm=felt,
+                force_N=pushed,
+                gel_kn_MPa_per_mm=gel.kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=gel.kt_MPa_per_mm,
+            )
+        )
+    return Recording(
+        fruit_id=fruit_id,
+        category=category,
+        loading="grasp",
+        support="free",
+        sensor=sensor,
+        time_s=truth.time_s,
+        aperture_mm=truth.aperture_mm,
+        pads=tuple(pads),
+    )
 
 
 def _markers_mm(grip: Grip) -> Float[np.ndarray, "n 3"]:
@@ -99,7 +161,7 @@ def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
 
 
 def _at_frames(
-    grasp: CaseGrasp, grip: Grip, frames: list[Instant], rest_mm: Float[np.ndarray, "n 3"]
+    grasp: PlannedGrasp, grip: Grip, frames: list[Instant], rest_mm: Float[np.ndarray, "n 3"]
 ) -> TrueRecording:
     """The recording at the frames that are kept, in the pads' own order."""
     hold, motion = grasp.hold, grasp.motion
@@ -120,5 +182,5 @@ def _at_frames(
         )
     return TrueRecording(
         name=grasp.name, time_s=motion.time_s[shown], aperture_mm=gap - 2 * travel, rest_mm=rest_mm,
-        gel=grip.gel, pads=(pads[0], pads[1]),
+        gel=grip.gels[0], pads=(pads[0], pads[1]),
     )  # fmt: skip

@@ -1,18 +1,17 @@
 """Small square pictures of a scene's fruit, each with the share of every pixel that the fruit covers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from samples.cubed_sphere import even_sphere
-from samples.fruit import box_mm
 from samples.renderer import denoiser, layers_of, mitsuba, window_sensor
 from samples.scenes.draw import Scene
 from samples.scenes.phone import developed, exposed
-from samples.scenes.render import RenderOptions, load_world
+from samples.scenes.render import RenderOptions, fruit_cover, load_world, scaled
 from samples.viewpoints import Viewpoint
 
 _FINER = 3
@@ -44,9 +43,7 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
     lit = mi.load_dict(
         {"type": "aov", "aovs": "a:albedo,n:sh_normal", "path": {"type": "path", "max_depth": options.depth}}
     )
-    which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
     box = scene.fruit.skin.points_mm(even_sphere(12).directions)
-    middle = np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]])
     level = float(rng.uniform(*_LEVELS))
     for k, view in enumerate(scene.views):
         seen, window = _square(view, box, rng, side_px=side_px)
@@ -58,15 +55,7 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
             )
         )  # fmt: skip
         light = oidn(*layers_of(layers))
-        left, top, width, height = (_FINER * side for side in window)
-        fine, finer = _enlarged(seen, _FINER), (left, top, width, height)
-        met = mi.render(
-            world.scene, sensor=mi.load_dict(window_sensor(mi, fine, finer)), integrator=which, spp=1
-        )
-        shape = np.array(met)[..., 0]
-        column, row = np.rint(fine.pixels(middle)[0] - [left, top]).astype(int)
-        on_fruit = (shape == shape[row, column]).astype(np.float32)  # nothing hides the fruit's middle
-        cover = cv2.resize(on_fruit, (side_px, side_px), interpolation=cv2.INTER_AREA)
+        cover = fruit_cover(mi, world, scene, seen, window, finer=_FINER)
         counted = exposed(
             light, gain=level / _ground_level(light, cover), pipeline=scene.pipeline, shot=scene.shots[k]
         )
@@ -87,18 +76,9 @@ def _square(
     extent = float((high - low).max())
     wide = extent * _NARROWEST * (_WIDEST / _NARROWEST) ** float(rng.uniform())
     centre = (low + high) / 2 + 0.55 * (wide - extent) * rng.uniform(-1, 1, 2)
-    seen = _enlarged(view, side_px / wide)
+    seen = scaled(view, side_px / wide)
     corner = np.rint((centre - wide / 2) * (seen.focal_px / view.focal_px)).astype(int)
     return seen, (int(corner[0]), int(corner[1]), side_px, side_px)
-
-
-def _enlarged(view: Viewpoint, factor: float) -> Viewpoint:
-    return replace(
-        view,
-        focal_px=view.focal_px * factor,
-        width_px=round(view.width_px * factor),
-        height_px=round(view.height_px * factor),
-    )
 
 
 def _ground_level(light: Float[np.ndarray, "s s 3"], cover: Float[np.ndarray, "s s"]) -> float:

@@ -98,15 +98,20 @@ def standing_lights(mi: Any, light: SceneLight) -> dict[str, Any]:
             "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90),
         },
     }  # fmt: skip
-    to = mi.ScalarTransform4f
     for k, lamp in enumerate(light.lamps):
-        frame = to().rotate([0, 0, 1], lamp.azimuth_deg).rotate([0, 1, 0], 90 - lamp.elevation_deg)
-        frame = frame @ to().translate([0, 0, lamp.distance_mm]).scale([*lamp.half_mm, 1])
-        made[f"lamp{k}"] = {
-            "type": "rectangle", "to_world": frame @ to().rotate([1, 0, 0], 180),
-            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(lamp_radiance(lamp))}},
-        }  # fmt: skip
+        made[f"lamp{k}"] = lamp_shape(mi, lamp, radiance=lamp_radiance(lamp))
     return made
+
+
+def lamp_shape(mi: Any, lamp: Lamp, *, radiance: Rgb) -> dict[str, Any]:
+    """A lamp for the renderer."""
+    to = mi.ScalarTransform4f
+    frame = to().rotate([0, 0, 1], lamp.azimuth_deg).rotate([0, 1, 0], 90 - lamp.elevation_deg)
+    frame = frame @ to().translate([0, 0, lamp.distance_mm]).scale([*lamp.half_mm, 1])
+    return {
+        "type": "rectangle", "to_world": frame @ to().rotate([1, 0, 0], 180),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}},
+    }  # fmt: skip
 
 
 def lamp_radiance(lamp: Lamp) -> Rgb:

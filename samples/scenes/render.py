@@ -10,7 +10,15 @@ from jaxtyping import Bool, Float
 
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
-from samples.renderer import denoiser, layers_of, mitsuba, sensor, vertex_normals, window_sensor
+from samples.renderer import (
+    denoiser,
+    layers_of,
+    mesh_shape,
+    mitsuba,
+    sensor,
+    vertex_normals,
+    window_sensor,
+)
 from samples.scanned_skin import ScannedSkin
 from samples.scenes.draw import Scene
 from samples.scenes.euro_coin import coin_mesh
@@ -90,9 +98,7 @@ def halved(view: Viewpoint) -> Viewpoint:
     """The same view at half the resolution. Raises ValueError when a side is odd."""
     if view.width_px % 2 or view.height_px % 2:
         raise ValueError(f"a picture of {view.width_px} x {view.height_px} px cannot be halved")
-    return replace(
-        view, focal_px=view.focal_px / 2, width_px=view.width_px // 2, height_px=view.height_px // 2
-    )
+    return scaled(view, 0.5)
 
 
 def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
@@ -104,20 +110,40 @@ def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
 def fruit_mask(scene: Scene, k: int, *, options: RenderOptions, finer: int = 4) -> Bool[np.ndarray, "h w"]:
     """Which pixels of view k the fruit covers by more than half, seen by a pinhole; `finer`^2 rays each."""
     mi = mitsuba()
-    world = load_world(mi, scene, options=options)
-    view = scene.views[k]
-    fine = replace(
-        view, focal_px=view.focal_px * finer, width_px=view.width_px * finer, height_px=view.height_px * finer
-    )
+    world, view = load_world(mi, scene, options=options), scene.views[k]
+    window = (0, 0, view.width_px, view.height_px)
+    return fruit_cover(mi, world, scene, view, window, finer=finer) > 0.5
+
+
+def fruit_cover(
+    mi: Any,
+    world: "World",
+    scene: Scene,
+    view: Viewpoint,
+    window: tuple[int, int, int, int],
+    *,
+    finer: int,
+) -> Float[np.ndarray, "h w"]:
+    """The share of each pixel of a window that the fruit covers, seen by a pinhole; `finer`^2 rays each."""
+    left, top, width, height = (finer * side for side in window)
+    fine = scaled(view, finer)
     which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
-    met = mi.render(world.scene, sensor=mi.load_dict(sensor(mi, fine)), integrator=which, spp=1)
-    shape = np.array(met)[..., 0]
-    column, row = np.rint(
-        fine.pixels(np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]]))[0]
-    ).astype(int)
+    camera = mi.load_dict(window_sensor(mi, fine, (left, top, width, height)))
+    shape = np.array(mi.render(world.scene, sensor=camera, integrator=which, spp=1))[..., 0]
+    middle_mm = np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]])
+    column, row = np.rint(fine.pixels(middle_mm)[0] - [left, top]).astype(int)
     on_fruit = (shape == shape[row, column]).astype(np.float32)  # nothing hides the fruit's middle
-    covered = cv2.resize(on_fruit, (view.width_px, view.height_px), interpolation=cv2.INTER_AREA)
-    return np.asarray(covered > 0.5)
+    return np.asarray(cv2.resize(on_fruit, window[2:], interpolation=cv2.INTER_AREA))
+
+
+def scaled(view: Viewpoint, factor: float) -> Viewpoint:
+    """The same view with `factor` times as many pixels along each side."""
+    return replace(
+        view,
+        focal_px=view.focal_px * factor,
+        width_px=round(view.width_px * factor),
+        height_px=round(view.height_px * factor),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,20 +171,22 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
         print_rgb = np.ascontiguousarray(sheet_texture(scene.sheet, mat)[::-1])
         paper = {"type": "bitmap", "raw": True, "wrap_mode": "clamp", "bitmap": mi.Bitmap(print_rgb)}
         bsdf = {"type": "twosided", "material": {"type": "diffuse", "reflectance": paper}}
-        shapes["mat"] = _mesh(mi, "mat", points - [0, 0, _PAPER_BELOW_MM], triangles, bsdf=bsdf, uv=uv)
+        shapes["mat"] = mesh_shape(mi, "mat", points - [0, 0, _PAPER_BELOW_MM], triangles, bsdf=bsdf, uv=uv)
     if scene.coin is not None:
         points, triangles, colour = coin_mesh(scene.coin)
         metal = {
             "type": "principled", "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
             "metallic": 1.0, "roughness": 0.32,
         }  # fmt: skip
-        shapes["coin"] = _mesh(mi, "coin", points, triangles, bsdf=metal, attributes={"vertex_color": colour})
+        shapes["coin"] = mesh_shape(
+            mi, "coin", points, triangles, bsdf=metal, attributes={"vertex_color": colour}
+        )
     moving: dict[str, Callable[[Viewpoint], np.ndarray]] = {}
     if scene.light.flash_radii_mm is not None:
         glow = flash_radiance(scene.light, distance_mm=scene.camera.distance_mm)
         points, triangles = flash_mesh(scene.light, first)
         lamp = {"type": "area", "radiance": {"type": "rgb", "value": list(glow)}}
-        shapes["flash"] = _mesh(mi, "flash", points, triangles, bsdf={"type": "diffuse"}, emitter=lamp)
+        shapes["flash"] = mesh_shape(mi, "flash", points, triangles, bsdf={"type": "diffuse"}, emitter=lamp)
         moving["flash"] = lambda view: flash_mesh(scene.light, view)[0]
     if scene.light.photographer:
         points, triangles = photographer_mesh(first)
@@ -166,7 +194,7 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
             "type": "twosided",
             "material": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.08, 0.09, 0.12]}},
         }
-        shapes["body"] = _mesh(mi, "body", points, triangles, bsdf=cloth)
+        shapes["body"] = mesh_shape(mi, "body", points, triangles, bsdf=cloth)
         moving["body"] = lambda view: photographer_mesh(view)[0]
     turning = {}
     if scene.turntable is not None:  # in the mat's frame what stands still turns with the camera
@@ -199,44 +227,10 @@ def _fruit(mi: Any, scene: Scene, options: RenderOptions) -> Any:
         colour, normals = skin.colours(sphere.directions), skin.normals(sphere.directions)
     else:
         normals = vertex_normals(points, triangles)
-    return _mesh(
+    return mesh_shape(
         mi, "fruit", points, triangles, bsdf=skin_bsdf(scene.skin), normals=normals,
         attributes={"vertex_color": colour, "vertex_roughness": roughness},
     )  # fmt: skip
-
-
-def _mesh(
-    mi: Any,
-    name: str,
-    points: Float[np.ndarray, "n 3"],
-    triangles: np.ndarray,
-    *,
-    bsdf: dict[str, Any],
-    emitter: dict[str, Any] | None = None,
-    uv: Float[np.ndarray, "n 2"] | None = None,
-    normals: Float[np.ndarray, "n 3"] | None = None,
-    attributes: dict[str, np.ndarray] | None = None,
-) -> Any:
-    """A mesh for the renderer with its colours or texture coordinates."""
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    if emitter is not None:
-        properties["emitter"] = mi.load_dict(emitter)
-    mesh = mi.Mesh(
-        name, len(points), len(triangles), props=properties, has_vertex_normals=normals is not None,
-        has_vertex_texcoords=uv is not None,
-    )  # fmt: skip
-    for key, values in (attributes or {}).items():
-        mesh.add_attribute(key, 1 if values.ndim == 1 else 3, values.astype(np.float32).ravel())
-    parts = mi.traverse(mesh)
-    parts["vertex_positions"] = points.astype(np.float32).ravel()
-    parts["faces"] = triangles.astype(np.uint32).ravel()
-    if normals is not None:
-        parts["vertex_normals"] = normals.astype(np.float32).ravel()
-    if uv is not None:
-        parts["vertex_texcoords"] = uv.astype(np.float32).ravel()
-    parts.update()
-    return mesh
 
 
 def _windows(

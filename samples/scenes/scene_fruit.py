@@ -1,10 +1,10 @@
 """The fruit of a scene: kind, size, lopsidedness, stem cavity, suture, pit and modulus from a seed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, triple
+from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, on_its_base, triple
 
 # half of a blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
@@ -84,8 +84,8 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
         cubic=rng.normal(0.0, kind.lopsided_sd * rng.uniform(0.2, 1.8), (3, 3, 3)),
     )
     low, high = box_mm(skin)
-    middle, half_box = (low + high) / 2, (high - low) / 2
-    skin = replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
+    half_box = (high - low) / 2
+    skin = on_its_base(skin)
     pit = SamplePit(
         centre_mm=triple(np.array([0.0, 0.0, half_box[2]]) + rng.normal(0.0, 0.01, 3) * half_box),
         semi_axes_mm=triple(np.array(kind.pit_over_box) * half_box * rng.normal(1.0, 0.04, 3)),

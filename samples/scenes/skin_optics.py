@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 
-from samples.appearance import linear_rgb, random_field
+from samples.appearance import linear_rgb, random_field, specks, unit
 from samples.fruit import triple
 
 Rgb = tuple[float, float, float]
@@ -88,7 +87,7 @@ def skin_attributes(
     rng = np.random.default_rng([look.pattern_seed, 0])
     patches = random_field(directions, 3.0, rng) + 0.5 * random_field(directions, 9.0, rng)
     if look.colour == "two-coloured":
-        sunny = directions @ _unit(rng.normal(size=3) * np.array([1, 1, 0.4]))
+        sunny = directions @ unit(rng.normal(size=3) * np.array([1, 1, 0.4]))
         cover = rng.uniform(-0.4, 0.5) + 0.9 * sunny + (0.2 + look.mottle) * patches
         cover += 0.15 * random_field(directions, 40.0, rng)
         share = 1 / (1 + np.exp(-4.5 * cover))
@@ -97,11 +96,7 @@ def skin_attributes(
     srgb = np.array(look.srgb) * (1 - share[:, None]) + np.array(look.other_srgb) * share[:, None]
     srgb *= 1 + look.fine * random_field(directions, 25.0, rng)[:, None]
     if look.specks:
-        spots = rng.normal(size=(look.specks, 3))
-        spots /= np.linalg.norm(spots, axis=1, keepdims=True)
-        spread, which = cKDTree(spots).query(directions)
-        width = rng.uniform(0.004, 0.013, look.specks)[which]
-        pale = 0.6 * np.exp(-((spread / width) ** 2))[:, None]
+        pale = 0.6 * specks(directions, look.specks, 0.013, rng)[:, None]
         srgb = srgb * (1 - pale) + np.clip(1.25 * srgb + 0.12, 0, 0.95) * pale
     stem = 0.5 * np.exp(-((np.arccos(np.clip(directions[:, 2], -1, 1)) / 0.12) ** 2))[:, None]
     srgb = srgb * (1 - stem) + np.array([0.45, 0.40, 0.18]) * stem
@@ -125,7 +120,3 @@ def skin_bsdf(look: SkinLook) -> dict[str, Any]:
         "clearcoat_gloss": look.clearcoat_gloss,
         "sheen": look.sheen,
     }
-
-
-def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    return np.asarray(vector / np.linalg.norm(vector))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from samples.viewpoints import Viewpoint, look_at
+from samples.viewpoints import Viewpoint, direction, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
 """Of the photos, px: a quarter of a phone's each way; rendering takes as long as there are pixels."""
@@ -83,9 +83,7 @@ def hand_held(
                 low, high = (6.0, 10.0) if rng.uniform() < 0.4 else (76.0, 85.0)
                 elevation_deg = rng.uniform(low, high)
             elevation = np.radians(elevation_deg)
-            where = reach * np.array(
-                [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-            )
+            where = reach * direction(azimuth, elevation)
             aim = np.asarray(aim_mm) + 0.02 * camera.field_mm * rng.normal(0, 1, 3)
             pose = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 3.0)))
             views.append(

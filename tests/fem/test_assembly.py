@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 from fem.elements.assembly import assemble, unit_lame_constants
 from fem.elements.shape_functions import t10_gradient, t10_shape, tet_quadrature
 from fem.fem_failure import FemFailure, FemProblem
-from fem.solid.rigid_core import rigid_modes
 from fem.sparse.solver import factorise
 
 
@@ -91,13 +90,6 @@ def test_stiffness_is_that_of_scikit_fem(poisson_ratio):
     ours = assemble(nodes, tets).for_unit_modulus(poisson_ratio=poisson_ratio).toarray()
     dof = 3 * node + axis
     assert np.abs(ours[np.ix_(dof, dof)] - theirs).max() < 1e-12 * np.abs(theirs).max()
-
-
-def test_rigid_motions_store_no_energy():
-    nodes, tets = cube_mesh(2, uneven=0.2, bulge=0.04)
-    stiffness = assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.45)
-    modes = rigid_modes(nodes, centre_mm=np.full(3, 0.5)).reshape(-1, 6)
-    assert np.abs(stiffness @ modes).max() < 1e-12 * np.abs(stiffness.data).max()
 
 
 def test_only_rigid_motions_store_no_energy():

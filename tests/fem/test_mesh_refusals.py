@@ -9,7 +9,8 @@ from fem_shapes import ball, box, cube_mesh
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.closed_surface import checked_surface, must_enclose, winding_number
 from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
-from fem.mesh.flesh_mesh import FleshMesh, refined_where, tetrahedralise
+from fem.mesh.flesh_mesh import _quadratic, tetrahedralise
+from fem.mesh.tetrahedra import compact
 
 FRUIT = ball(800, semi_axes_mm=(30, 30, 30))
 PIT = ball(300, semi_axes_mm=(12, 9, 10))
@@ -98,10 +99,9 @@ def test_elements_inside_out_are_named_with_place_and_amount():
     )
     moved = nodes.copy()
     moved[inside[0]] += [0.0, 0, 0.6]
-    mesh = FleshMesh(10 * moved, tets, np.zeros((0, 6), dtype=np.int64), np.zeros(0, dtype=np.int64))
-    skin = box((10, 10, 10), centre_mm=(5, 5, 5))
+    skin = checked_surface(*box((10, 10, 10), centre_mm=(5, 5, 5)), name="fruit")
     with pytest.raises(FemFailure, match=r"are inverted, the worst near \(") as failure:
-        refined_where(mesh, np.zeros(len(tets), dtype=bool), skin, None)
+        _quadratic(*compact(10 * moved, tets[:, :4]), skin, None, curved=True)
     assert failure.value.problem is FemProblem.INVERTED_ELEMENTS
     *place, jacobian = numbers(failure.value.detail.split("near")[1])[:4]
     assert np.linalg.norm(np.array(place) - 10 * moved[inside[0]]) < 6

@@ -160,7 +160,7 @@ def softer_bricks(pit_semi_axes_mm: np.ndarray, axis: np.ndarray) -> float:
     bricks = flesh_bricks(
         fruit, axis, Fineness(degrees=(0, 5, 10, 15, 28, 45), along=2, depths=(0, 0.15, 0.5, 1))
     )
-    flesh = flesh_of(bricks, E_MPa=1.0, poisson_ratio=NU, law="linear")
+    flesh = flesh_of(bricks, E_MPa=1.0, poisson_ratio=NU)
     cells = bricks.nodes_mm[bricks.skin_cells.reshape(-1, 3, 3)]
     value, slope = lagrange(np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]))
     weight = np.array([5, 8, 5]) / 9

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 from fem.elements.assembly import assemble
 from fem.fem_failure import FemFailure, FemProblem
 from fem.sparse import elimination_order
-from fem.sparse.elimination_order import elimination_tree, fill_reducing_order, same_pattern_groups
+from fem.sparse.elimination_order import elimination_tree, same_pattern_groups
 from fem.sparse.fronts import fronts
 from fem.sparse.solver import analyse, factorise, solver_name
 from fem.sparse.supernodes import supernodes
@@ -187,12 +187,6 @@ def test_every_dof_is_eliminated_once_after_all_that_wait_below():
         for rows, p in zip(plan.rows, plan.parent, strict=True)
         if p >= 0
     )
-
-
-def test_order_is_a_permutation_that_keeps_dofs_of_a_node_together():
-    order = fill_reducing_order(sheet(9))
-    assert (np.sort(order) == np.arange(len(order))).all()
-    assert (order.reshape(-1, 3) // 3 == order.reshape(-1, 3)[:, :1] // 3).all()
 
 
 def fill(plan):

@@ -60,7 +60,7 @@ HOME_MADE_NAMES = {
     "Recorded": "GraspEquations",
     "Seen": "GraspResponse",
     "Shown": "LinearFit",
-    "Squeeze": "QuasiStaticContact",
+    "Squeeze": "Grip",
     "Standing": "MeshedFruit",
     "USUAL": "null quantile",
     "_Tried": "Hypothesis",
@@ -68,7 +68,7 @@ HOME_MADE_NAMES = {
     "prove": "cross-validation",
     "seen_through": "project_recording",
     "side_by_side": "parallel_map",
-    "squeeze_of": "quasi_static_contact",
+    "squeeze_of": "grip_of",
 }
 """Names that were home-made whole; their words alone are plain English."""
 

@@ -1,11 +1,9 @@
 """A gel that sticks: it pulls at skin that it has touched, as far as its reach, and never before."""
 
 import pytest
-from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasped_ball, linear_body, motion, rough, total_N
 
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import ElasticBody
-from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import TrueRecording
 
 REACH_MM = 0.12
@@ -14,7 +12,7 @@ WAY = [-0.1, 0.3, 0.6, 0.3, 0.1, 0.02, -0.03, -0.06, -0.09, -0.11, -0.14, -0.3]
 
 def pressed_and_let_go(*, E_MPa: float, reach_mm: float) -> TrueRecording:
     grasp, stands = rough(drawn_ball(E_MPa=E_MPa, nu=0.3), motion(WAY))
-    body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    body = linear_body(stands)
     return grasped_ball(grasp, stands, body, gel=Gel(reach_mm=reach_mm))
 
 

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, rough, total_N
 
 from samples.graded_bricks import BrickGrading
+from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.case_simulation import body_of, sound_body
+from samples.mismatch.bodies import GrippedBody
+from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.effect_levels import drawn_parameters
-from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
+from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
-from samples.mismatch.skin_compliance import skin_compliance
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
 FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
@@ -24,11 +24,11 @@ WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
 
 
 @pytest.fixture(scope="module")
-def ball() -> tuple[DrawnFruit, CaseGrasp, MeshedFruit]:
+def ball() -> tuple[DrawnFruit, PlannedGrasp, MeshedFruit]:
     """A ball, a grasp of it, and its mesh graded towards the skin."""
     drawn = drawn_ball()
     grasp = grasp_along_x(drawn, WAY)
-    return drawn, grasp, meshed_fruit(drawn, grasp, fineness=SMALL)
+    return drawn, grasp, meshed_fruit(drawn.fruit, grasp, fineness=SMALL)
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def ball() -> tuple[DrawnFruit, CaseGrasp, MeshedFruit]:
     [pytest.param(one, marks=() if one in IN_SHORT else pytest.mark.proof) for one in [*EFFECTS, "palm"]],
 )
 def test_an_effect_runs_on_a_graded_mesh(
-    effect: str, ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit]
+    effect: str, ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit]
 ) -> None:
     rng = np.random.default_rng(3)
     drawn, grasp, stands = ball
@@ -59,10 +59,10 @@ def test_an_effect_runs_on_a_graded_mesh(
 
 @pytest.mark.slow
 def test_finite_strain_stiffens_a_pressed_ball_a_little(
-    ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit],
+    ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit],
 ) -> None:
     _, grasp, stands = ball
-    linear = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+    linear = linear_body(stands)
     small, large = (total_N(grasped_ball(grasp, stands, body)) for body in (linear, sound_body(stands)))
     assert large[1:] == pytest.approx(small[1:], rel=0.05)
     assert np.abs(large[2] / small[2] - 1) > 1e-3
@@ -70,7 +70,7 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little(
 
 @pytest.mark.proof
 def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one(
-    ball: tuple[DrawnFruit, CaseGrasp, MeshedFruit],
+    ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit],
 ) -> None:
     injected = (InjectedEffect(effect="loose_pit", parameters={"gap_mm": 0.05}),)
     grasp, even = rough(drawn_ball(), WAY, FINE_AND_EVEN)

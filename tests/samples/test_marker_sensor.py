@@ -4,17 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasped_ball, linear_body, motion, rough, total_N
 
-from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.drawn_fruit import CATEGORIES, drawn_fruit, seen_anew, seen_by_drawn_sensor
-from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor, drawn_sensor
-from samples.mismatch.skin_compliance import skin_compliance
-from samples.simulated_grasp import marker_grid
-
-
-def test_the_default_sensor_is_that_of_the_sample_batch() -> None:
-    assert DEFAULT_SENSOR.rest_mm == pytest.approx(marker_grid())
+from samples.mismatch.marker_sensor import MarkerSensor, drawn_sensor
 
 
 def test_drawn_sensors_stay_in_their_ranges_and_cover_the_contact() -> None:
@@ -49,6 +42,6 @@ def test_closer_markers_tell_the_same_force() -> None:
     for markers, pitch in ((20, 1.0), (25, 0.8), (16, 1.25)):
         sensor = MarkerSensor(markers=markers, pitch_mm=pitch)
         grasp, stands = rough(replace(drawn_ball(), sensor=sensor), way)
-        body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
+        body = linear_body(stands)
         found.append(total_N(grasped_ball(grasp, stands, body))[1])
     assert found == pytest.approx([found[0]] * 3, rel=0.02)

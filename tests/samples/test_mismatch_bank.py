@@ -6,33 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.gel_contact import Gel
 from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, WIDE, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
 from samples.mismatch.effect_levels import AMPLITUDES, LEVELS
 from samples.mismatch.injected import EFFECTS
-from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import marker_grid
 from tactile.io.recording import GelPad, read_recording
 
 FRAMES = 40
-
-
-def true_recording(name: str = "grasp-1") -> TrueRecording:
-    """Nothing moves, and each marker bears 0.01 N in the second half."""
-    pose = np.broadcast_to(np.eye(4), (FRAMES, 4, 4)).copy()
-    force = np.zeros((FRAMES, 400, 3))
-    force[FRAMES // 2 :, :, 2] = 0.01
-    pad = PadTruth(pose=pose, displacement_mm=np.zeros((FRAMES, 400, 3)), force_N=force)
-    return TrueRecording(
-        name=name, time_s=0.1 * np.arange(FRAMES), aperture_mm=np.full(FRAMES, 50.0),
-        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
-    )  # fmt: skip
+LOADED = still_recording(FRAMES, late_N=0.01)
 
 
 def answer_of(cases: Path, case_id: str) -> dict:
@@ -76,7 +64,7 @@ def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch:
 
     def simulated(plan: CasePlan, **_: object) -> tuple[TrueRecording, ...]:
         asked.extend(grasp.name for grasp in plan.grasps)
-        return tuple(true_recording(grasp.name) for grasp in plan.grasps)
+        return tuple(still_recording(FRAMES, name=grasp.name) for grasp in plan.grasps)
 
     monkeypatch.setattr(bank, "true_recordings", simulated)
     fruit = BankFruit(number=0)
@@ -91,7 +79,7 @@ def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch:
 
 
 def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path) -> None:
-    fruit, truths = BankFruit(number=0), (true_recording(),)
+    fruit, truths = BankFruit(number=0), (LOADED,)
     one, other = (
         draw_case(tmp_path / name, fruit, truths, added=("sensor_gain",), level=2, record=1) for name in "ab"
     )
@@ -107,7 +95,7 @@ def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path
 
 
 def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Path) -> None:
-    case_id = draw_case(tmp_path, BankFruit(number=0), (true_recording(),), added=("sensor_gain",), record=1)
+    case_id = draw_case(tmp_path, BankFruit(number=0), (LOADED,), added=("sensor_gain",), record=1)
     entry = answer_of(tmp_path, case_id)
     assert entry["effect"] == "sensor_gain"
     assert sealed_as(entry) == json.loads((tmp_path / "manifest.json").read_text())[case_id]
@@ -121,7 +109,7 @@ def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Pat
 
 
 def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> None:
-    fruit, truths = BankFruit(number=0), (true_recording(),)
+    fruit, truths = BankFruit(number=0), (LOADED,)
     pit = fruit.plan().drawn.fruit.pit
     moved = answer_of(tmp_path, draw_case(tmp_path, fruit, truths, added=("pit_offset",), record=1))
     assert moved["pit_centre_mm"] == pytest.approx(moved["parameters"]["offset_mm"])
@@ -133,9 +121,7 @@ def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> 
 
 
 def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_path: Path) -> None:
-    case_id = draw_case(
-        tmp_path, BankFruit(number=0), (true_recording(),), added=("poisson_ratio",), level=2, record=1
-    )
+    case_id = draw_case(tmp_path, BankFruit(number=0), (LOADED,), added=("poisson_ratio",), level=2, record=1)
     entry = answer_of(tmp_path, case_id)
     assert entry["parameters"] == {"nu": 0.45}
     assert entry["nu"] == 0.45
@@ -145,7 +131,7 @@ def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_pat
 
 def test_a_pair_of_a_simulated_and_a_drawn_effect_has_both_in_its_label(tmp_path: Path) -> None:
     fruit = BankFruit(number=0, effects=("skin",), level=1)
-    case_id = draw_case(tmp_path, fruit, (true_recording(),), added=("sensor_drift",), level=1, record=1)
+    case_id = draw_case(tmp_path, fruit, (LOADED,), added=("sensor_drift",), level=1, record=1)
     entry = answer_of(tmp_path, case_id)
     assert case_id == "skin+sensor_drift-1-0-1"
     assert entry["effect"] == "sensor_drift+skin"
@@ -153,7 +139,7 @@ def test_a_pair_of_a_simulated_and_a_drawn_effect_has_both_in_its_label(tmp_path
 
 
 def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
-    fruit, truths = BankFruit(number=0), (true_recording(),)
+    fruit, truths = BankFruit(number=0), (LOADED,)
     case_id = draw_case(tmp_path, fruit, truths, record=1)
     assert case_id == "null-000-1"
     left = tmp_path / case_id / "left.txt"

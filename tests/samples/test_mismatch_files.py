@@ -5,28 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball
+from mismatch_ball import drawn_ball, still_recording
 
 from recon.surface.mesh_file import read_mesh
-from samples.gel_contact import Gel
-from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
+from samples.mismatch.case_files import answer, reveal, seal, sealed_as, write_case_files
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.effect_levels import drawn_parameters
-from samples.mismatch.protocol import four_manners, motion_of
-from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.mismatch.four_grasps import four_manners, motion_of
 from samples.sample_failure import SampleFailure
-from samples.simulated_grasp import marker_grid
 from tactile.io.recording import GelPad, read_recording
-
-
-def recording(frames: int = 60) -> TrueRecording:
-    pose = np.broadcast_to(np.eye(4), (frames, 4, 4)).copy()
-    pad = PadTruth(pose=pose, displacement_mm=np.zeros((frames, 400, 3)), force_N=np.zeros((frames, 400, 3)))
-    return TrueRecording(
-        name="grasp-1", time_s=0.1 * np.arange(frames), aperture_mm=np.full(frames, 50.0),
-        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
-    )  # fmt: skip
 
 
 def test_the_four_grasps_have_the_frames_of_the_shared_cases() -> None:
@@ -75,7 +63,7 @@ def test_an_effect_that_is_not_in_the_catalogue_is_refused() -> None:
 def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> None:
     drawn = drawn_ball()
     write_case_files(
-        tmp_path / "case-1", drawn, (recording(),), peaks_N=(20.0,), rng=np.random.default_rng(1)
+        tmp_path / "case-1", drawn, (still_recording(60),), peaks_N=(20.0,), rng=np.random.default_rng(1)
     )
     assert [p.name for p in sorted((tmp_path / "case-1").iterdir())] == [
         "case.toml", "fruit.ply", "grasp-1.h5", "pit.ply",
@@ -93,8 +81,7 @@ def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> No
 
 
 def test_the_seal_comes_first_and_fits_the_answer(tmp_path: Path) -> None:
-    label = Label(effect="slip", parameters={"mu": 0.12})
-    entry = answer(drawn_ball(), label)
+    entry = answer(drawn_ball(), {"effect": "slip", "parameters": {"mu": 0.12}})
     seal(tmp_path, "case-1", entry, salt="abc")
     assert not (tmp_path / "answers.json").exists()
     reveal(tmp_path, "case-1", entry, salt="abc")

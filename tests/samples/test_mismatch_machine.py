@@ -7,30 +7,28 @@ import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion
 
 from samples.gel_contact import Gel
-from samples.mismatch.gel_faults import (
-    with_bent_reading,
-    with_gel_creep,
-    with_hysteresis,
-    with_thermal_drift,
-)
-from samples.mismatch.injected import InjectedEffect
-from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
 from samples.mismatch.machine_effects import (
+    recorded_late,
+    with_bent_reading,
     with_drift,
     with_gain,
+    with_gel_creep,
     with_gripper_compliance,
+    with_hysteresis,
+    with_instants,
     with_pose_error,
+    with_thermal_drift,
 )
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.out_of_catalogue import believed
 from samples.mismatch.true_recording import PadTruth, TrueRecording
-from samples.simulated_grasp import marker_grid
 
 
 @pytest.fixture
 def truth() -> TrueRecording:
     """Two pads that close along x, forces rising with time."""
     time_s = np.linspace(0.0, 2.0, 9)
-    rest = marker_grid()
+    rest = DEFAULT_SENSOR.rest_mm
     shape = np.exp(-(rest[:, 0] ** 2 + rest[:, 1] ** 2) / 20)
     pads = []
     for side in (1.0, -1.0):
@@ -90,6 +88,11 @@ def test_a_late_clock_shows_what_was_with_the_pose_that_is(truth: TrueRecording)
     assert np.array_equal(found.pads[0].force_N[2:], truth.pads[0].force_N[:-2])
     assert np.array_equal(found.pads[0].force_N[0], truth.pads[0].force_N[0])
     assert np.array_equal(found.pads[0].pose, truth.pads[0].pose)
+    assert np.array_equal(found.time_s, truth.time_s)
+    assert np.array_equal(found.aperture_mm, truth.aperture_mm)
+    some = recorded_late(truth, truth.time_s[[2, 4]] + 0.01, lag_s=0.0)
+    assert np.array_equal(some.pads[1].force_N, truth.pads[1].force_N[[2, 4]])
+    assert np.array_equal(some.time_s, truth.time_s[[2, 4]])
 
 
 def test_more_instants_lie_on_the_same_way() -> None:
@@ -107,12 +110,6 @@ def test_the_last_instant_stays_whatever_its_last_digit() -> None:
     odd = replace(grasp, motion=replace(grasp.motion, time_s=grasp.motion.time_s - 3e-10))
     more = with_instants(odd, odd.motion.time_s - 0.07).motion
     assert more.time_s[-1] == pytest.approx(odd.motion.time_s[-1])
-
-
-def test_instants_are_found_by_their_time(truth: TrueRecording) -> None:
-    found = at_times(truth, np.array([0.5, 1.0]))
-    assert found.time_s == pytest.approx([0.5, 1.0])
-    assert np.array_equal(found.pads[1].force_N, truth.pads[1].force_N[[2, 4]])
 
 
 def test_hysteresis_spares_the_load_and_the_peak(truth: TrueRecording) -> None:
@@ -175,8 +172,3 @@ def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:
     found = believed(soft, Gel())
     assert found.pads[0].force_N == pytest.approx(truth.pads[0].force_N)
     assert found.gel == Gel()
-
-
-def test_labels_carry_what_was_injected() -> None:
-    one = InjectedEffect(effect="sensor_gain", parameters={"pad": "left", "gain": 1.1})
-    assert one.number("gain") == 1.1

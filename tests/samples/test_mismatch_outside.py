@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
+from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
 
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.out_of_catalogue import (
@@ -15,11 +15,6 @@ from samples.mismatch.skin_compliance import skin_compliance
 from samples.sample_failure import SampleFailure
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
-
-
-def force_on_fruit(truth) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Sum of both pads' marker forces in the fruit frame, by frame."""
-    return sum(np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads)
 
 
 def test_a_split_pit_is_softer_than_a_whole_one() -> None:

@@ -4,16 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasped_ball, motion, rough
+from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough
 
+from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.effect_levels import LEVELS, drawn_parameters
-from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
-from samples.mismatch.true_recording import TrueRecording
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 0.6])
 FINER = Fineness(degrees=(0, 7, 14, 25, 35, 45), along=4, depths=(0, 0.3, 1))
@@ -21,13 +20,8 @@ DIRECTION = np.array([0.0, 0.3, -1.0]) / np.hypot(0.3, 1.0)
 PLACE_MM = 25.0 * DIRECTION
 
 
-def force_on_fruit(truth: TrueRecording) -> np.ndarray:
-    """Sum of both pads' marker forces in the fruit frame, by frame."""
-    return np.sum([np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads], axis=0)
-
-
 @cache
-def meshed() -> tuple[CaseGrasp, MeshedFruit]:
+def meshed() -> tuple[PlannedGrasp, MeshedFruit]:
     return rough(drawn_ball(), WAY, FINER)
 
 

@@ -15,27 +15,25 @@ import pytest
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
 from samples.graded_bricks import BrickGrading
-from samples.grasp_plan import Hold
-from samples.mismatch.case_simulation import sound_body
-from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.four_grasps import CaseGrasp
+from samples.grasp_plan import Hold, PlannedGrasp, straight
+from samples.mismatch.four_grasps import CLEARANCE_MM
 from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import meshed_fruit
-from samples.mismatch.protocol import CLEARANCE_MM, Motion
+from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.true_recording import grasped, grip_of
 
 STORED = Path(__file__).parents[1] / "data" / "verified-ball.npz"
 COARSE = BrickGrading(cells=2, layers=2)
 
 
-def stored_ball(truth: dict[str, Any]) -> DrawnFruit:
+def stored_ball(truth: dict[str, Any]) -> SampleFruit:
     axes, pit, centre = (tuple(truth[k]) for k in ("axes", "pit", "pit_centre"))
     skin = Skin(
         centre_mm=(0.0, 0.0, 0.0), half_axes_mm=axes, stem_depth_mm=0.0, stem_width=0.3,
         blossom_depth_mm=0.0, groove_depth_mm=0.0, groove_width=0.1, cubic=np.zeros((3, 3, 3)),
     )  # fmt: skip
     core = SamplePit(centre_mm=centre, semi_axes_mm=pit)
-    fruit = SampleFruit(
+    return SampleFruit(
         fruit_id="ball",
         seed=0,
         skin=skin,
@@ -44,9 +42,6 @@ def stored_ball(truth: dict[str, Any]) -> DrawnFruit:
         poisson_ratio=truth["nu"],
         ripeness=0.5,
     )
-    gel = Gel(kn_MPa_per_mm=truth["kn"], kt_MPa_per_mm=truth["kt"], friction=truth["friction"])
-    sensor = MarkerSensor(gel=gel)
-    return DrawnFruit(category="pdms_ball", fruit=fruit, prior=core, depth_mm=1.0, sensor=sensor)
 
 
 @pytest.mark.slow
@@ -54,16 +49,13 @@ def test_an_independent_simulator_records_the_same() -> None:
     with np.load(STORED) as file:
         truth, pose, time_s = json.loads(str(file["truth"])), file["pose"], file["time_s"]
         moved_mm, total_N, rest_mm = 1e-5 * file["displacement_10nm"], file["total_N"], file["rest_mm"]
-    drawn = stored_ball(truth)
+    gel = Gel(kn_MPa_per_mm=truth["kn"], kt_MPa_per_mm=truth["kt"], friction=truth["friction"])
     travel = (pose[0, :, :3, 3] - pose[0, 0, :3, 3]) @ pose[0, 0, :3, 2] - CLEARANCE_MM
     touch = pose[:, 0, :3, 3] + CLEARANCE_MM * pose[:, 0, :3, 2]
-    motion = Motion(
-        time_s=time_s, travel_mm=travel, shear_mm=np.zeros(len(travel)), recorded=np.ones(len(travel), bool)
-    )
     hold = Hold(turns=(pose[0, 0, :3, :3], pose[1, 0, :3, :3]), touch_mm=touch)
-    grasp = CaseGrasp(name="grasp-2", hold=hold, motion=motion, mesh=0, turned=False)
-    stands = meshed_fruit(drawn, grasp, fineness=COARSE)
-    found = grasped(grasp, grip_of(stands, gel=drawn.sensor.gel), sound_body(stands))
+    grasp = PlannedGrasp(name="grasp-2", hold=hold, motion=straight(time_s, travel))
+    stands = meshed_fruit(stored_ball(truth), grasp, sensor=MarkerSensor(gel=gel), fineness=COARSE)
+    found = grasped(grasp, grip_of(stands, gel=gel), sound_body(stands))
     np.testing.assert_allclose(found.rest_mm, rest_mm, atol=1e-9)
     for side, pad in enumerate(found.pads):
         touched = moved_mm[side, :, 2] < 0.1 * moved_mm[side, :, 2].min()
