@@ -32,12 +32,12 @@ NAME_LENGTH = 12
 """Hexadecimal digits of a batch's name: two of ten thousand batches are alike with a probability of 2e-7."""
 SHOWN = 20
 """Batches that a sentence names, with their lots."""
-_ROWS = {
-    "row": "batch TEXT NOT NULL, fruit TEXT NOT NULL, revision INTEGER NOT NULL, graded TEXT NOT NULL, "
-    "content TEXT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (batch, fruit, revision)",
-    "conversion": "scale TEXT NOT NULL, cultivar TEXT NOT NULL, version INTEGER NOT NULL, "
-    "content TEXT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (scale, cultivar, version)",
-    "whole": "sha256 TEXT NOT NULL",
+_TABLES = {
+    "row": "batch TEXT, fruit TEXT, revision INTEGER, graded TEXT, content TEXT, sha256 TEXT, "
+    "PRIMARY KEY (batch, fruit, revision)",
+    "conversion": "scale TEXT, cultivar TEXT, version INTEGER, content TEXT, sha256 TEXT, "
+    "PRIMARY KEY (scale, cultivar, version)",
+    "whole": "sha256 TEXT",
 }
 """Tables and their columns."""
 Line = tuple[str | int, ...]
@@ -184,7 +184,7 @@ def history_store(
         if new and application == 0:
             database.execute(f"PRAGMA application_id = {APPLICATION}")
             database.execute(f"PRAGMA user_version = {VERSION}")
-            for table, columns in _ROWS.items():
+            for table, columns in _TABLES.items():
                 database.execute(f"CREATE TABLE {table} ({columns})")
             database.execute("INSERT INTO whole VALUES (?)", _of_all([]))
         elif application != APPLICATION:
@@ -233,7 +233,7 @@ def _no_place(path: Path) -> str:
 
 def _read(database: sqlite3.Connection, path: Path | None) -> HistoryStore:
     """All sound rows, the others in `damaged`. Raises sqlite3.DatabaseError."""
-    lines = {table: database.execute(f"SELECT * FROM {table} NOT INDEXED").fetchall() for table in _ROWS}
+    lines = {table: database.execute(f"SELECT * FROM {table} NOT INDEXED").fetchall() for table in _TABLES}
     store, by_batch = HistoryStore(path=path), defaultdict[str, list[KeptRow]](list)
     for line in lines["row"]:
         batch, fruit, revision, graded, content, _ = line
