@@ -12,7 +12,7 @@ from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.contact_curve import Geometry
 from fem.indentation.trace import IndenterTrace, joined
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from recon.pit.priors import PitBody, PitPrior
 from tactile.io.recording import IndenterPad, Recording, read_recording
 from tactile.io.specimen import DIAMETERS
@@ -99,15 +99,8 @@ def bare_recording(recording: Recording, *, source: str) -> BareRecording:
         return BareRecording(source=source, recording=recording)
     if any(pad.indenter != "plate" for pad in pads):
         said = " and ".join(pad.indenter for pad in pads)
-        raise BatchRefused(
-            [
-                Problem(
-                    source,
-                    f"has two bare pads, {said}; a contact law exists for two plates around "
-                    "one specimen only.",
-                )
-            ]
-        )
+        sentence = f"has two bare pads, {said}; a contact law exists for two plates around one specimen only."
+        raise refused(source, sentence)
     mean = np.mean([pad.force_z_N for pad in pads], axis=0)
     both = replace(pads[0], force_z_N=mean)
     return BareRecording(source=source, recording=replace(recording, pads=(both,)))
@@ -129,7 +122,7 @@ def known_geometry(one: BareRecording, stated: Stated, prior: PitPrior | None) -
             pit_share=_pit_share(prior),
         )
     except FemFailure as failure:
-        raise BatchRefused([Problem(one.source, failure.detail)]) from None
+        raise refused(one.source, failure.detail) from None
     body = None if prior is None else prior.body
     stem = [f"Found {ALONG_STEM}."] if body is not None and is_along_stem(known.geometry, body) else []
     return replace(known, notes=(*notes, *stem, *known.notes))
@@ -148,16 +141,12 @@ def bare_traces(found: Sequence[BareRecording], stated: Stated, prior: PitPrior 
     known = [known_geometry(one, stated, prior) for one in found]
     for one, own in zip(found[1:], known[1:], strict=True):
         if not own.same_as(known[0]):
-            raise BatchRefused(
-                [
-                    Problem(
-                        one.source,
-                        f"has the geometry {own.geometry.said}, but {Path(found[0].source).name} has "
-                        f"{known[0].geometry.said}; a case holds one specimen under one tool. Make a "
-                        "case of each, or correct the fields.",
-                    )
-                ]
+            sentence = (
+                f"has the geometry {own.geometry.said}, but {Path(found[0].source).name} has "
+                f"{known[0].geometry.said}; a case holds one specimen under one tool. Make a "
+                "case of each, or correct the fields."
             )
+            raise refused(one.source, sentence)
     return joined_traces(found, known)
 
 
@@ -189,7 +178,7 @@ def _require_one_rig(found: Sequence[BareRecording]) -> None:
             "includes the rig's own travel, but other recordings of the fruit do not: convert all of "
             "them with the same --rig, or none."
         )
-        raise BatchRefused([Problem(without[0].source, said)])
+        raise refused(without[0].source, said)
 
 
 def _pit_share(prior: PitPrior | None) -> float | None:

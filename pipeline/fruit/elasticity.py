@@ -1,6 +1,5 @@
 """From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
 
-import hashlib
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -30,6 +29,7 @@ from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
@@ -134,25 +134,23 @@ def modulus_record(
     the recordings in which one jaw has no gel.
     """
     pit = found.pit
-    of_doubts = doubted * found.E_MPa
-    of_sensor, of_gain = sensor.pictures * found.E_MPa, sensor.gain * found.E_MPa
-    of_own_gain = sensor.own_gain * found.E_MPa
-    of_jaw = PLAIN_JAW_SD * plain_jaws * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
+    further = {
+        CONFIRMED: of_effects,
+        DOUBTED: doubted * found.E_MPa,
+        SENSOR: sensor.pictures * found.E_MPa,
+        GAIN: sensor.gain * found.E_MPa,
+        OWN_GAIN: sensor.own_gain * found.E_MPa,
+        PLAIN_JAW: PLAIN_JAW_SD * plain_jaws * found.E_MPa,
+    }
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
-    added_sd = [of_effects, of_doubts, of_sensor, of_gain, of_own_gain, of_jaw]
+    shared += [effects_common_sd_MPa, further[SENSOR], further[GAIN]]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *added_sd])),
-        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor, of_gain])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *further.values()])),
+        common_sd_MPa=float(np.linalg.norm(shared)),
         scale_sd_MPa=sensor.common * found.E_MPa,
-        parts_sd_MPa=found.parts_sd_MPa
-        | ({CONFIRMED: of_effects} if of_effects else {})
-        | ({DOUBTED: of_doubts} if of_doubts else {})
-        | ({SENSOR: of_sensor} if of_sensor else {})
-        | ({GAIN: of_gain} if of_gain else {})
-        | ({OWN_GAIN: of_own_gain} if of_own_gain else {})
-        | ({PLAIN_JAW: of_jaw} if of_jaw else {}),
+        parts_sd_MPa=found.parts_sd_MPa | {part: sd for part, sd in further.items() if sd},
         pit_found=None
         if pit is None
         else PitFoundRecord(
@@ -207,11 +205,10 @@ def responses(
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, budget.gel_scale_sd, large]
-    digest = _digest(mesh, prepared)
     key = stage_key(
         "response",
         files=[],
-        settings=[digest, supports, names, assumed],
+        settings=[content_hash(mesh, prepared), supports, names, assumed],
         rooms=("pipeline", "fem"),
     )
 
@@ -349,22 +346,3 @@ def _model(
         force_sd_N=grasp.force_sd_N,
         scale_sd=gel_scale_sd,
     )
-
-
-def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> str:
-    """Of the mesh and of all that a recording drives a model with and is compared with."""
-    digest = hashlib.sha256()
-    arrays = [mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes]
-    for one in prepared:
-        if isinstance(one, FemFailure):
-            digest.update(one.detail.encode())
-            continue
-        arrays += [one.history.time_s, one.used, *(pad.episode for pad in one.recorded.pads)]
-        for pad in one.history.pads:
-            arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
-            arrays += [pad.force_N, pad.episode]
-            arrays.append(np.array([pad.displacement_sd_mm, pad.force_sd_N, pad.lag1]))
-    for array in arrays:
-        digest.update(str(array.shape).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()

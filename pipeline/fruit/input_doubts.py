@@ -63,9 +63,6 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.FORCE_SCALE: _GAIN,
     FindingKind.DISPLACEMENT_SCALE: _GAIN,
     FindingKind.FORCE_DRIFT: _GAIN,
-    # another scale of all forces alike, which every sign of a modulus leaves as it is
-    FindingKind.STIFFNESS_NOT_OF_SENSOR: frozenset(),
-    FindingKind.PITCH_NOT_OF_SENSOR: frozenset(),
     # the first touch is found late; the residual is judged by the noise itself
     FindingKind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
     # places of the gel against the jaws; the two pads' forces are still of one instant
@@ -83,51 +80,10 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.MESH_TURNED: _ELSEWHERE,
     FindingKind.OTHER_FRUIT: _ELSEWHERE,
     FindingKind.OTHER_CATEGORY: _ELSEWHERE,
-    FindingKind.READ_OTHERWISE: frozenset(),
-    # E does not depend on these
-    FindingKind.BEYOND_RIG: frozenset(),
-    FindingKind.TIME_UNIT: frozenset(),
-    FindingKind.APERTURE_UNIT: frozenset(),
-    FindingKind.FRAMES_DROPPED: frozenset(),
-    FindingKind.ENDS_PRESSED: frozenset(),
-    FindingKind.LOGGER: frozenset(),
-    # a recording with one of these is refused: no modulus comes from it
-    **dict.fromkeys(
-        (
-            FindingKind.ZERO_FRAMES,
-            FindingKind.MARKERS_UNIT,
-            FindingKind.MARKERS_ORDER,
-            FindingKind.MARKERS_PITCH_OFF,
-            FindingKind.PRINT_WITHOUT_FORCE,
-            FindingKind.OVER_EDGE,
-            FindingKind.AXES,
-            FindingKind.DEAD_FIELD,
-            FindingKind.SIGN,
-            FindingKind.DELAY,
-            FindingKind.INCREMENTS,
-            FindingKind.OUT_OF_STEP,
-            FindingKind.OTHER_MARKERS,
-            FindingKind.SATURATION,
-            FindingKind.FORCE_UNIT,
-            FindingKind.DISPLACEMENT_UNIT,
-            FindingKind.STIFFNESS_UNIT,
-            FindingKind.FORCE_OR_STIFFNESS_UNIT,
-            FindingKind.FRAMES_SHUFFLED,
-            FindingKind.GEL_FRAMES_SHUFFLED,
-            FindingKind.POSES_UNIT,
-            FindingKind.POSES_STILL,
-            FindingKind.POSES_TRANSPOSED,
-            FindingKind.POSES_INVERTED,
-            FindingKind.POSES_BACK_TO_BACK,
-            FindingKind.POSES_TURNED,
-            FindingKind.POSE_AWAY,
-            FindingKind.TOO_DEEP,
-        ),
-        frozenset[ModulusSign](),
-    ),
 }
 """Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
-named. ModulusSign.ONE_FRAME is never."""
+named. ModulusSign.ONE_FRAME is never. Other kinds explain none: E does not depend on them, they scale all
+forces alike, or a recording with one is refused."""
 
 
 def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:
@@ -209,7 +165,8 @@ def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
 
 def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
     """The signs in the recording's modulus that follow from what was found in it."""
-    return frozenset[ModulusSign]().union(*(EXPLAINS[one.kind] for one in grasp.findings if not one.remark))
+    named = (EXPLAINS.get(one.kind, ()) for one in grasp.findings if not one.remark)
+    return frozenset[ModulusSign]().union(*named)
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:

@@ -49,6 +49,8 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
     ),
 }
 """Names of the screen that are no effect of the catalogue."""
+RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
+"""What an entry takes over of a fruit's place."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
 
@@ -164,17 +166,13 @@ def _fruit_entry(
         ok=record.graded,
         outcome=record.outcome,
         reason=record.reason,
-        rank=place.rank if place else None,
-        rank_probability=place.rank_probability if place else None,
-        rank_low=place.rank_low if place else None,
-        rank_high=place.rank_high if place else None,
+        **{} if place is None else {name: getattr(place, name) for name in RANK_FIELDS},
         E_MPa=modulus.E_MPa if modulus else None,
         E_sd_MPa=modulus.E_sd_MPa if modulus else None,
         E_scale_sd_MPa=(modulus.scale_sd_MPa or None) if modulus else None,
         maturity=place.maturity if place and not record.doubts else None,
         maturity_probability=place.maturity_probability if place and not record.doubts else None,
         class_withheld=place is not None and place.maturity is not None and bool(record.doubts),
-        p_softer_than_next=place.p_softer_than_next if place else None,
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
         volume_mm3=_volume_mm3(record),
         grasps=sum(g.failure is None for g in record.grasps),
