@@ -68,9 +68,8 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
     # Only what grades a fruit draws: Matplotlib is not for those who look at its recordings.
-    from reports.coverage_map import coverage_map
     from reports.mesh_picture import mesh_picture
-    from reports.surface_sd_map import surface_sd_map
+    from reports.surface_maps import coverage_map, surface_sd_map
 
     facts = log.facts
     with log.stage("mesh"):

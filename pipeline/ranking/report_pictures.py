@@ -13,7 +13,7 @@ from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.stage_record import StageRecord
 from pipeline.files.whole_file import NotWritten
 from reports.entries import FruitPictures, Picture
-from reports.inline_picture import webp_within
+from reports.photo import webp_within
 
 MANY = 450
 """Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB."""

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from fake_explanation import fake_explanation
 
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter, Where
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.explain_entry import explain_entry
+from pipeline.diagnosis.explain_entry import effect_entries, explain_entry, parameter_words
 from reports.effect_words import explain_verdict
 from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
@@ -199,3 +200,16 @@ def test_an_E_that_is_withheld_is_null_and_said_in_words_on_the_page_and_in_the_
     page = explain_html(entry)
     assert "withheld<small>No law holds" in page
     assert not re.search(r"\bnan\b", page.lower())
+
+
+def test_both_parts_of_a_pair_bring_their_words_and_verdicts_that_are_no_effect_none():
+    found = effect_entries(["pit_size+sensor_gain", "none", "unknown", "pit_size"])
+    assert list(found) == ["pit_size", "sensor_gain"]
+    assert found["sensor_gain"].advice == SPECS["sensor_gain"].words.advice
+
+
+def test_parameters_of_further_arms_and_of_pairs_have_words():
+    assert parameter_words("viscoelastic", "g_2") == parameter_words("viscoelastic", "g")
+    assert parameter_words("pit_size+sensor_gain", "sensor_gain.gain") == "recorded force over true force"
+    assert parameter_words("stiffening", "onset_mm") == "travel at first contact"
+    assert parameter_words("stiffening", "new_thing") == "new thing"

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from matplotlib.image import imread
 
-from reports.surface_sd_map import LEAST_MM, surface_sd_map
+from reports.surface_maps import LEAST_MM, surface_sd_map
 
 SIDE_PX = 200
 SPHERE = np.random.default_rng(3).normal(size=(600, 3))
