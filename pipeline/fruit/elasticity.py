@@ -2,13 +2,13 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 from functools import partial
 
 import numpy as np
 
-from fem.elements.assembly import Stiffness, assemble
+from fem.elements.assembly import assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
 from fem.estimation.finite_response import with_finite_strain
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
@@ -52,6 +52,9 @@ PLAIN_JAW = "contact of the plain jaw"
 PLAIN_JAW_SD = 0.04
 """Relative standard deviation of E by it: on four drawn fruit E is off by 3.0 % (rms), of which a recording
 by itself has one or two (benchmarks/one_gel_finger.py FOLDER --count 8 --half even); four are few."""
+
+_Placed = tuple[PreparedGrasp, list[PadPlaces]]
+"""A grasp and where its pads' markers are on the mesh."""
 
 DOUBTED = "doubts about the inputs"
 """The part that comes from what cannot be right in a recording or a given pit."""
@@ -212,31 +215,21 @@ def responses(
         rooms=("pipeline", "fem"),
     )
 
-    def compute() -> list[GraspModel | FemFailure]:
-        parts = assemble(mesh.nodes_mm, mesh.tets)
-        models: dict[int, GraspModel | FemFailure] = {}
-        for support in dict.fromkeys(supports):
-            own = [k for k, one in enumerate(supports) if one == support]
-            factorised = partial(
-                _factorised,
+    def compute() -> KeptModels:
+        return packed(
+            _models(
                 mesh,
+                prepared,
+                supports,
                 poisson_ratio=poisson_ratio,
-                support=support,
-                parts=parts,
-                solids=solids,
-            )
-            found = _models(
-                mesh,
-                factorised,
-                [prepared[k] for k in own],
                 gel_scale_sd=budget.gel_scale_sd,
                 large=large,
+                solids=solids,
                 workers=workers,
             )
-            models |= dict(zip(own, found, strict=True))
-        return [models[k] for k in range(len(grasps))]
+        )
 
-    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute()), record=KeptModels))
+    plain = unpacked(cached(task.results.cache, stage, key, compute, record=KeptModels))
     modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
     if not effects or not modelled:
         return plain
@@ -265,37 +258,20 @@ def responses(
     return with_corrections(plain, found.by_grasp)
 
 
-def _factorised(
-    mesh: FleshMesh,
-    *,
-    poisson_ratio: float,
-    support: Support,
-    parts: Stiffness,
-    solids: dict[Support, UnitModulusSolid] | None,
-) -> UnitModulusSolid:
-    """UnitModulusSolid.factorise; `solids` receives the solid under its support."""
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
-    return_freed_memory()
-    if solids is not None:
-        solids[support] = solid
-    return solid
-
-
 def _models(
     mesh: FleshMesh,
-    factorised: Callable[..., UnitModulusSolid],
     prepared: Sequence[PreparedGrasp | FemFailure],
+    supports: Sequence[Support],
     *,
+    poisson_ratio: float,
     gel_scale_sd: float,
     large: bool,
+    solids: dict[Support, UnitModulusSolid] | None,
     workers: int,
 ) -> list[GraspModel | FemFailure]:
-    """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise; `large`: with large
-    deformation. Each grasp's compliance is that of its own contact nodes: what one grasp moves where another
-    touches is of no use to either.
-    """
-    placed: dict[int, tuple[PreparedGrasp, list[PadPlaces]]] = {}
+    """Of every grasp on its support; `large`: with large deformation; `solids` as in `responses`."""
     models: dict[int, GraspModel | FemFailure] = {}
+    placed: dict[int, _Placed] = {}
     for k, grasp in enumerate(prepared):
         if isinstance(grasp, FemFailure):
             models[k] = grasp
@@ -304,45 +280,45 @@ def _models(
             placed[k] = grasp, [pad_places(pad, mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
-    try:
-        solid = factorised() if placed else None
-    except FemFailure as failure:
-        models |= dict.fromkeys(placed, failure)
-        solid = None
-    if solid is None:
-        return [models[k] for k in range(len(prepared))]
-
-    def model(own: PreparedGrasp, places: Sequence[PadPlaces]) -> GraspModel | FemFailure:
-        nodes = np.unique(np.concatenate([at.nodes for at in places]))
-        touched = replace(solid, contact_nodes=nodes)
+    parts = assemble(mesh.nodes_mm, mesh.tets)
+    for support in dict.fromkeys(supports[k] for k in placed):
+        on_it = {k: grasp for k, grasp in placed.items() if supports[k] == support}
         try:
-            return _model(own, places, touched, gel_scale_sd=gel_scale_sd, large=large)
+            solid = UnitModulusSolid.factorise(
+                mesh, poisson_ratio=poisson_ratio, support=support, parts=parts
+            )
         except FemFailure as failure:
-            return failure
-
-    found = parallel_map(lambda one: model(*one), placed.values(), workers=workers)
-    models |= dict(zip(placed, found, strict=True))
+            models |= dict.fromkeys(on_it, failure)
+            continue
+        return_freed_memory()
+        if solids is not None:
+            solids[support] = solid
+        model = partial(_model, solid=solid, gel_scale_sd=gel_scale_sd, large=large)
+        models |= dict(zip(on_it, parallel_map(model, on_it.values(), workers=workers), strict=True))
     return [models[k] for k in range(len(prepared))]
 
 
 def _model(
-    grasp: PreparedGrasp,
-    places: Sequence[PadPlaces],
-    solid: UnitModulusSolid,
-    *,
-    gel_scale_sd: float,
-    large: bool,
-) -> GraspModel:
-    """Raises FemFailure."""
-    small = grasp_model(grasp.history, solid, places=places)
-    if not large:
-        return small
-    finite = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=solid.poisson_ratio))
-    return with_finite_strain(
-        small,
-        grasp.history,
-        finite,
-        recorded=grasp.recorded,
-        force_sd_N=grasp.force_sd_N,
-        scale_sd=gel_scale_sd,
-    )
+    placed: _Placed, *, solid: UnitModulusSolid, gel_scale_sd: float, large: bool
+) -> GraspModel | FemFailure:
+    """Of one grasp, with the compliance of its own contact nodes: what it moves where another grasp touches
+    is of no use to either.
+    """
+    grasp, places = placed
+    nodes = np.unique(np.concatenate([at.nodes for at in places]))
+    touched = replace(solid, contact_nodes=nodes)
+    try:
+        small = grasp_model(grasp.history, touched, places=places)
+        if not large:
+            return small
+        law = NeoHookean(poisson_ratio=solid.poisson_ratio)
+        return with_finite_strain(
+            small,
+            grasp.history,
+            FiniteStrainSolid(solid=touched, law=law),
+            recorded=grasp.recorded,
+            force_sd_N=grasp.force_sd_N,
+            scale_sd=gel_scale_sd,
+        )
+    except FemFailure as failure:
+        return failure
