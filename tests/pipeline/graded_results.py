@@ -1,7 +1,6 @@
 """Folders of results as `drupe grade` leaves them, made of numbers alone."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
@@ -9,7 +8,7 @@ from pipeline.batch.provenance import write_provenance
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 
 
-def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:
+def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given):
     """A fruit that is graded."""
     return FruitRecord(
         fruit_id=fruit_id,
@@ -21,9 +20,7 @@ def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:
     )
 
 
-def results_of(
-    out: Path, records, *, day="2026-08-10", status: int | None = 0, inputs=None, **settings
-) -> Path:
+def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **settings):
     """Results of one batch, graded at noon of `day`."""
     results = Results(out)
     results.claim()

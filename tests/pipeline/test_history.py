@@ -280,6 +280,14 @@ def day_of(out, E, *, lot="7", day="2026-08-10", scale="a", extra=(), **settings
     )
 
 
+def two_lots(root):
+    """Results of a day of lots 7 and 8."""
+    return [
+        day_of(root / "b" / "results", DAY),
+        day_of(root / "c" / "results", DAY, scale="c", lot="8"),
+    ]
+
+
 DAY = {"A": 0.8, "B": 0.9, "C": 1.0, "D": 1.1}
 FIVE = {**DAY, "E": 1.2}
 
@@ -315,19 +323,19 @@ def test_a_batch_graded_again_is_counted_once(drupe, tmp_path, again, count):
 
 
 @pytest.mark.parametrize(
-    ("other", "batches"),
+    "other",
     [
-        ({"scale": "b", "day": "2026-08-12"}, 2),
-        ({"scale": "b", "lot": "8"}, 2),
-        ({"scale": "b", "day": "2026-08-12", "measured_on": "2026-08-12"}, 2),
+        {"day": "2026-08-12"},
+        {"lot": "8"},
+        {"day": "2026-08-12", "measured_on": "2026-08-12"},
     ],
     ids=["another day", "another lot", "another day by its settings"],
 )
-def test_other_recordings_of_the_same_ids_are_another_batch(tmp_path, other, batches):
+def test_other_recordings_of_the_same_ids_are_another_batch(tmp_path, other):
     with history_store(None) as store:
         store.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
-        store.add(stored_batch(day_of(tmp_path / "b" / "results-2", DAY, **other)))
-        assert len(store.batches()) == batches
+        store.add(stored_batch(day_of(tmp_path / "b" / "results-2", DAY, scale="b", **other)))
+        assert len(store.batches()) == 2
 
 
 def test_the_latest_graded_counts_whichever_is_read_last_and_the_page_says_how_many_are_kept(drupe, tmp_path):
@@ -380,8 +388,7 @@ def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe,
         assert "1 batch (" in done.out
         assert "4 fruit on 2026-08-1" in done.out
         assert "lack" not in done.out
-        with history_store(store) as one:
-            (batch,) = one.batches()
+        (batch,) = kept_in(store)
         assert {f.fruit_id: f.E_MPa for f in batch.fruit} == {ids.get(n, n): E for n, E in DAY.items()}
         if outs == (first, later):
             with history_store(store) as one:
@@ -435,21 +442,16 @@ def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_fo
 )
 def test_what_is_named_is_forgotten_and_nothing_else(drupe, tmp_path, named, left):
     store = tmp_path / "s"
-    outs = [
-        day_of(tmp_path / "b" / "results", DAY),
-        day_of(tmp_path / "c" / "results", DAY, scale="c", lot="8"),
-    ]
+    outs = two_lots(tmp_path)
     drupe("history", *outs, "--store", store)
-    with history_store(store) as one:
-        named = named.replace("NAME", next(batch.key for batch in one.batches() if batch.lot == "7"))
+    named = named.replace("NAME", next(batch.key for batch in kept_in(store) if batch.lot == "7"))
     files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     listed = drupe("history", "--store", store, "--forget", named, "--dry-run")
     assert {path: path.read_bytes() for path in files} == files
     done = drupe("history", "--store", store, "--forget", named)
     assert done.out == listed.out.replace("would forget", "forgotten")
     assert "lot 7, measured 2026-08-10" in done.out
-    with history_store(store) as one:
-        assert sorted((batch.lot, len(batch.fruit)) for batch in one.batches()) == left
+    assert sorted((batch.lot, len(batch.fruit)) for batch in kept_in(store)) == left
     files.pop(store)
     assert {path: path.read_bytes() for path in files} == files
 
@@ -503,19 +505,14 @@ def test_no_flipped_bit_of_results_is_used(tmp_path, damaged):
 
 def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_row_is_named_and_forgotten(drupe, tmp_path):
     store = tmp_path / "s"
-    outs = [
-        day_of(tmp_path / "b" / "results", DAY),
-        day_of(tmp_path / "c" / "results", DAY, scale="c", lot="8"),
-    ]
+    outs = two_lots(tmp_path)
     drupe("history", *outs, "--store", store)
-    with history_store(store) as one:
-        expected = one.batches()
+    expected = kept_in(store)
     data, refusals = store.read_bytes(), 0
     for place in np.random.default_rng(2).integers(0, 8 * len(data), 150):
         flipped(store, int(place))
         try:
-            with history_store(store) as one:
-                assert one.batches() == expected
+            assert kept_in(store) == expected
         except BatchRefused as refused:
             assert str(store) in str(refused.problems[0])  # noqa: PT017 - one of two right endings
             refusals += 1
@@ -533,8 +530,7 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_row_is_named_and_forgot
     assert f"--forget {key}/B" in done.err
     assert "fruit B" in drupe("history", "--store", store, "--forget", f"{key}/B").out
     assert drupe("history", outs[0], "--store", store).status == 0
-    with history_store(store) as one:
-        assert [f.E_MPa for b in one.batches() if b.key == key for f in b.fruit if f.fruit_id == "B"] == [0.9]
+    assert [f.E_MPa for b in kept_in(store) if b.key == key for f in b.fruit if f.fruit_id == "B"] == [0.9]
 
 
 def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):

@@ -91,7 +91,6 @@ def test_no_fruit_gives_no_standing():
 
 def test_correlation_with_shore_is_one_for_the_same_order():
     found = agreement(np.array([0.1, 0.4, 0.9, 1.5]), np.array([20.0, 35.0, 60.0, 61.0]))
-    assert found is not None
     assert found.spearman == pytest.approx(1.0)
     assert found.n == 4
     assert found.p == pytest.approx(2 / 24)  # two of the 24 orders agree as well: this one and its reverse

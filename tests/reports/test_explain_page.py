@@ -36,7 +36,7 @@ from reports.fruit_scene import SceneSurface
 from reports.mesh_picture import FLESH
 from reports.next_grasp_picture import _painted, next_grasp_picture
 from reports.raycast import TracedSurface, Viewing
-from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
+from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 
 
 @pytest.fixture(autouse=True)
@@ -165,10 +165,10 @@ def test_the_page_is_whole_without_a_network_and_the_same_each_time():
     assert page == explain_html(entry())
 
 
-def planned_next() -> NextGraspPlanEntry:
+def planned_next():
     """Across, slowly, by far the best; then the same spots twice."""
 
-    def grasp(place: str, gain: float, **changes: object) -> ProposedGraspEntry:
+    def grasp(place, gain, **changes):
         pads = [
             {
                 "pad": pad,
@@ -202,19 +202,17 @@ def test_the_next_grasp_is_drawn_and_listed_best_first():
 
 def test_the_picture_of_the_next_grasp_fills_its_patches_in_the_colours_of_its_key():
     maps = bumpy_map()
-    sides = sides_of(
-        maps.vertices_mm, maps.triangles, maps.visible, hatched_below=BLIND_BELOW, view_px=60, samples=1
-    )
-    at = next(k for k, side in enumerate(sides) if side.name == "right of the suture")
+    six = sides(maps, view_px=60)
+    side = next(side for side in six if side.name == "right of the suture")
     patch = np.array([[0.0, 25.0, 0.0], [1.0, 24.0, 0.0]])
     with_pad, without = (
-        _painted(sides[at], patches) for patches in ({"left": patch}, {"left": patch - [0.0, 50.0, 0.0]})
+        _painted(side, patches) for patches in ({"left": patch}, {"left": patch - [0.0, 50.0, 0.0]})
     )
     changed = np.abs(with_pad - without).max(axis=2) > 0.05
-    assert 0 < changed.sum() < 0.2 * sides[at].front_surface.hit.sum()
-    reach = np.linalg.norm(sides[at].front_surface.points_mm[changed] - patch[0], axis=1)
+    assert 0 < changed.sum() < 0.2 * side.front_surface.hit.sum()
+    reach = np.linalg.norm(side.front_surface.points_mm[changed] - patch[0], axis=1)
     assert reach.max() < 5.0
-    assert next_grasp_picture(sides, {"left": patch}, samples=1)[:4] == b"\x89PNG"
+    assert next_grasp_picture(six, {"left": patch}, samples=1)[:4] == b"\x89PNG"
 
 
 def test_a_plan_is_written_beside_the_sentence_and_only_where_there_is_one():
@@ -246,23 +244,12 @@ def test_hostile_text_stays_text(hostile):
     ],
 )
 def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
-    bare = entry(
-        verdict=verdict,
-        ranking=(),
-        cells=(),
-        variance=(),
-        traces=(),
-        checks=(),
-        maps=None,
-        fit=FitEntry(),
-        next_grasp=None,
-        notes=(),
-        contacts_mm={},
-    )
+    nothing = dict.fromkeys(("ranking", "cells", "variance", "traces", "checks", "notes"), ())
+    nothing |= {"maps": None, "fit": FitEntry(), "next_grasp": None, "contacts_mm": {}}
+    bare = entry(verdict=verdict, **nothing)
     assert explain_verdict(bare) in explain_html(bare).replace("&#39;", "'")
-    assert explain_verdict(entry(verdict=verdict)) in explain_html(entry(verdict=verdict)).replace(
-        "&#39;", "'"
-    )
+    full = entry(verdict=verdict)
+    assert explain_verdict(full) in explain_html(full).replace("&#39;", "'")
 
 
 def test_verdicts_that_are_no_effect_have_words_of_their_own():
@@ -273,13 +260,9 @@ def test_verdicts_that_are_no_effect_have_words_of_their_own():
 
 
 def test_an_effect_without_words_is_told_by_its_name():
-    assert "Pose error (pose error" in explain_verdict(
-        entry(
-            verdict=("pose_error",),
-            effects={},
-            ranking=(CandidateEntry(effect="pose_error", probability=1.0, log_evidence=9.0, chi2_gain=20.0),),
-        )
-    )
+    pose = CandidateEntry(effect="pose_error", probability=1.0, log_evidence=9.0, chi2_gain=20.0)
+    found = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
+    assert "Pose error (pose error" in explain_verdict(found)
 
 
 def test_several_names_are_given_the_likeliest_first():
@@ -309,7 +292,7 @@ def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     assert np.isnan(seen[~front_surface.hit]).all()
 
 
-def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
+def sides(fruit, *, view_px):
     places = (fruit.vertices_mm, fruit.triangles, fruit.visible)
     return sides_of(*places, hatched_below=BLIND_BELOW, view_px=view_px, samples=1)
 
@@ -317,12 +300,10 @@ def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
 def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise():
     fruit = bumpy_map()
     front, *_ = sides(fruit, view_px=40)
+    hit = front.front_surface.hit
     seen = front.front_surface.of_vertices(fruit.visible)
-    assert (
-        front.blind[front.front_surface.hit].tolist()
-        == (seen[front.front_surface.hit] < BLIND_BELOW).tolist()
-    )
-    assert 0 < front.blind.sum() < front.front_surface.hit.sum()
+    assert (front.blind[hit] == (seen[hit] < BLIND_BELOW)).all()
+    assert 0 < front.blind.sum() < hit.sum()
 
 
 def test_a_map_of_nothing_still_is_a_picture():
@@ -342,11 +323,11 @@ def test_frames_that_say_nothing_of_E_are_not_drawn():
     assert chart.count("<circle") == 20 + 1
 
 
-def content(made: bytes) -> dict:
+def content(made):
     return json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
 
 
-def painted(made: bytes) -> np.ndarray:
+def painted(made):
     """RGBA of the skin's vertices by the map (COLOR_1), in the order of the file."""
     said = content(made)
     start = 28 + int.from_bytes(made[12:16], "little")
@@ -358,7 +339,6 @@ def painted(made: bytes) -> np.ndarray:
 
 def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen_is_bare():
     made = explained_scene(entry(), None)
-    assert made is not None
     assert content(made)["meshes"][0]["extras"]["map"] == {"name": "finder", "low": "-8 σ", "high": "8 σ"}
     places = np.array(trimesh.load(io.BytesIO(made), file_type="glb").geometry["skin"].vertices)
     colour = painted(made).astype(int)
@@ -369,12 +349,8 @@ def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen
 
 
 def test_in_three_dimensions_the_pit_is_inside():
-    tetrahedron = SceneSurface(
-        np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
-    made = explained_scene(entry(), tetrahedron)
-    assert made is not None
+    box = trimesh.creation.box([2.0, 2.0, 2.0])
+    made = explained_scene(entry(), SceneSurface(np.array(box.vertices), np.array(box.faces)))
     assert [mesh["name"] for mesh in content(made)["meshes"]] == ["pit", "skin"]
 
 
