@@ -28,7 +28,7 @@ from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, Para
 from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
-from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, duration, effect_name, number, percent, with_sd
+from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
 _HATCHED = "not visible from these grasps"
 _MAPS = (
@@ -55,18 +55,13 @@ def explain_html(found: ExplainEntry) -> str:
     environment = page_environment()
     environment.filters |= {
         "degrees": _degrees,
-        "duration": duration,
-        "effect": effect_name,
         "interval": _interval,
         "mark": _mark,
         "modulus": _modulus,
-        "number": number,
         "p": _p,
-        "percent": percent,
         "sentence": _sentence,
         "share_bar": share_bar,
         "value": _value,
-        "with_sd": with_sd,
     }
     named = [one for one in found.ranking if one.effect in found.verdict]
     sides = _sides(found)

@@ -44,10 +44,8 @@ from reports.words import (
     effect_name,
     number,
     p_words,
-    percent,
     remarks,
     verdict,
-    with_sd,
 )
 
 _EXIT_STATUS = {
@@ -90,16 +88,13 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "control_chart": control_chart,
         "image": _image,
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
-        "effect": effect_name,
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
         "facts": _facts,
         "force_chart": force_chart,
         "frames_chart": frames_chart,
         "grasps_chart": grasps_chart,
-        "number": number,
         "p_words": p_words,
-        "percent": percent,
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "reason_words": reason_words,
@@ -107,7 +102,6 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "remarks": remarks,
         "screened": _screened,
         "utc": _utc,
-        "with_sd": with_sd,
     }
     fruits = numbered(batch)
     alone = without_references(batch.fruits)

@@ -55,16 +55,7 @@ class CaseSettings(Strict):
     @property
     def of_specimen(self) -> PressedSpecimen:
         """What a bare indenter pressed on, as far as it is said here."""
-        return PressedSpecimen(
-            kind=self.specimen,
-            thickness_mm=self.thickness_mm,
-            height_mm=self.height_mm,
-            diameter_mm=self.diameter_mm,
-            ends=self.ends,
-            diameters_mm=self.diameters_mm,
-            axis=self.axis,
-            pit_share=self.pit_share,
-        )
+        return PressedSpecimen(**{name: getattr(self, key) for name, key in KEYS.items()})
 
 
 @dataclass(frozen=True, kw_only=True)
