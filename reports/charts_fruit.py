@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import chain
 
 import numpy as np
 from markupsafe import Markup
@@ -29,9 +30,10 @@ _PAD_DOTS = ("round", "cornered")
 def force_chart(recording: GraspRecord) -> Markup:
     """Force against travel of a recording's pads: marks as recorded, a line for the fitted model."""
     known = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
-    lines = [*known, *(curve.model for curve in known if curve.model is not None)]
+    travels = [curve.travel_mm for curve in known]
+    travels += [curve.model.travel_mm for curve in known if curve.model is not None]
     plot = _over_travel(
-        travel_mm=(value for line in lines for value in line.travel_mm),
+        travel_mm=chain(*travels),
         up=padded((value for curve in known for value in curve.force_N), from_zero=True),
     )
     parts = [plot.axis_x(say("travel since first touch (mm)")), plot.axis_y(say("force (N)"))]

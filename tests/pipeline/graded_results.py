@@ -8,9 +8,9 @@ from pipeline.batch.provenance import write_provenance
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 
 
-def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given):
-    """A fruit that is graded."""
-    return FruitRecord(
+def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), changes=None, **given):
+    """A fruit that is graded; `changes`: fields of its record."""
+    record = FruitRecord(
         fruit_id=fruit_id,
         outcome="graded",
         key="k",
@@ -18,6 +18,7 @@ def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given):
         modulus=ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd * E_MPa),
         doubts=tuple(doubts),
     )
+    return record.model_copy(update=changes or {})
 
 
 def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **settings):

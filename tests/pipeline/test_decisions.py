@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from graded_results import graded
 
 from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, SuspectedRecord
+from pipeline.batch.records import ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings
@@ -25,8 +26,6 @@ def said(**ship):
 
 
 def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **changes):
-    modulus = ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd_MPa)
-    record = FruitRecord(fruit_id="A", outcome="graded", key="k", given=Given(), modulus=modulus)
     (place,) = standings(
         np.array([E_MPa]),
         np.array([sd_MPa]),
@@ -34,7 +33,8 @@ def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **
         classes=grading.classes,
         rng=np.random.default_rng(0),
     )
-    return decide(record.model_copy(update=changes), place, grading, mismatch=mismatch, explained=explained)
+    record = graded("A", E_MPa, sd=sd_MPa / E_MPa, changes=changes)
+    return decide(record, place, grading, mismatch=mismatch, explained=explained)
 
 
 def test_class_probabilities_are_shares_of_draws():
