@@ -280,14 +280,9 @@ class ExplainEntry(_Entry):
         plan that was not computed, the reason of an E that is given, and doubts where there are none are left
         out.
         """
+        optional = {"next_grasp_plan", "E_withheld", "doubts"}
         written: dict[str, Any] = _finite(self.model_dump())
-        if self.next_grasp_plan is None:
-            del written["next_grasp_plan"]
-        if self.E_withheld is None:
-            del written["E_withheld"]
-        if not self.doubts:
-            del written["doubts"]
-        return written
+        return {name: known for name, known in written.items() if known or name not in optional}
 
 
 def _finite(value: Any) -> Any:

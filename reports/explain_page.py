@@ -194,17 +194,13 @@ def _cut(found: ExplainEntry) -> str:
 
 def _value(parameter: ParameterEntry) -> str:
     unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
-    if isinstance(parameter.value, str):
-        return parameter.value
-    if isinstance(parameter.value, tuple):
-        spread = parameter.sd if isinstance(parameter.sd, tuple) else (None,) * len(parameter.value)
-        each = [with_sd(x, sd) for x, sd in zip(parameter.value, spread, strict=True)]
-        return f"({'; '.join(each)}){unit}"
-    return f"{with_sd(parameter.value, _scalar(parameter.sd))}{unit}"
-
-
-def _scalar(sd: float | tuple[float, ...] | None) -> float | None:
-    return float(sd) if isinstance(sd, int | float) else None
+    value, sd = parameter.value, parameter.sd
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        spread = sd if isinstance(sd, tuple) else (None,) * len(value)
+        return f"({'; '.join(map(with_sd, value, spread))}){unit}"
+    return f"{with_sd(value, None if isinstance(sd, tuple) else sd)}{unit}"
 
 
 def _modulus(modulus: ModulusEntry | None) -> str:

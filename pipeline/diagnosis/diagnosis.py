@@ -31,15 +31,6 @@ TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
 
 
-NOT_GRADED = (
-    "grading gives no E for these recordings ({why}); E without an effect is the mean of the individual fits."
-)
-
-
-WITHOUT_GRASP = "both values of E (with and without an effect) ignore {name}: {why}."
-AS_GRADED = "E without an effect: {said}."
-
-
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
@@ -119,11 +110,11 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
         solids=solids,
     )
     lost = [
-        WITHOUT_GRASP.format(name=grasp.name, why=own.detail)
+        f"both values of E (with and without an effect) ignore {grasp.name}: {own.detail}."
         for grasp, own in zip(fruit.placed, found.grasps, strict=True)
         if isinstance(own, FemFailure)
     ]
-    return graded, [*lost, *(AS_GRADED.format(said=said) for said in found.modulus.warnings)]
+    return graded, [*lost, *(f"E without an effect: {said}." for said in found.modulus.warnings)]
 
 
 def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: int) -> Explanation:
@@ -154,7 +145,8 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         try:
             graded, of_grading = graded_case(case, fruit, jobs=jobs)
         except FemFailure as failure:
-            graded, of_grading = None, [NOT_GRADED.format(why=failure.detail)]
+            why = f"grading gives no E for these recordings ({failure.detail})"
+            graded, of_grading = None, [f"{why}; E without an effect is the mean of the individual fits."]
     with log.stage("explanation"):
         found = find(handed, graded, log, jobs=jobs)
     notes = dict.fromkeys(

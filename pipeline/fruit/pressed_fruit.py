@@ -40,7 +40,7 @@ from pipeline.fruit.bare_traces import (
 )
 from pipeline.fruit.elasticity import DOUBTED
 from pipeline.fruit.flesh_model import poisson_ratio
-from pipeline.fruit.grasped import admitted, owner_of, said_once
+from pipeline.fruit.grasped import admitted, owner_of, why_no_grasp
 from pipeline.fruit.input_doubts import Doubt, of_findings, relative_sd
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
@@ -161,11 +161,9 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
             failures[name] = failure
             log.warnings.append(f"not used: {failure.detail}")
     log.facts.grasps = tuple(GraspRecord(grasp=name, failure=one.detail) for name, one in failures.items())
-    if used:
-        return used
-    if len(failures) == 1:
-        raise next(iter(failures.values()))
-    raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures.values()]))
+    if not used:
+        raise why_no_grasp(list(failures.values()))
+    return used
 
 
 def compression_trace(
