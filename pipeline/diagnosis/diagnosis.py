@@ -17,7 +17,7 @@ from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
-from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
+from pipeline.fruit.bare_traces import BareTraces, bare_recordings, joined_traces
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
@@ -47,12 +47,9 @@ class Diagnosis:
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
-    bare = bare_recordings(case.task.folder.grasp_files())
+    bare = bare_recordings(case.task.folder.grasp_files(), case.stated, case.task.prior)
     with threadpool_limits(1):
-        if bare is None:
-            found = _of_grasps(case, log, jobs)
-        else:
-            found = _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+        found = _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, joined_traces(bare))
     return replace(found, doubts=doubts_of_modulus(case, found.explanation))
 
 
