@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from reports.explain_entries import EffectEntry, ExplainEntry, ModulusEntry
+from reports.explain_entries import EffectEntry, ExplainEntry, Record
 from reports.words import NO_BREAK, NOTHING, UNEXPLAINED, effect_name, percent, with_sd
 
 VERDICTS: dict[str, EffectEntry] = {
@@ -42,12 +42,12 @@ def explain_verdict(found: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
     named = found.verdict
     if named == (NOTHING,):
-        spread = f"E = {_E(found.E_MPa.after)}; its error bar includes effects too small to detect"
+        spread = f"E = {_E(found.after)}; its error bar includes effects too small to detect"
         if len(found.grasps) == 1:
             said = "drupe found no mismatch, but one recording cannot show most effects"
             return f"{said} ({spread})."
         return f"drupe found no mismatch: the recordings agree with the model within noise ({spread})."
-    if found.E_withheld is not None:
+    if found.withheld is not None:
         either = " or ".join(effect_name(effect) for effect in by_rank(found))
         what = (
             f"The recording differs from the model, and no known effect explains the difference "
@@ -55,15 +55,15 @@ def explain_verdict(found: ExplainEntry) -> str:
             if named == (UNEXPLAINED,)
             else f"This recording cannot distinguish {either}"
         )
-        return f"{what}; drupe gives no E: {found.E_withheld}."
+        return f"{what}; drupe gives no E: {found.withheld}."
     if named == (UNEXPLAINED,):
         return (
             f"The recordings differ from the model, and no known effect explains the difference "
             f"({_chance(found.p_value)}). "
-            f"Do not trust E = {_E(found.E_MPa.before)}. "
-            f"With the error that such physics causes elsewhere, E is {_E(found.E_MPa.after)}."
+            f"Do not trust E = {_E(found.before)}. "
+            f"With the error that such physics causes elsewhere, E is {_E(found.after)}."
         )
-    moved = f"E changes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
+    moved = f"E changes from {_E(found.before)} to {_E(found.after)}"
     if len(named) > 1:
         names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
@@ -113,7 +113,7 @@ def component_in_words(found: ExplainEntry) -> str:
     }.get(found.component, found.component)
 
 
-def _E(modulus: ModulusEntry) -> str:
+def _E(modulus: Record) -> str:
     return f"{with_sd(modulus.value, modulus.sd)} MPa".replace(" ", NO_BREAK)
 
 

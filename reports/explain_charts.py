@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from reports.charts_batch import shortened
-from reports.explain_entries import CandidateEntry, CellEntry, ExplainEntry, TraceEntry
+from reports.explain_entries import ExplainEntry, Record
 from reports.svg import AxisScale, Plot, drawing, element, error_bar, label, marker, padded, rule
 from reports.words import effect_name, number, percent
 
@@ -19,7 +19,7 @@ MOST_BARS = 8
 """Explanations with a bar, set by hand: further ones would be bars of no length."""
 
 
-def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str]) -> Markup:
+def evidence_chart(ranking: Sequence[Record], *, verdict: Sequence[str]) -> Markup:
     """One bar per explanation, as long as its probability; those of the verdict in the strong colour."""
     shown = ranking[:MOST_BARS]
     row_px, gutter = 30.0, 290.0
@@ -48,11 +48,12 @@ def _bar(x: float, y: float, width: float, height: float, *, class_: str) -> Mar
     return element("rect", x=x, y=y, width=width, height=height, class_=class_)
 
 
-def rms_chart(rms: tuple[float, float, float], *, with_effect: bool) -> Markup:
+def rms_chart(heldout: Record, *, with_effect: bool) -> Markup:
     """Force residual on recordings that the fit did not see: without the effect, with it, and of noise.
 
     `with_effect`: whether there is one; else the model has one bar.
     """
+    rms = heldout.rms_before, heldout.rms_after, heldout.noise_rms
     of_model = [("without", rms[0], "before"), ("with the effect", rms[1], "after")]
     rows = [*(of_model if with_effect else [("model", rms[1], "after")]), ("noise alone", rms[2], "noise")]
     x = AxisScale(lowest=0.0, highest=1.1 * max(*rms, 1e-12), start_px=120.0, end_px=500.0)
@@ -78,9 +79,9 @@ def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[tuple[s
     sure = [cell for cell in entry.cells if 0 < cell.E_sd_MPa < 0.25 * abs(cell.E_MPa)]
     if not sure:
         return []
-    levels = [(entry.E_MPa.after.value, "after")]
+    levels = [(entry.after.value, "after")]
     if with_effect:
-        levels.insert(0, (entry.E_MPa.before.value, "before"))
+        levels.insert(0, (entry.before.value, "before"))
     levels = [(value, kind) for value, kind in levels if math.isfinite(value)]  # E may be withheld
     common = np.quantile([cell.E_MPa for cell in sure], [0.02, 0.98]).tolist()
     limits = padded([*common, *(value for value, _ in levels)])
@@ -94,7 +95,7 @@ def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[tuple[s
 
 def _cells_chart(
     grasp: str,
-    cells: list[CellEntry],
+    cells: list[Record],
     levels: list[tuple[float, str]],
     *,
     limits: tuple[float, float],
@@ -143,7 +144,7 @@ def _pad_said(pad: str) -> str:
     return "all pads" if pad == "all" else f"pad {pad}"
 
 
-def force_and_residual(trace: TraceEntry, *, with_effect: bool) -> tuple[Markup, Markup]:
+def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Markup, Markup]:
     """Force over approach as measured and modelled, and what the models leave of the approach over time.
 
     `with_effect`: whether there is one; else the model has one line.
@@ -151,7 +152,7 @@ def force_and_residual(trace: TraceEntry, *, with_effect: bool) -> tuple[Markup,
     return _force(trace, with_effect=with_effect), _residual(trace, with_effect=with_effect)
 
 
-def _force(trace: TraceEntry, *, with_effect: bool) -> Markup:
+def _force(trace: Record, *, with_effect: bool) -> Markup:
     """One recording's force over approach, measured and modelled."""
     travel = np.concatenate([trace.given_mm, trace.before_mm, trace.after_mm])
     plot = _plot(padded(travel.tolist(), from_zero=True), padded(trace.force_N.tolist(), from_zero=True))
@@ -177,7 +178,7 @@ def _force(trace: TraceEntry, *, with_effect: bool) -> Markup:
     )
 
 
-def _residual(trace: TraceEntry, *, with_effect: bool) -> Markup:
+def _residual(trace: Record, *, with_effect: bool) -> Markup:
     """What the models leave of one recording's approach, over time."""
     before, after = 1e3 * (trace.given_mm - trace.before_mm), 1e3 * (trace.given_mm - trace.after_mm)
     plot = _plot(padded(trace.time_s.tolist()), padded([*before.tolist(), *after.tolist(), 0.0]))

@@ -24,7 +24,7 @@ from reports.explain_charts import (
     rms_chart,
     share_bar,
 )
-from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
+from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
@@ -78,7 +78,7 @@ def explain_html(found: ExplainEntry) -> str:
         modulus_charts=modulus_over_time(found, with_effect=with_effect),
         next_picture=_next_picture(found, sides),
         evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
-        rms=rms_chart(found.rms, with_effect=with_effect) if found.rms else None,
+        rms=rms_chart(found.heldout, with_effect=with_effect) if found.heldout else None,
         traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in found.traces],
         with_effect=with_effect,
         verdict=explain_verdict(found),
@@ -174,9 +174,9 @@ def _blind_share(found: ExplainEntry) -> float | None:
 
 def _cut(found: ExplainEntry) -> str:
     """By how much the residual beyond noise fell on unseen recordings."""
-    if found.rms is None:
+    if found.heldout is None:
         return ""
-    before, after, noise = found.rms
+    before, after, noise = found.heldout.rms_before, found.heldout.rms_after, found.heldout.noise_rms
     if _kind(found) in (NOTHING, UNEXPLAINED):
         return ""
     excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
@@ -192,7 +192,7 @@ def _cut(found: ExplainEntry) -> str:
     return f"The effect reduces the residual beyond noise by a factor of {excess[0] / excess[1]:.1f}."
 
 
-def _value(parameter: ParameterEntry) -> str:
+def _value(parameter: Record) -> str:
     unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
     value, sd = parameter.value, parameter.sd
     if isinstance(value, str):
@@ -203,14 +203,14 @@ def _value(parameter: ParameterEntry) -> str:
     return f"{with_sd(value, None if isinstance(sd, tuple) else sd)}{unit}"
 
 
-def _modulus(modulus: ModulusEntry | None) -> str:
+def _modulus(modulus: Record | None) -> str:
     return UNKNOWN if modulus is None else with_sd(modulus.value, modulus.sd)
 
 
-def _interval(parameter: ParameterEntry) -> str:
-    if parameter.interval_90 is None:
+def _interval(parameter: Record) -> str:
+    if parameter.interval is None:
         return UNKNOWN
-    return f"{number(parameter.interval_90[0])} to {number(parameter.interval_90[1])}"
+    return f"{number(parameter.interval[0])} to {number(parameter.interval[1])}"
 
 
 def _p(p_value: float) -> str:
@@ -219,7 +219,7 @@ def _p(p_value: float) -> str:
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
 
 
-def _mark(check: CheckEntry) -> tuple[bool, str]:
+def _mark(check: Record) -> tuple[bool, str]:
     """Whether the model with the effect gives the number within two standard deviations."""
     good = abs(check.after - check.measured) <= 2 * check.sd
     return good, "✓ agrees" if good else "✗ differs"

@@ -6,7 +6,6 @@ from datetime import datetime
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
-from fem.mismatch.result import Explanation
 from pipeline.diagnosis.diagnosis import Diagnosis
 from reports.explain_entries import ExplainEntry
 
@@ -37,15 +36,14 @@ def explain_entry(
     made: datetime,
     applied: str = "",
 ) -> ExplainEntry:
-    """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted); the
-    finder's `before`, `after` and `heldout` are the entry's `E_MPa` and `fit`.
-    """
+    """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted)."""
     answer = found.explanation
-    return ExplainEntry.model_validate(
-        {
-            **{field.name: getattr(answer, field.name) for field in fields(answer)},
-            "E_MPa": {"before": answer.before, "after": answer.after},
-            "fit": answer.heldout or {},
+    verdict = (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
+    known = {field.name: getattr(answer, field.name) for field in fields(answer)}
+    return ExplainEntry(
+        **known
+        | {
+            "verdict": verdict,
             "seconds": seconds,
             "case": case,
             "category": category,
@@ -54,7 +52,7 @@ def explain_entry(
             "inputs": inputs,
             "versions": versions,
             "made_utc": made,
-            "effects": effect_entries([*_names(answer), *(one.effect for one in answer.ranking)]),
+            "effects": effect_entries([*verdict, *(one.effect for one in answer.ranking)]),
             "parameter_words": {
                 one.effect: {name: parameter_words(one.effect, name) for name in one.parameters}
                 for one in answer.ranking
@@ -64,10 +62,6 @@ def explain_entry(
             "doubts": found.doubts,
         },
     )
-
-
-def _names(answer: Explanation) -> tuple[str, ...]:
-    return (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
 
 
 def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:

@@ -13,7 +13,7 @@ from reports.effect_words import (
     when_in_words,
     where_in_words,
 )
-from reports.explain_entries import ExplainEntry, ParameterEntry
+from reports.explain_entries import ExplainEntry, Record
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 IN_ALL = "in all"
@@ -37,10 +37,10 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
             line(f"{effect_name(one.effect)}: {parameters}")
     if found.verdict != ("none",):
         line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
-    before = with_sd(found.E_MPa.before.value, found.E_MPa.before.sd)
-    after = with_sd(found.E_MPa.after.value, found.E_MPa.after.sd)
-    if found.E_withheld is not None:
-        line(f"E: withheld, since {found.E_withheld}")
+    before = with_sd(found.before.value, found.before.sd)
+    after = with_sd(found.after.value, found.after.sd)
+    if found.withheld is not None:
+        line(f"E: withheld, since {found.withheld}")
     else:
         line(
             f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
@@ -51,10 +51,11 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
         f"probability of so large a difference without a mismatch: p {found.p_value:.2g} (drupe "
         f"reports a mismatch below {DETECTION_P:g})"
     )
-    if found.rms is None:
+    if found.heldout is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
-        without, with_it, noise = map(number, found.rms)
+        fit = found.heldout
+        without, with_it, noise = map(number, (fit.rms_before, fit.rms_after, fit.noise_rms))
         model = without if found.verdict == ("none",) else f"without {without}, with {with_it}"
         line(f"held-out recordings, residual as a share of the response: {model}, noise {noise}")
     if found.next_grasp:
@@ -79,12 +80,12 @@ def _ranking(found: ExplainEntry) -> Table:
         table.add_row(
             escape(effect_name(one.effect)),
             percent(one.probability).replace(NO_BREAK, " "),
-            UNKNOWN if one.E_MPa is None else with_sd(one.E_MPa.value, one.E_MPa.sd),
+            UNKNOWN if one.modulus is None else with_sd(one.modulus.value, one.modulus.sd),
         )
     return table
 
 
-def _in_short(name: str, parameter: ParameterEntry) -> str:
+def _in_short(name: str, parameter: Record) -> str:
     value = parameter.value
     stem = name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
     if isinstance(value, tuple):

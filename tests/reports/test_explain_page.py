@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 
@@ -10,26 +11,25 @@ import numpy as np
 import pytest
 import trimesh
 
+from fem.mismatch.result import (
+    Candidate,
+    Check,
+    FruitMap,
+    GraspTrace,
+    HeldOut,
+    Modulus,
+    ModulusCell,
+    NextGraspPlan,
+    Parameter,
+    ProposedGrasp,
+    ProposedPad,
+    Variance,
+    Where,
+)
 from reports import explain_page
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
-from reports.explain_entries import (
-    CandidateEntry,
-    CellEntry,
-    CheckEntry,
-    EffectEntry,
-    ExplainEntry,
-    FitEntry,
-    MapEntry,
-    ModuliEntry,
-    ModulusEntry,
-    NextGraspPlanEntry,
-    ParameterEntry,
-    ProposedGraspEntry,
-    TraceEntry,
-    VarianceEntry,
-    WhereEntry,
-)
+from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.explain_page import explain_html
 from reports.explain_scene import explained_scene
 from reports.fruit_scene import SceneSurface
@@ -63,7 +63,7 @@ OCTAHEDRON = np.array(
 
 def bumpy_map():
     axes = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
-    return MapEntry(
+    return FruitMap(
         vertices_mm=25.0 * axes,
         triangles=OCTAHEDRON,
         modulus_score=np.array([-8.0, 1, 0, 0, 0, 0]),
@@ -81,39 +81,38 @@ def entry(**changes):
         detected=True,
         p_value=1e-7,
         verdict=("viscoelastic",),
-        where=WhereEntry(region="pad left"),
+        where=Where(region="pad left"),
         when="hold",
         component="normal",
         ranking=(
-            CandidateEntry(
+            Candidate(
                 effect="viscoelastic",
                 probability=0.97,
                 log_evidence=201.5,
-                chi2_gain=410.0,
-                heldout_gain=150.0,
+                gain=410.0,
+                heldout=150.0,
                 parameters={
-                    "g": ParameterEntry(value=0.31, sd=0.02, unit="1", interval_90=(0.28, 0.34)),
-                    "tau_s": ParameterEntry(value=4.2, sd=None, unit="s"),
+                    "g": Parameter(value=0.31, sd=0.02, unit="1", interval=(0.28, 0.34)),
+                    "tau_s": Parameter(value=4.2, sd=None, unit="s"),
                 },
-                E_MPa=ModulusEntry(value=0.315, sd=0.006),
+                modulus=Modulus(value=0.315, sd=0.006),
             ),
-            CandidateEntry(effect="clock_lag", probability=0.03, log_evidence=2.0, chi2_gain=6.0),
+            Candidate(effect="clock_lag", probability=0.03, parameters={}, log_evidence=2.0, gain=6.0),
         ),
-        E_MPa=ModuliEntry(
-            before=ModulusEntry(value=0.262, sd=0.011), after=ModulusEntry(value=0.315, sd=0.006)
-        ),
+        before=Modulus(value=0.262, sd=0.011),
+        after=Modulus(value=0.315, sd=0.006),
         made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
         effects=EFFECTS,
-        fit=FitEntry(heldout_rms_before=2.6, heldout_rms_after=1.04, noise_rms=1.0),
+        heldout=HeldOut(rms_before=2.6, rms_after=1.04, noise_rms=1.0),
         next_grasp="Hold one grasp for 30 s.",
         cells=tuple(
-            CellEntry(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
+            ModulusCell(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
             for pad in ("left", "right")
             for s in t
         ),
-        variance=(VarianceEntry(factor="time", share=0.7, p_value=1e-9),),
+        variance=(Variance(factor="time", share=0.7, p_value=1e-9),),
         traces=(
-            TraceEntry(
+            GraspTrace(
                 grasp="grasp-1",
                 time_s=t,
                 phase=("load",) * 10 + ("hold",) * 10,
@@ -124,15 +123,15 @@ def entry(**changes):
             ),
         ),
         checks=(
-            CheckEntry(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
-            CheckEntry(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
+            Check(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
+            Check(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
         ),
         maps=bumpy_map(),
         contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
         grasps=("grasp-1",),
         notes=("Only one grasp.",),
     )
-    return made.model_copy(update=changes)
+    return replace(made, **changes)
 
 
 def test_the_verdict_stands_first_and_the_sections_follow_in_order():
@@ -169,21 +168,21 @@ def planned_next():
     """Across, slowly, by far the best; then the same spots twice."""
 
     def grasp(place, gain, **changes):
-        pads = [
-            {
-                "pad": pad,
-                "centre_mm": centre,
-                "direction": [-x / 25.0 for x in centre],
-                "round_deg": turn,
-                "patch_mm": np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
-            }
-            for pad, centre, turn in (("left", [0.0, 25.0, 0.0], 91.2), ("right", [0.0, -25.0, 0.0], 271.0))
-        ]
+        pads = tuple(
+            ProposedPad(
+                pad=pad,
+                centre_mm=centre,
+                direction=tuple(-x / 25.0 for x in centre),
+                round_deg=turn,
+                patch_mm=np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
+            )
+            for pad, centre, turn in (("left", (0.0, 25.0, 0.0), 91.2), ("right", (0.0, -25.0, 0.0), 271.0))
+        )
         plain = {"like": "grasp-1", "depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1, "turned": False}
         foreseen = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
-        return ProposedGraspEntry.model_validate(plain | foreseen | {"pads": pads} | changes)
+        return ProposedGrasp(**plain | foreseen | changes, pads=pads)
 
-    return NextGraspPlanEntry(
+    return NextGraspPlan(
         grasps=(grasp("across", 14.2, speed=0.1, hold_s=10.0), grasp("same spots", 3.1, cycles=2)), tried=33
     )
 
@@ -245,7 +244,7 @@ def test_hostile_text_stays_text(hostile):
 )
 def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
     nothing = dict.fromkeys(("ranking", "cells", "variance", "traces", "checks", "notes"), ())
-    nothing |= {"maps": None, "fit": FitEntry(), "next_grasp": None, "contacts_mm": {}}
+    nothing |= {"maps": None, "heldout": None, "next_grasp": None, "contacts_mm": {}}
     bare = entry(verdict=verdict, **nothing)
     assert explain_verdict(bare) in explain_html(bare).replace("&#39;", "'")
     full = entry(verdict=verdict)
@@ -260,7 +259,7 @@ def test_verdicts_that_are_no_effect_have_words_of_their_own():
 
 
 def test_an_effect_without_words_is_told_by_its_name():
-    pose = CandidateEntry(effect="pose_error", probability=1.0, log_evidence=9.0, chi2_gain=20.0)
+    pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
     found = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
     assert "Pose error (pose error" in explain_verdict(found)
 
@@ -275,7 +274,7 @@ def test_a_pair_is_said_as_two():
 
 
 def test_a_spot_is_told_with_its_place_and_width():
-    spot = entry(where=WhereEntry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
+    spot = entry(where=Where(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
     assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
 
 
@@ -316,7 +315,7 @@ def test_a_map_of_nothing_still_is_a_picture():
 
 
 def test_frames_that_say_nothing_of_E_are_not_drawn():
-    lost = entry().cells[0].model_copy(update={"E_sd_MPa": 0.3})
+    lost = replace(entry().cells[0], E_sd_MPa=0.3)
     assert modulus_over_time(entry(cells=(lost,)), with_effect=True) == []
     ((grasp, chart),) = modulus_over_time(entry(), with_effect=True)
     assert grasp == "grasp-1"
@@ -356,7 +355,7 @@ def test_in_three_dimensions_the_pit_is_inside():
 
 def test_without_a_map_nothing_is_shown_in_three_dimensions():
     assert explained_scene(entry(maps=None), None) is None
-    unseen = bumpy_map().model_copy(update={"visible": np.zeros(6)})
+    unseen = replace(bumpy_map(), visible=np.zeros(6))
     assert explained_scene(entry(maps=unseen), None) is None
 
 
