@@ -93,7 +93,7 @@ class ExplainEntry:
             "format": FORMAT,
             "version": VERSION,
             **{name: getattr(self, name) for name in ("detected", "p_value", "where", "when", "component")},
-            "ranking": [_candidate(one) for one in self.ranking],
+            "ranking": [_candidate(candidate) for candidate in self.ranking],
             "verdict": self.verdict[0] if len(self.verdict) == 1 else self.verdict,
             "E_MPa": {"before": self.before, "after": self.after},
             "E_withheld": self.withheld,
@@ -111,22 +111,22 @@ class ExplainEntry:
         return {name: _plain(known) for name, known in written.items() if known or name not in OPTIONAL}
 
 
-def _candidate(one: Record) -> dict[str, Any]:
+def _candidate(candidate: Record) -> dict[str, Any]:
     """One explanation: its probability among all tried, its evidence and what it does for held-out grasps."""
-    parameters = {name: _plain(parameter) for name, parameter in one.parameters.items()}
+    parameters = {name: _plain(parameter) for name, parameter in candidate.parameters.items()}
     for parameter in parameters.values():
         interval = parameter.pop("interval")
         if interval is not None:
             parameter["interval_90"] = interval
     return {
-        "effect": one.effect,
-        "probability": one.probability,
+        "effect": candidate.effect,
+        "probability": candidate.probability,
         "parameters": parameters,
-        "log_evidence": one.log_evidence,
-        "chi2_gain": one.gain,
-        "heldout_gain": one.heldout,
-        "refitted": one.refitted,
-        "E_MPa": one.modulus,
+        "log_evidence": candidate.log_evidence,
+        "chi2_gain": candidate.gain,
+        "heldout_gain": candidate.heldout,
+        "refitted": candidate.refitted,
+        "E_MPa": candidate.modulus,
     }
 
 

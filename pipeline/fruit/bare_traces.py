@@ -131,42 +131,42 @@ def is_along_stem(geometry: Geometry, body: PitBody) -> bool:
     return isinstance(geometry, Ellipsoid) and body.stem_and_suture and DIAMETERS[geometry.axis] == "c"
 
 
-def joined_traces(bare: Sequence[BareRecording]) -> BareTraces:
+def joined_traces(recordings: Sequence[BareRecording]) -> BareTraces:
     """All recordings as one trace, thinned where they are long.
 
     Raises BatchRefused where they are of different geometries, or a rig is off some alone.
     """
-    first = bare[0]
-    for one in bare[1:]:
-        if not one.known.same_as(first.known):
+    first = recordings[0]
+    for bare in recordings[1:]:
+        if not bare.known.same_as(first.known):
             sentence = (
-                f"has the geometry {one.known.geometry.said}, but {Path(first.source).name} has "
+                f"has the geometry {bare.known.geometry.said}, but {Path(first.source).name} has "
                 f"{first.known.geometry.said}; a case holds one specimen under one tool. Make a "
                 "case of each, or correct the fields."
             )
-            raise refused(one.source, sentence)
-    _require_one_rig(bare)
-    notes = [note for one in bare for note in (*one.known.notes, *one.known.assumed)]
-    most = max(MOST_FRAMES // len(bare), FEWEST_KEPT) if len(bare) > 1 else None
+            raise refused(bare.source, sentence)
+    _require_one_rig(recordings)
+    notes = [note for bare in recordings for note in (*bare.known.notes, *bare.known.assumed)]
+    most = max(MOST_FRAMES // len(recordings), FEWEST_KEPT) if len(recordings) > 1 else None
     traces = []
-    for one in bare:
-        trace, said = _trace(one, most=most)
+    for bare in recordings:
+        trace, said = _trace(bare, most=most)
         traces.append(trace)
         notes += said
     if first.known.of_slab and first.known.thickness_mm is None:
         notes.append(DEEP)
     return BareTraces(
-        names=tuple(Path(one.source).stem for one in bare),
+        names=tuple(Path(bare.source).stem for bare in recordings),
         trace=joined(traces),
         known=first.known,
         notes=tuple(dict.fromkeys(notes)),
     )
 
 
-def _require_one_rig(bare: Sequence[BareRecording]) -> None:
+def _require_one_rig(recordings: Sequence[BareRecording]) -> None:
     """Refuses traces of which some have the rig's own travel taken off and others not."""
-    without = [one for one in bare if one.recording.rig_give_mm is None]
-    if 0 < len(without) < len(bare):
+    without = [bare for bare in recordings if bare.recording.rig_give_mm is None]
+    if 0 < len(without) < len(recordings):
         said = (
             "includes the rig's own travel, but other recordings of the fruit do not: convert all of "
             "them with the same --rig, or none."
@@ -181,11 +181,11 @@ def _pit_share(prior: PitPrior | None) -> float | None:
     return float(np.cbrt(np.prod(prior.axis_ratios)))
 
 
-def _trace(one: BareRecording, *, most: int | None) -> tuple[IndenterTrace, list[str]]:
-    recording, name = one.recording, Path(one.source).name
+def _trace(bare: BareRecording, *, most: int | None) -> tuple[IndenterTrace, list[str]]:
+    recording, name = bare.recording, Path(bare.source).name
     closing = -1.0 if recording.loading == "grasp" else 1.0
     travel = closing * recording.aperture_mm
-    thinned = thin(recording.time_s, travel, one.pad.force_z_N)
+    thinned = thin(recording.time_s, travel, bare.pad.force_z_N)
     kept = np.arange(len(travel)) if thinned is None else thinned.kept
     said = [f"{name}: {done.says}" for done in recording.corrections]
     said += [] if thinned is None else [thinned.said(name)]
@@ -194,12 +194,12 @@ def _trace(one: BareRecording, *, most: int | None) -> tuple[IndenterTrace, list
             f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "
             "evenly over time, force and travel."
         )
-        kept = kept[spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
+        kept = kept[spread(recording.time_s[kept], travel[kept], bare.pad.force_z_N[kept], most)]
     trace = IndenterTrace(
         time_s=recording.time_s[kept],
-        force_N=one.pad.force_z_N[kept],
+        force_N=bare.pad.force_z_N[kept],
         travel_mm=travel[kept] - travel[0],
-        geometry=one.known.geometry,
+        geometry=bare.known.geometry,
         rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
         rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
     )
@@ -213,6 +213,6 @@ def spread(
     most: int,
 ) -> Int[np.ndarray, " k"]:
     """Frames at equal steps of the path that time, travel and force go together, in shares of each."""
-    steps = [np.abs(np.diff(one)) for one in (time_s, travel_mm, force_N)]
+    steps = [np.abs(np.diff(each)) for each in (time_s, travel_mm, force_N)]
     path = np.r_[0.0, np.cumsum(sum(step / max(float(step.sum()), 1e-300) for step in steps))]
     return np.unique(np.searchsorted(path, np.linspace(0, path[-1], most)).clip(0, len(path) - 1))

@@ -123,18 +123,20 @@ def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
     """What sensors or jaws have wrong in the whole batch, the surest first; one of each effect at most."""
     amounts: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
     for record in records:
-        for one in () if record.screen is None else record.screen.amounts:
-            if math.isfinite(one.value) and one.sd > 0:
-                key = (one.effect, one.pad, one.parameter)
-                amounts.setdefault(key, []).append((record.fruit_id, one.value, one.sd))
-    tried = {key: own for key, own in amounts.items() if len(own) >= FEWEST and key[0] in SPECS}
+        for amount in () if record.screen is None else record.screen.amounts:
+            if math.isfinite(amount.value) and amount.sd > 0:
+                key = (amount.effect, amount.pad, amount.parameter)
+                amounts.setdefault(key, []).append((record.fruit_id, amount.value, amount.sd))
+    tried = {
+        key: of_fruit for key, of_fruit in amounts.items() if len(of_fruit) >= FEWEST and key[0] in SPECS
+    }
     sure = []
-    for (effect, pad, parameter), own in tried.items():
-        values, sds = (np.array(numbers) for numbers in list(zip(*own, strict=True))[1:])
+    for (effect, pad, parameter), of_fruit in tried.items():
+        values, sds = (np.array(numbers) for numbers in list(zip(*of_fruit, strict=True))[1:])
         together = combined(values, sds, floor=FLOOR.get(parameter, OF_ITS_OWN * float(np.median(sds))))
         if together.p_value < FALSE_ALARM / len(tried):
-            shown = tuple(name for name, y, s in own if y * together.mean > 0 and abs(y) > SEEN * s)
-            sure.append(_Sure(effect, pad, parameter, together, shown, len(own)))
+            shown = tuple(name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s)
+            sure.append(_Sure(effect, pad, parameter, together, shown, len(of_fruit)))
     return tuple(_faults(sure))
 
 
@@ -155,14 +157,18 @@ def _faults(sure: Sequence[_Sure]) -> Iterable[BatchFault]:
     """Of each effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
     how many fruit, and what to do.
     """
-    for effect in dict.fromkeys(one.effect for one in sorted(sure, key=lambda one: one.together.p_value)):
-        first, *rest = sorted((one for one in sure if one.effect == effect), key=lambda one: -one.together.t)
+    for effect in dict.fromkeys(
+        amount.effect for amount in sorted(sure, key=lambda amount: amount.together.p_value)
+    ):
+        first, *rest = sorted(
+            (amount for amount in sure if amount.effect == effect), key=lambda amount: -amount.together.t
+        )
         others = [
-            one
-            for one in rest
-            if one.pad != first.pad
-            and one.parameter == first.parameter
-            and one.together.t > AS_SURE * first.together.t
+            amount
+            for amount in rest
+            if amount.pad != first.pad
+            and amount.parameter == first.parameter
+            and amount.together.t > AS_SURE * first.together.t
         ]
         said, together = ", or ".join(map(_amount, (first, *others))), first.together
         yield BatchFault(
@@ -192,7 +198,7 @@ def _amount(sure: _Sure) -> str:
         much = "much" if gain > 0 else "little"
         return f"{where} reads {100 * abs(gain):.1f} ± {100 * sd / (1 - mean) ** 2:.1f} % too {much} force"
     specs = SPECS[sure.effect].parameters
-    spec = next((one for one in specs if sure.parameter in {part.name for part in one.searched}), None)
+    spec = next((spec for spec in specs if sure.parameter in {part.name for part in spec.searched}), None)
     unit = "" if spec is None else f" {spec.unit}".replace(" 1", "")
     meaning = SPECS[sure.effect].words.short if spec is None else spec.words
     axis = {"0": " along its x", "1": " along its y"}.get(sure.parameter.partition(".")[2], "")

@@ -200,11 +200,11 @@ def _ratio_of(body: ReferenceBodyEntry) -> Ratio:
 
 def _of(bodies: Sequence[ReferenceBodyEntry], moduli: Sequence[ModulusRecord]) -> Ratio:
     return combined_ratio(
-        np.array([one.E_found_MPa for one in bodies]),
-        np.array([sd_of_fruit_MPa(one) for one in moduli]),
-        np.array([shared_sd_of_fruit_MPa(one) for one in moduli]),
-        np.array([one.E_known_MPa for one in bodies]),
-        np.array([one.E_known_sd_MPa for one in bodies]),
+        np.array([body.E_found_MPa for body in bodies]),
+        np.array([sd_of_fruit_MPa(modulus) for modulus in moduli]),
+        np.array([shared_sd_of_fruit_MPa(modulus) for modulus in moduli]),
+        np.array([body.E_known_MPa for body in bodies]),
+        np.array([body.E_known_sd_MPa for body in bodies]),
     )
 
 
@@ -228,7 +228,7 @@ def _sentences(
         return [f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and drupe corrects none."]
     said = [f"{_reads(ratio, bodies)}: {_verdict(ratio, corrected=corrected)}"]
     if ratio.disagree:
-        each = ", ".join(f"{one.fruit_id} {_with_sd(_ratio_of(one))}" for one in bodies)
+        each = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
         said.append(
             f"The reference bodies disagree beyond their errors (chi-square {ratio.chi2:.3g} on "
             f"{ratio.degrees} degree{'s' if ratio.degrees > 1 else ''} of freedom, p = "
@@ -239,7 +239,7 @@ def _sentences(
 
 
 def _reads(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
-    names = ", ".join(one.fruit_id for one in bodies)
+    names = ", ".join(body.fruit_id for body in bodies)
     whose = "the reference body" if len(bodies) == 1 else f"{len(bodies)} reference bodies"
     return f"The gripper reads {_with_sd(ratio)} times the known modulus of {whose} ({names})"
 
@@ -247,9 +247,9 @@ def _reads(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
 def _implausible(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
     """What is likelier than such a gain, the number that was typed first."""
     typed = ", ".join(
-        f"reference_E_MPa = {one.E_known_MPa:g} MPa of {one.fruit_id}"
-        for one in bodies
-        if _ratio_of(one).implausible
+        f"reference_E_MPa = {body.E_known_MPa:g} MPa of {body.fruit_id}"
+        for body in bodies
+        if _ratio_of(body).implausible
     )
     return (
         f"{_reads(ratio, bodies)}, but a working gripper deviates by a factor of {MOST_RATIO:g} at "
@@ -306,7 +306,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     else:
         modulus = verified(modulus, math.log(ratio.ratio), ratio.ln_sd)
     reference = ReferenceRecord(
-        bodies=tuple(one.fruit_id for one in finding.bodies),
+        bodies=tuple(body.fruit_id for body in finding.bodies),
         ratio=ratio.ratio,
         ratio_sd=ratio.sd,
         corrected=finding.corrected,
@@ -321,10 +321,10 @@ def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> Doubt:
     """The doubt that every fruit of the batch gets where the ratio is wrong and not corrected."""
     said = _reads(ratio, bodies)
     if ratio.disagree:
-        names = ", ".join(f"{one.fruit_id} {_with_sd(_ratio_of(one))}" for one in bodies)
+        names = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
         return Doubt(
             sentence=f"drupe cannot judge the gripper: the reference bodies contradict each other ({names}).",
-            relative_sd=max(abs(math.log(one.ratio)) for one in bodies),
+            relative_sd=max(abs(math.log(body.ratio)) for body in bodies),
         )
     if ratio.implausible:
         said = _implausible(ratio, bodies)
@@ -370,14 +370,14 @@ def own_points(
         Point(
             time_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
             lot=safe_cell(lot) or "",
-            reference_id=one.fruit_id,
-            E_known_MPa=float(f"{one.E_known_MPa:.6g}"),
-            E_found_MPa=float(f"{one.E_found_MPa:.6g}"),
-            ratio=float(f"{one.ratio:.6g}"),
-            ratio_sd=float(f"{one.ratio_sd:.6g}"),
-            recordings_sha256=recordings_sha256(inputs, one.fruit_id),
+            reference_id=body.fruit_id,
+            E_known_MPa=float(f"{body.E_known_MPa:.6g}"),
+            E_found_MPa=float(f"{body.E_found_MPa:.6g}"),
+            ratio=float(f"{body.ratio:.6g}"),
+            ratio_sd=float(f"{body.ratio_sd:.6g}"),
+            recordings_sha256=recordings_sha256(inputs, body.fruit_id),
         )
-        for one in finding.bodies
+        for body in finding.bodies
     ]
 
 
@@ -386,7 +386,7 @@ def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
     said = []
     for body in finding.bodies:
         past = history_of(chart, body.fruit_id)
-        if past and (why := out_of_control(np.array([one.z for one in past]))):
+        if past and (why := out_of_control(np.array([point.z for point in past]))):
             said.append(
                 f"The control chart of {body.fruit_id} is out of control: {why}. Check for changes of "
                 "gels, calibration, gripper and the reference body."
