@@ -3,33 +3,34 @@
 import io
 import json
 import re
+import sys
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
+from fake_explanation import fake_explanation
+
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import (
     Candidate,
-    Check,
     FruitMap,
-    GraspTrace,
-    HeldOut,
-    Modulus,
     ModulusCell,
     NextGraspPlan,
-    Parameter,
     ProposedGrasp,
     ProposedPad,
-    Variance,
     Where,
 )
+from pipeline.diagnosis.diagnosis import Diagnosis
+from pipeline.diagnosis.explain_entry import effect_entries, explain_entry
 from reports import explain_page
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
-from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.explain_page import explain_html
 from reports.explain_scene import explained_scene
 from reports.fruit_scene import SceneSurface
@@ -47,15 +48,6 @@ def _small_maps(monkeypatch):
     monkeypatch.setattr(explain_page, "sides_of", partial(sides_of, view_px=50))
 
 
-EFFECTS = {
-    name: EffectEntry(short=short, meaning=f"What {name} means.", advice=f"What to do about {name}.")
-    for name, short in {
-        "viscoelastic": "the flesh creeps",
-        "clock_lag": "the clocks are apart",
-        "pit_size": "the pit is larger or smaller than expected",
-        "sensor_gain": "one pad reads its force too high or too low",
-    }.items()
-}
 OCTAHEDRON = np.array(
     [[4, 0, 2], [4, 2, 1], [4, 1, 3], [4, 3, 0], [5, 2, 0], [5, 1, 2], [5, 3, 1], [5, 0, 3]]
 )
@@ -74,64 +66,28 @@ def bumpy_map():
 
 
 def entry(**changes):
-    t = np.linspace(0, 9, 20)
-    made = ExplainEntry(
-        case="N-01",
-        category="nectarine",
-        detected=True,
-        p_value=1e-7,
-        verdict=("viscoelastic",),
-        where=Where(region="pad left"),
-        when="hold",
-        component="normal",
-        ranking=(
-            Candidate(
-                effect="viscoelastic",
-                probability=0.97,
-                log_evidence=201.5,
-                gain=410.0,
-                heldout=150.0,
-                parameters={
-                    "g": Parameter(value=0.31, sd=0.02, unit="1", interval=(0.28, 0.34)),
-                    "tau_s": Parameter(value=4.2, sd=None, unit="s"),
-                },
-                modulus=Modulus(value=0.315, sd=0.006),
-            ),
-            Candidate(effect="clock_lag", probability=0.03, parameters={}, log_evidence=2.0, gain=6.0),
+    answer = fake_explanation()
+    made = explain_entry(
+        Diagnosis(
+            explanation=answer,
+            grasps=("grasp-1",),
+            contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
         ),
-        before=Modulus(value=0.262, sd=0.011),
-        after=Modulus(value=0.315, sd=0.006),
-        made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
-        effects=EFFECTS,
-        heldout=HeldOut(rms_before=2.6, rms_after=1.04, noise_rms=1.0),
-        next_grasp="Hold one grasp for 30 s.",
-        cells=tuple(
+        **{"case": "N-01", "category": "nectarine", "seconds": {}, "inputs": {}, "versions": {}},
+        made=datetime(2026, 11, 20, 9, tzinfo=UTC),
+    )
+    known = {
+        "cells": tuple(
             ModulusCell(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
             for pad in ("left", "right")
-            for s in t
+            for s in range(20)
         ),
-        variance=(Variance(factor="time", share=0.7, p_value=1e-9),),
-        traces=(
-            GraspTrace(
-                grasp="grasp-1",
-                time_s=t,
-                phase=("load",) * 10 + ("hold",) * 10,
-                force_N=t,
-                given_mm=0.1 * t,
-                before_mm=0.09 * t,
-                after_mm=0.1 * t,
-            ),
-        ),
-        checks=(
-            Check(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
-            Check(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
-        ),
-        maps=bumpy_map(),
-        contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
-        grasps=("grasp-1",),
-        notes=("Only one grasp.",),
-    )
-    return replace(made, **changes)
+        "traces": answer.traces[:1],
+        "checks": (*answer.checks, replace(answer.checks[1], after=1.0)),
+        "maps": bumpy_map(),
+        "notes": ("Only one grasp.",),
+    }
+    return replace(made, **known | changes)
 
 
 def test_the_verdict_stands_first_and_the_sections_follow_in_order():
@@ -270,7 +226,9 @@ def test_several_names_are_given_the_likeliest_first():
 
 
 def test_a_pair_is_said_as_two():
-    assert "and one pad reads" in explain_verdict(entry(verdict=("pit_size+sensor_gain",)))
+    pair = "pit_size+sensor_gain"
+    said = explain_verdict(entry(verdict=(pair,), effects=effect_entries([pair])))
+    assert f", and {SPECS['sensor_gain'].words.short}" in said
 
 
 def test_a_spot_is_told_with_its_place_and_width():
