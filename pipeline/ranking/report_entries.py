@@ -51,6 +51,8 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
 """Names of the screen that are no effect of the catalogue."""
 RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
 """What an entry takes over of a fruit's place."""
+SETTING_FIELDS = ("cultivar", "lot", "harvest_date", "pulp_temperature_C")
+"""What an entry takes over of the batch's settings."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
 
@@ -96,10 +98,7 @@ def batch_entry(
     return BatchEntry(
         name=batch.folder.root.resolve().name,
         category=batch.category,
-        cultivar=settings.cultivar,
-        lot=settings.lot,
-        harvest_date=settings.harvest_date,
-        pulp_temperature_C=settings.pulp_temperature_C,
+        **{name: getattr(settings, name) for name in SETTING_FIELDS},
         classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
         settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
         versions=tuple(versions().items()),
@@ -154,7 +153,6 @@ def _fruit_entry(
     explained = _explained(record, files)
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
-    decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -170,11 +168,7 @@ def _fruit_entry(
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
         volume_mm3=_volume_mm3(record),
         grasps=sum(g.failure is None for g in record.grasps),
-        other_class=decision.other_class if not record.doubts else None,
-        other_class_probability=decision.other_probability if not record.doubts else None,
-        decision=decision.list_name,
-        decision_reason=decision.why,
-        suspicion=decision.suspicion,
+        **vars(decide(record, place, grading, mismatch=mismatch, explained=explained)),
         mismatch=mismatch,
         mismatch_taken=record.mismatch is not None,
         screen=_screen(record),
