@@ -375,14 +375,16 @@ def renamed_day(out, ids, **settings):
     [
         ("b", {"D": "X"}),
         ("moved", {n: f"new-{n}" for n in DAY}),
+        ("dated", {n: f"new-{n}" for n in DAY}),
         ("b", {"C": "D", "D": "C"}),
         ("b", {"C": "D", "D": "X"}),
     ],
-    ids=["one", "all, and the folder moved", "two swapped", "a chain"],
+    ids=["one", "all, and the folder moved", "all, and dated", "two swapped", "a chain"],
 )
 def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe, tmp_path, place, ids):
     store, first = tmp_path / "s", day_of(tmp_path / "b" / "results", DAY)
-    later = renamed_day(tmp_path / place / "again", ids, day="2026-08-11")
+    dated = {"measured_on": "2026-08-11"} if place == "dated" else {}
+    later = renamed_day(tmp_path / place / "again", ids, day="2026-08-11", **dated)
     for outs in ((first, later), (later, first), (first,)):  # in either order, and once more
         done = drupe("history", *outs, "--store", store)
         assert "1 batch (" in done.out
