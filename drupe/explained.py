@@ -91,8 +91,8 @@ def _explained(
             one.effect,
             one.probability,
             one.log_evidence,
-            np.nan if one.E_MPa is None else one.E_MPa.value,
-            np.nan if one.E_MPa is None else one.E_MPa.sd,
+            np.nan if one.modulus is None else one.modulus.value,
+            np.nan if one.modulus is None else one.modulus.sd,
         )
         for one in entry.ranking
     ]
@@ -100,10 +100,10 @@ def _explained(
         verdict=entry.verdict,
         sentence=explain_verdict(entry).replace(NO_BREAK, " "),
         p_value=float(entry.p_value),
-        E_MPa=float(entry.E_MPa.after.value),
-        E_sd_MPa=float(entry.E_MPa.after.sd),
-        E_without_MPa=float(entry.E_MPa.before.value),
-        E_without_sd_MPa=float(entry.E_MPa.before.sd),
+        E_MPa=float(entry.after.value),
+        E_sd_MPa=float(entry.after.sd),
+        E_without_MPa=float(entry.before.value),
+        E_without_sd_MPa=float(entry.before.sd),
         candidates=pd.DataFrame(rows, columns=columns).astype(
             {
                 "effect": "string",

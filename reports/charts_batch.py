@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from markupsafe import Markup
 
 from reports.entries import (
@@ -17,19 +18,7 @@ from reports.entries import (
 from reports.language import decimals as with_comma
 from reports.language import say
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import (
-    AxisScale,
-    axis_x,
-    axis_y,
-    drawing,
-    element,
-    error_bar_x,
-    error_bar_y,
-    marker,
-    padded,
-    polyline,
-    ticks,
-)
+from reports.svg import Plot, drawing, element, error_bar, label, marker, padded, polyline, rule, ticks
 from reports.words import NO_BREAK, number, percent, with_sd
 
 _ROW_PX = 24.0
@@ -48,42 +37,31 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     size (about 340 for a phone, 860 for a desk).
     """
     graded = [fruit for fruit in ranked(without_references(batch.fruits)) if fruit.E_MPa is not None]
-    names = tuple(name for name, _ in batch.classes)
-    marks = class_marks(names)
-    limits = [(name, limit) for name, limit in batch.classes if limit is not None]
     wide = width_px >= 600
-    gutter = min(max([len(fruit.fruit_id) for fruit in graded] + [4]) * 7.4 + 14, 0.3 * width_px)
-    value_px = 118.0 if wide else 0.0
-    top, bottom = 14.0, 14.0 + _ROW_PX * max(len(graded), 1)
     ends = [fruit.E_MPa + (fruit.E_sd_MPa or 0.0) for fruit in graded if fruit.E_MPa is not None]
-    near = [limit for _, limit in limits if not ends or limit < 1.4 * max(ends)]
-    lowest, highest = padded([*ends, *near], from_zero=True)
-    x = AxisScale(lowest=max(lowest, 0.0), highest=highest, start_px=gutter, end_px=width_px - value_px - 12)
+    lowest, highest = padded([*ends, *_near_limits(batch, ends)], from_zero=True)
+    rows = max(len(graded), 1)
+    plot = Plot(
+        x_limits=(max(lowest, 0.0), highest),
+        y_limits=(rows, 0.0),
+        left=gutter([fruit.fruit_id for fruit in graded], most_px=0.3 * width_px),
+        right=width_px - (130.0 if wide else 12.0),
+        top=14.0,
+        bottom=14.0 + _ROW_PX * rows,
+    )
+    marks = class_marks(tuple(name for name, _ in batch.classes))
     parts = [
-        axis_x(
-            x, label=say("E, modulus of the flesh (MPa)"), top=top, bottom=bottom, at_most=9 if wide else 5
-        )
+        plot.axis_x(say("E, modulus of the flesh (MPa)"), at_most=9 if wide else 5),
+        *_limit_lines(batch, plot),
+        *(_ranking_row(fruit, plot, k + 0.5, wide=wide, marks=marks) for k, fruit in enumerate(graded)),
     ]
-    for name, limit in limits:
-        if limit <= highest:
-            at = x(limit)
-            words = f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}"
-            parts.append(
-                element("line", element("title", words), x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit")
-            )
-    for k, fruit in enumerate(graded):
-        parts.append(
-            _ranking_row(fruit, x=x, y=top + _ROW_PX * (k + 0.5), gutter=gutter, wide=wide, marks=marks)
-        )
+    each = "; ".join(f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded)
     return drawing(
         *parts,
         width=float(width_px),
-        height=bottom + 44,
+        height=plot.bottom + 44,
         title=say("Ranking, softest first"),
-        description="; ".join(
-            f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded
-        )
-        or say("No fruit has a modulus"),
+        description=each or say("No fruit has a modulus"),
     )
 
 
@@ -93,39 +71,36 @@ def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     Dashed lines are the limits of classes. ``width_px`` as of `ranking_chart`.
     """
     E_MPa = [fruit.E_MPa for fruit in without_references(batch.fruits) if fruit.E_MPa is not None]
-    limits = [(name, limit) for name, limit in batch.classes if limit is not None]
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    highest = max([*E_MPa, *(limit for _, limit in limits if limit < 1.4 * max(E_MPa))])
+    highest = max([*E_MPa, *_near_limits(batch, E_MPa)])
     edges = ticks(0.0, 1.05 * highest, at_most=_BARS)
     step = edges[1] - edges[0]
-    counts = [0] * (len(edges) + 1)
-    for value in E_MPa:
-        counts[min(int(value / step), len(counts) - 1)] += 1
-    last = max(k for k, count in enumerate(counts) if count) + 1
-    x = AxisScale(lowest=0.0, highest=max(last * step, 1.02 * highest), start_px=44.0, end_px=width_px - 12.0)
-    top, bottom = 30.0, 230.0
-    y = AxisScale(lowest=0.0, highest=1.05 * max(counts), start_px=bottom, end_px=top)
+    counts = np.bincount((np.array(E_MPa) / step).astype(int)).tolist()
+    plot = Plot(
+        x_limits=(0.0, max(len(counts) * step, 1.02 * highest)),
+        y_limits=(0.0, 1.05 * max(counts)),
+        left=44.0,
+        right=width_px - 12.0,
+        top=30.0,
+        bottom=230.0,
+    )
     parts = [
-        axis_x(x, label=say("E, modulus of the flesh (MPa)"), top=top, bottom=bottom, at_most=width_px // 80),
-        axis_y(y, label="fruits", left=44.0, right=width_px - 12.0, at_most=6),
+        plot.axis_x(say("E, modulus of the flesh (MPa)"), at_most=width_px // 80),
+        plot.axis_y("fruits"),
     ]
-    for k, count in enumerate(counts[:last]):
+    for k, count in enumerate(counts):
         middle = (k + 0.5) * step
         name = next((name for name, limit in batch.classes if limit is None or middle <= limit), "")
         colour, _ = marks.get(name, UNKNOWN)
-        words = f"{k * step:g} to {(k + 1) * step:g} MPa: {count} fruits"
-        left, right = x(k * step) + 0.5, x((k + 1) * step) - 0.5
-        bar = {"x": left, "y": y(count), "width": right - left, "height": bottom - y(count), "fill": colour}
-        parts.append(element("rect", element("title", words), **bar))
-    for name, limit in limits:
-        if limit <= x.highest:
-            title = element("title", f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}")
-            at = x(limit)
-            parts.append(element("line", title, x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit"))
+        title = element("title", f"{k * step:g} to {(k + 1) * step:g} MPa: {count} fruits")
+        left, right, y = plot.x(k * step) + 0.5, plot.x((k + 1) * step) - 0.5, plot.y(count)
+        size = {"width": right - left, "height": plot.bottom - y}
+        parts.append(element("rect", title, x=left, y=y, **size, fill=colour))
     return drawing(
         *parts,
+        *_limit_lines(batch, plot),
         width=float(width_px),
-        height=bottom + 44,
+        height=plot.bottom + 44,
         title=say("Distribution of moduli"),
         description="; ".join(
             f"{k * step:g} to {(k + 1) * step:g} MPa: {count}" for k, count in enumerate(counts) if count
@@ -133,11 +108,38 @@ def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     )
 
 
+def _near_limits(batch: BatchEntry, E_MPa: list[float]) -> list[float]:
+    """Limits of classes that the moduli come near; all where there is no modulus."""
+    limits = [limit for _, limit in batch.classes if limit is not None]
+    return [limit for limit in limits if not E_MPa or limit < 1.4 * max(E_MPa)]
+
+
+def _limit_lines(batch: BatchEntry, plot: Plot) -> list[Markup]:
+    """A dashed line at each limit in the plot."""
+    return [
+        rule(
+            plot.x(limit),
+            plot.x(limit),
+            plot.top - 8,
+            plot.bottom,
+            class_="limit",
+            title=f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}",
+        )
+        for name, limit in batch.classes
+        if limit is not None and limit <= plot.x.highest
+    ]
+
+
+def gutter(names: list[str], *, most_px: float) -> float:
+    """Room for names at the left, px."""
+    return min(max([len(name) for name in names] + [4]) * 7.4 + 14, most_px)
+
+
 def _ranking_row(
-    fruit: FruitEntry, *, x: AxisScale, y: float, gutter: float, wide: bool, marks: dict[str, tuple[str, str]]
+    fruit: FruitEntry, plot: Plot, row: float, *, wide: bool, marks: dict[str, tuple[str, str]]
 ) -> Markup:
     """One fruit's line of the ranking: its name, E with its error bar, and its class's mark."""
-    E_MPa = fruit.E_MPa or 0.0
+    E_MPa, y = fruit.E_MPa or 0.0, plot.y(row)
     colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
     value = with_sd(E_MPa, fruit.E_sd_MPa)
     words = f"{fruit.fruit_id}: {value} MPa"
@@ -145,15 +147,15 @@ def _ranking_row(
         words += f", {fruit.maturity} ({percent(fruit.maturity_probability)})"
     elif fruit.class_withheld:
         words += ", class withheld: E is in doubt"
-    row = [
+    parts = [
         element("title", words),
-        element("text", shortened(fruit.fruit_id, px=gutter - 12), x=0.0, y=y + 4.5, class_="label"),
-        error_bar_x(x, E_MPa, fruit.E_sd_MPa, y),
-        marker(shape, x(E_MPa), y, fill=colour),
+        label(shortened(fruit.fruit_id, px=plot.left - 12), 0.0, y + 4.5),
+        error_bar(plot.x, E_MPa, fruit.E_sd_MPa, y),
+        marker(shape, plot.x(E_MPa), y, fill=colour),
     ]
     if wide:
-        row.append(element("text", value, x=x.end_px + 124, y=y + 4.5, text_anchor="end", class_="value"))
-    return element("g", *row)
+        parts.append(label(value, plot.right + 124, y + 4.5, anchor="end", class_="value"))
+    return element("g", *parts)
 
 
 def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
@@ -171,30 +173,27 @@ def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
 
 def shore_chart(batch: BatchEntry) -> Markup:
     """Modulus against the Shore OO reading of the same fruit; a mark per fruit, coloured by its class."""
-    fruits = ranked(without_references(batch.fruits))
-    pairs = [fruit for fruit in fruits if fruit.E_MPa is not None and fruit.shore_oo is not None]
-    marks = class_marks(tuple(name for name, _ in batch.classes))
-    tops = [(fruit.E_MPa or 0.0) + (fruit.E_sd_MPa or 0.0) for fruit in pairs]
-    low_x, high_x = padded([fruit.shore_oo or 0.0 for fruit in pairs])
-    low_y, high_y = padded(tops, from_zero=True)
-    x = AxisScale(lowest=low_x, highest=high_x, start_px=48.0, end_px=348.0)
-    y = AxisScale(lowest=low_y, highest=high_y, start_px=270.0, end_px=34.0)
-    parts = [
-        axis_x(x, label="Shore OO", top=34.0, bottom=270.0, at_most=7),
-        axis_y(y, label="E (MPa)", left=48.0, right=348.0, at_most=6),
+    pairs = [
+        (fruit, fruit.E_MPa, fruit.shore_oo)
+        for fruit in ranked(without_references(batch.fruits))
+        if fruit.E_MPa is not None and fruit.shore_oo is not None
     ]
-    for fruit in pairs:
-        E_MPa, shore = fruit.E_MPa or 0.0, fruit.shore_oo or 0.0
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    plot = Plot(
+        x_limits=padded(shore for _, _, shore in pairs),
+        y_limits=padded((E_MPa + (fruit.E_sd_MPa or 0.0) for fruit, E_MPa, _ in pairs), from_zero=True),
+        left=48.0,
+        right=348.0,
+        top=34.0,
+        bottom=270.0,
+    )
+    parts = [plot.axis_x("Shore OO"), plot.axis_y("E (MPa)")]
+    for fruit, E_MPa, shore in pairs:
         colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
         words = f"{fruit.fruit_id}: Shore OO {number(shore)}, E {with_sd(E_MPa, fruit.E_sd_MPa)} MPa"
-        parts.append(
-            element(
-                "g",
-                element("title", words),
-                error_bar_y(y, E_MPa, fruit.E_sd_MPa, x(shore)),
-                marker(shape, x(shore), y(E_MPa), fill=colour),
-            )
-        )
+        bar = error_bar(plot.y, E_MPa, fruit.E_sd_MPa, plot.x(shore), upright=True)
+        mark = marker(shape, plot.x(shore), plot.y(E_MPa), fill=colour)
+        parts.append(element("g", element("title", words), bar, mark))
     return drawing(
         *parts,
         width=360.0,
@@ -213,29 +212,31 @@ def control_chart(body: ReferenceBodyEntry) -> Markup:
     sds = [point.sd / point.ratio for point in points]
     moments = [point.time_utc.timestamp() for point in points]
     ends = [math.exp(way * 3 * sd) for sd in sds for way in (-1, 1)]
-    low, high = padded([*ends, *(point.ratio for point in points)])
-    first, last = padded(moments) if moments[-1] > moments[0] else (moments[0] - 1, moments[0] + 1)
-    x = AxisScale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
-    y = AxisScale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
+    plot = Plot(
+        x_limits=padded(moments) if moments[-1] > moments[0] else (moments[0] - 1, moments[0] + 1),
+        y_limits=padded([*ends, *(point.ratio for point in points)]),
+        left=52.0,
+        right=688.0,
+        top=34.0,
+        bottom=240.0,
+    )
+    x, y = plot.x, plot.y
     parts = [
-        axis_y(y, label=say("E measured / E known"), left=52.0, right=688.0, at_most=7),
-        element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),
+        plot.axis_y(say("E measured / E known"), at_most=7),
+        rule(plot.left, plot.right, y(1.0), y(1.0), class_="base"),
     ]
-    across = [52.0, *(x(at) for at in moments), 688.0]
+    across = [plot.left, *map(x, moments), plot.right]
     for limit in (-3, -2, 2, 3):
         heights = [y(math.exp(limit * sd)) for sd in (sds[0], *sds, sds[-1])]
         parts.append(polyline(across, heights, class_="limit"))
     for point, at, sd in zip(points, moments, sds, strict=True):
         z = math.log(point.ratio) / sd
-        shape = "diamond" if abs(z) > 3 else "circle"
         words = f"{point.time_utc:%Y-%m-%d %H:%M} UTC, lot {point.lot or UNKNOWN_LOT}: {point.ratio:.3f}"
-        parts.append(
-            element("g", element("title", f"{words} ({z:+.1f} sd)"), marker(shape, x(at), y(point.ratio)))
-        )
-    ends_at = {0: "start", len(points) - 1: "end"} if len(points) > 1 else {0: "middle"}
-    for k, anchor in ends_at.items():
+        mark = marker("diamond" if abs(z) > 3 else "circle", x(at), y(point.ratio))
+        parts.append(element("g", element("title", f"{words} ({z:+.1f} sd)"), mark))
+    for k, anchor in ({0: "start", -1: "end"} if len(points) > 1 else {0: "middle"}).items():
         day = f"{points[k].time_utc:%Y-%m-%d}"
-        parts.append(element("text", day, x=x(moments[k]), y=258.0, text_anchor=anchor, class_="tick"))
+        parts.append(label(day, x(moments[k]), 258.0, anchor=anchor, class_="tick"))
     said = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
     return drawing(
         *parts,
@@ -254,6 +255,5 @@ def correlation_words(shore: ShoreCorrelation) -> str:
     )
     if shore.p is None:
         return words
-    return words + (
-        f", p{NO_BREAK}<{NO_BREAK}0.001" if shore.p < 0.001 else f", p{NO_BREAK}={NO_BREAK}{shore.p:.3f}"
-    )
+    p = f"<{NO_BREAK}0.001" if shore.p < 0.001 else f"={NO_BREAK}{shore.p:.3f}"
+    return f"{words}, p{NO_BREAK}{p}"

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from itertools import chain
 
 import numpy as np
 from markupsafe import Markup
 
-from reports.charts_batch import shortened
+from reports.charts_batch import gutter, shortened
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord, ModelCurveRecord
 from reports.language import say
-from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
+from reports.svg import Plot, drawing, element, error_bar, label, marker, padded, rule
 from reports.words import number, with_sd
 
 _MOST_POINTS = 80
@@ -28,66 +30,54 @@ _PAD_DOTS = ("round", "cornered")
 def force_chart(recording: GraspRecord) -> Markup:
     """Force against travel of a recording's pads: marks as recorded, a line for the fitted model."""
     known = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
-    travels = [value for curve in known for value in curve.travel_mm]
-    forces = [value for curve in known for value in curve.force_N]
-    for line in (curve.model for curve in known if curve.model is not None):
-        travels += line.travel_mm
-    low_x, high_x = padded(travels, from_zero=True)
-    low_y, high_y = padded(forces, from_zero=True)
-    x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
-    y = AxisScale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
-    parts = [
-        axis_x(x, label=say("travel since first touch (mm)"), top=52.0, bottom=216.0, at_most=7),
-        axis_y(y, label=say("force (N)"), left=44.0, right=348.0, at_most=6),
-    ]
+    travels = [curve.travel_mm for curve in known]
+    travels += [curve.model.travel_mm for curve in known if curve.model is not None]
+    plot = _over_travel(
+        travel_mm=chain(*travels),
+        up=padded((value for curve in known for value in curve.force_N), from_zero=True),
+    )
+    parts = [plot.axis_x(say("travel since first touch (mm)")), plot.axis_y(say("force (N)"))]
     for k, curve in enumerate(known):
-        parts.append(_pad(curve, k, x=x, y=y))
-        parts.append(_legend_item(curve.pad, k, count=len(known)))
+        parts += [_pad(curve, k, plot), _legend_item(f"{say('pad')} {curve.pad}", k, count=len(known))]
+    peaks = (f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known)
     return drawing(
         *parts,
         width=360.0,
         height=258.0,
         title=f"{say('Force against travel')}, {recording.grasp}",
-        description="; ".join(
-            f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known
-        )
-        or say("No frames in contact"),
+        description="; ".join(peaks) or say("No frames in contact"),
     )
 
 
-def _pad(curve: CurveRecord, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
+def _over_travel(*, travel_mm: Iterable[float], up: tuple[float, float]) -> Plot:
+    """A plot over travel, with room for a legend above."""
+    across = padded(travel_mm, from_zero=True)
+    return Plot(x_limits=across, y_limits=up, left=44.0, right=348.0, top=52.0, bottom=216.0)
+
+
+def _pad(curve: CurveRecord, k: int, plot: Plot) -> Markup:
     """One pad's points of force over travel, and a line through them or of the model."""
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
-    parts = []
+    travel, force = curve.travel_mm[::every], curve.force_N[::every]
     if curve.model is not None:
-        parts += _model(curve.model, k, x=x, y=y)
+        parts = _model(curve.model, k, plot)
     else:
-        travel, force = np.array(curve.travel_mm), np.array(curve.force_N)
-        parts += _lines(x, y, travel[::every], force[::every], class_=f"joined pad{k % 4}")
-    points = zip(curve.travel_mm[::every], curve.force_N[::every], strict=True)
-    dots = "".join(
-        f"M{x(travel):.1f} {y(force):.1f}h0"
-        for travel, force in points
-        if math.isfinite(travel) and math.isfinite(force)
-    )
-    # a stroke without length is a round or square dot: a tenth of the bytes of an element for each
+        parts = _lines(plot, np.array(travel), np.array(force), class_=f"joined pad{k % 4}")
+    dots = plot.dots(zip(travel, force, strict=True))
     parts.append(element("path", d=dots, class_=f"dots {_PAD_DOTS[k % 2]} pad{k % 4}"))
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 
-def _model(line: ModelCurveRecord, k: int, *, x: AxisScale, y: AxisScale) -> list[Markup]:
+def _model(line: ModelCurveRecord, k: int, plot: Plot) -> list[Markup]:
     """The model's line in the order of the frames, over its band of two standard deviations of E."""
     every = max(1, math.ceil(len(line.travel_mm) / _MOST_OF_LINE))
     chosen = np.unique(np.r_[0 : len(line.travel_mm) : every, len(line.travel_mm) - 1])
     travel, force, sd = (np.array(numbers)[chosen] for numbers in (line.travel_mm, line.force_N, line.sd_mm))
-    edges = [
-        *zip(travel - 2 * sd, force, strict=True),
-        *list(zip(travel + 2 * sd, force, strict=True))[::-1],
-    ]
-    band = " ".join(f"{x(float(one)):.1f},{y(float(other)):.1f}" for one, other in edges)
+    edges = zip(np.r_[travel - 2 * sd, (travel + 2 * sd)[::-1]], np.r_[force, force[::-1]], strict=True)
+    band = " ".join(f"{plot.x(float(across)):.1f},{plot.y(float(up)):.1f}" for across, up in edges)
     return [
         element("polygon", points=band, class_=f"spread pad{k % 4}"),
-        *_lines(x, y, travel, force, class_=f"model pad{k % 4}"),
+        *_lines(plot, travel, force, class_=f"model pad{k % 4}"),
     ]
 
 
@@ -95,33 +85,21 @@ def frames_chart(fruit: FruitEntry) -> Markup:
     """Modulus by each frame alone against travel, all grasps; band: the fruit's own value ± one sd."""
     by_recording = {recording.grasp: recording.frames for recording in fruit.recordings if recording.frames}
     rows = [frame for frames in by_recording.values() for frame in frames]
-    ends = [row.E_MPa for row in rows if row.E_sd_MPa < LEAST_CERTAIN * row.E_MPa]
-    if fruit.E_MPa is not None:
-        ends += [fruit.E_MPa - (fruit.E_sd_MPa or 0.0), fruit.E_MPa + (fruit.E_sd_MPa or 0.0)]
-    low_y, high_y = padded(ends)
-    low_x, high_x = padded([row.travel_mm for row in rows], from_zero=True)
-    x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
-    y = AxisScale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
+    sure = [row.E_MPa for row in rows if row.E_sd_MPa < LEAST_CERTAIN * row.E_MPa]
+    low, high = padded([*sure, *_spread(fruit)])
+    plot = _over_travel(travel_mm=(row.travel_mm for row in rows), up=(low, high))
     parts = []
-    if fruit.E_MPa is not None:
-        top = y(min(fruit.E_MPa + (fruit.E_sd_MPa or 0.0), high_y))
-        bottom = y(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), low_y))
-        parts.append(element("rect", x=44.0, y=top, width=304.0, height=bottom - top, class_="band"))
-    parts += [
-        axis_x(x, label=say("travel since first touch (mm)"), top=52.0, bottom=216.0, at_most=7),
-        axis_y(y, label="E (MPa)", left=44.0, right=348.0, at_most=6),
-    ]
+    if ends := _spread(fruit):
+        top, bottom = plot.y(min(ends[1], high)), plot.y(max(ends[0], low))
+        parts.append(element("rect", x=plot.left, y=top, width=304.0, height=bottom - top, class_="band"))
+    parts += [plot.axis_x(say("travel since first touch (mm)")), plot.axis_y("E (MPa)")]
     for k, (name, frames) in enumerate(by_recording.items()):
-        shown = [frame for frame in frames if low_y <= frame.E_MPa <= high_y]
-        for unloading in (False, True):
-            dots = "".join(
-                f"M{x(row.travel_mm):.1f} {y(row.E_MPa):.1f}h0" for row in shown if row.unloading == unloading
-            )
-            if dots:
-                faint = " faint" if unloading else ""
+        for unloading, faint in ((False, ""), (True, " faint")):
+            shown = [row for row in frames if low <= row.E_MPa <= high and row.unloading == unloading]
+            if dots := plot.dots((row.travel_mm, row.E_MPa) for row in shown):
                 shape = _PAD_DOTS[k % 2]
                 parts.append(element("path", d=dots, class_=f"dots {shape} pad{k % 4}{faint}"))
-        parts.append(_legend_item(name, k, count=len(by_recording), word=""))
+        parts.append(_legend_item(name, k, count=len(by_recording)))
     return drawing(
         *parts,
         width=360.0,
@@ -133,78 +111,75 @@ def frames_chart(fruit: FruitEntry) -> Markup:
     )
 
 
+def _spread(fruit: FruitEntry) -> list[float]:
+    """E less and plus one standard deviation; empty where it is not known."""
+    sd = fruit.E_sd_MPa or 0.0
+    return [] if fruit.E_MPa is None else [fruit.E_MPa - sd, fruit.E_MPa + sd]
+
+
 def _range(values: list[float]) -> str:
     return f"{number(min(values))} to {number(max(values))} MPa in {len(values)} frames"
 
 
-def _lines(x: AxisScale, y: AxisScale, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
+def _lines(plot: Plot, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
     """Polylines through the finite stretches."""
     finite = np.isfinite(travel) & np.isfinite(force)
     breaks = np.flatnonzero(np.diff(finite.astype(int))) + 1
     return [
-        polyline([x(float(v)) for v in travel[run]], [y(float(v)) for v in force[run]], class_=class_)
+        plot.line(travel[run], force[run], class_=class_)
         for run in np.split(np.arange(len(travel)), breaks)
         if len(run) > 1 and finite[run[0]]
     ]
 
 
-def _legend_item(name: str, k: int, *, count: int, word: str | None = None) -> Markup:
+def _legend_item(words: str, k: int, *, count: int) -> Markup:
     step = 300.0 / max(count, 1)
     at = 52.0 + step * k
-    return element(
-        "g",
-        marker(_PAD_MARKS[k % len(_PAD_MARKS)], at, 14.0, size=3.4, class_=f"pad{k % 4}"),
-        element(
-            "text",
-            shortened(f"{say('pad') + ' ' if word is None else word}{name}", px=step - 14),
-            x=at + 10,
-            y=18.0,
-            class_="label",
-        ),
-    )
+    mark = marker(_PAD_MARKS[k % len(_PAD_MARKS)], at, 14.0, size=3.4, class_=f"pad{k % 4}")
+    return element("g", mark, label(shortened(words, px=step - 14), at + 10, 18.0))
 
 
 def grasps_chart(fruit: FruitEntry) -> Markup:
     """Modulus by both methods, grasp by grasp; band: the fruit's own value ± one sd."""
     rows = fruit.recordings
-    ends: list[float] = []
-    for row in rows:
-        for value, sd in _methods(row):
-            if value is not None:
-                ends += [value - (sd or 0.0), value + (sd or 0.0)]
-    if fruit.E_MPa is not None:
-        ends += [fruit.E_MPa - (fruit.E_sd_MPa or 0.0), fruit.E_MPa + (fruit.E_sd_MPa or 0.0)]
-    lowest, highest = padded(ends)
-    gutter = min(max([len(row.grasp) for row in rows] + [4]) * 7.4 + 14, 120.0)
-    top, row_px = 36.0, 34.0
-    bottom = top + row_px * max(len(rows), 1)
-    x = AxisScale(lowest=lowest, highest=highest, start_px=gutter, end_px=348.0)
+    known = [(value, sd or 0.0) for row in rows for value, sd in _methods(row) if value is not None]
+    ends = [value + way * sd for value, sd in known for way in (-1, 1)]
+    lowest, highest = padded([*ends, *_spread(fruit)])
+    count = max(len(rows), 1)
+    plot = Plot(
+        x_limits=(lowest, highest),
+        y_limits=(count, 0.0),
+        left=gutter([row.grasp for row in rows], most_px=120.0),
+        right=348.0,
+        top=36.0,
+        bottom=36.0 + 34.0 * count,
+    )
+    top, bottom, x = plot.top, plot.bottom, plot.x
     parts = []
     if fruit.E_MPa is not None:
-        low = x(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), lowest))
-        high = x(min(fruit.E_MPa + (fruit.E_sd_MPa or 0.0), highest))
-        parts.append(element("rect", x=low, y=top, width=high - low, height=bottom - top, class_="band"))
-        at = x(fruit.E_MPa)
-        parts.append(element("line", x1=at, x2=at, y1=top, y2=bottom, class_="centre"))
-    parts.append(axis_x(x, label="E (MPa)", top=top, bottom=bottom, at_most=5))
-    parts.append(
+        below, above = _spread(fruit)
+        low, high, at = x(max(below, lowest)), x(min(above, highest)), x(fruit.E_MPa)
+        parts += [
+            element("rect", x=low, y=top, width=high - low, height=bottom - top, class_="band"),
+            rule(at, at, top, bottom, class_="centre"),
+        ]
+    parts += [
+        plot.axis_x("E (MPa)", at_most=5),
         element(
             "g",
             marker("circle", 10.0, 14.0, size=4.5, class_="energy"),
-            element("text", say("energy ratio"), x=20.0, y=18.5, class_="label"),
+            label(say("energy ratio"), 20.0, 18.5),
             marker("square", 134.0, 14.0, size=4.5, class_="squares"),
-            element("text", say("least squares"), x=144.0, y=18.5, class_="label"),
-        )
-    )
+            label(say("least squares"), 144.0, 18.5),
+        ),
+    ]
     for k, row in enumerate(rows):
-        middle = top + row_px * (k + 0.5)
-        parts.append(
-            element("text", shortened(row.grasp, px=gutter - 12), x=0.0, y=middle + 4.5, class_="label")
-        )
+        middle = plot.y(k + 0.5)
+        parts.append(label(shortened(row.grasp, px=plot.left - 12), 0.0, middle + 4.5))
         shown = zip(_methods(row), ("circle", "square"), ("energy", "squares"), (-6.0, 6.0), strict=True)
         for (value, sd), shape, class_, shift in shown:
             if value is not None and math.isfinite(value):
-                parts.append(error_bar_x(x, value, sd, middle + shift, class_=class_))
+                parts.append(error_bar(x, value, sd, middle + shift, class_=class_))
                 parts.append(marker(shape, x(value), middle + shift, size=4.5, class_=class_))
     return drawing(
         *parts,
@@ -219,9 +194,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
     )
 
 
-def _methods(
-    row: GraspRecord,
-) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
+def _methods(row: GraspRecord) -> tuple[tuple[float | None, float | None], ...]:
     return (
         (row.E_energy_MPa, row.E_energy_sd_MPa),
         (row.E_least_squares_MPa, row.E_least_squares_sd_MPa),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from reports.explain_entries import EffectEntry, ExplainEntry, ModulusEntry
+from reports.explain_entries import EffectEntry, ExplainEntry, Record
 from reports.words import NO_BREAK, NOTHING, UNEXPLAINED, effect_name, percent, with_sd
 
 VERDICTS: dict[str, EffectEntry] = {
@@ -27,93 +27,93 @@ def parts(effect: str) -> tuple[str, ...]:
     return tuple(effect.split("+"))
 
 
-def words_of(name: str, found: ExplainEntry) -> EffectEntry | None:
+def words_of(name: str, entry: ExplainEntry) -> EffectEntry | None:
     """Of a single effect or a verdict that is none; None where the entry does not bring them."""
-    return VERDICTS.get(name) or found.effects.get(name)
+    return VERDICTS.get(name) or entry.effects.get(name)
 
 
-def in_short(effect: str, found: ExplainEntry) -> str:
+def in_short(effect: str, entry: ExplainEntry) -> str:
     """What the effect is, to complete a sentence; of a pair, both."""
-    known = [(words_of(part, found), part) for part in parts(effect)]
+    known = [(words_of(part, entry), part) for part in parts(effect)]
     return ", and ".join(effect_name(part) if words is None else words.short for words, part in known)
 
 
-def explain_verdict(found: ExplainEntry) -> str:
+def explain_verdict(entry: ExplainEntry) -> str:
     """The whole answer in one sentence (two where E changes)."""
-    named = found.verdict
+    named = entry.verdict
     if named == (NOTHING,):
-        spread = f"E = {_E(found.E_MPa.after)}; its error bar includes effects too small to detect"
-        if len(found.grasps) == 1:
+        spread = f"E = {_E(entry.after)}; its error bar includes effects too small to detect"
+        if len(entry.grasps) == 1:
             said = "drupe found no mismatch, but one recording cannot show most effects"
             return f"{said} ({spread})."
         return f"drupe found no mismatch: the recordings agree with the model within noise ({spread})."
-    if found.E_withheld is not None:
-        either = " or ".join(effect_name(effect) for effect in by_rank(found))
+    if entry.withheld is not None:
+        either = " or ".join(effect_name(effect) for effect in by_rank(entry))
         what = (
             f"The recording differs from the model, and no known effect explains the difference "
-            f"({_chance(found.p_value)})"
+            f"({_chance(entry.p_value)})"
             if named == (UNEXPLAINED,)
             else f"This recording cannot distinguish {either}"
         )
-        return f"{what}; drupe gives no E: {found.E_withheld}."
+        return f"{what}; drupe gives no E: {entry.withheld}."
     if named == (UNEXPLAINED,):
         return (
             f"The recordings differ from the model, and no known effect explains the difference "
-            f"({_chance(found.p_value)}). "
-            f"Do not trust E = {_E(found.E_MPa.before)}. "
-            f"With the error that such physics causes elsewhere, E is {_E(found.E_MPa.after)}."
+            f"({_chance(entry.p_value)}). "
+            f"Do not trust E = {_E(entry.before)}. "
+            f"With the error that such physics causes elsewhere, E is {_E(entry.after)}."
         )
-    moved = f"E changes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
+    moved = f"E changes from {_E(entry.before)} to {_E(entry.after)}"
     if len(named) > 1:
-        names = [effect_name(effect) for effect in by_rank(found)]
+        names = [effect_name(effect) for effect in by_rank(entry)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
         return f"These recordings cannot distinguish {listed}. Averaged over them by probability, {moved}."
-    first = in_short(named[0], found)
-    sure = next((one.probability for one in found.ranking if one.effect == named[0]), None)
+    first = in_short(named[0], entry)
+    sure = next((one.probability for one in entry.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
     return f"{first[:1].upper()}{first[1:]}{certainty}. With this effect, {moved}."
 
 
-def by_rank(found: ExplainEntry) -> tuple[str, ...]:
+def by_rank(entry: ExplainEntry) -> tuple[str, ...]:
     """The verdict's names, the likeliest first."""
-    order = {one.effect: k for k, one in enumerate(found.ranking)}
-    return tuple(sorted(found.verdict, key=lambda effect: order.get(effect, len(order))))
+    order = {one.effect: k for k, one in enumerate(entry.ranking)}
+    return tuple(sorted(entry.verdict, key=lambda effect: order.get(effect, len(order))))
 
 
-def where_in_words(found: ExplainEntry) -> str:
+def where_in_words(entry: ExplainEntry) -> str:
     """The region as a phrase, with centre and size of a spot."""
     region = {"both": "at both pads", "flesh": "in the flesh"}.get(
-        found.where.region, f"at the {found.where.region}"
+        entry.where.region, f"at the {entry.where.region}"
     )
-    if found.where.region.startswith("pad "):
-        region = f"at the {found.where.region.removeprefix('pad ')} pad"
-    if found.where.centre_mm is None:
+    if entry.where.region.startswith("pad "):
+        region = f"at the {entry.where.region.removeprefix('pad ')} pad"
+    if entry.where.centre_mm is None:
         return region
-    at = ", ".join(f"{x:.1f}" for x in found.where.centre_mm)
-    size = f", about {2 * found.where.radius_mm:.0f} mm wide" if found.where.radius_mm is not None else ""
+    at = ", ".join(f"{x:.1f}" for x in entry.where.centre_mm)
+    size = f", about {2 * entry.where.radius_mm:.0f} mm wide" if entry.where.radius_mm is not None else ""
     return f"{region}, at ({at}) mm{size}"
 
 
-def when_in_words(found: ExplainEntry) -> str:
+def when_in_words(entry: ExplainEntry) -> str:
     """The phase of the grasp."""
     return {
         "load": "while it is squeezed",
         "hold": "while it is held",
         "unload": "while it is let go",
         "all": "all the time",
-    }.get(found.when, found.when)
+    }.get(entry.when, entry.when)
 
 
-def component_in_words(found: ExplainEntry) -> str:
+def component_in_words(entry: ExplainEntry) -> str:
     """Which component shows it."""
     return {
         "normal": "straight into the skin",
         "shear": "along the skin",
         "both": "into and along the skin",
-    }.get(found.component, found.component)
+    }.get(entry.component, entry.component)
 
 
-def _E(modulus: ModulusEntry) -> str:
+def _E(modulus: Record) -> str:
     return f"{with_sd(modulus.value, modulus.sd)} MPa".replace(" ", NO_BREAK)
 
 

@@ -284,18 +284,11 @@ def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
     >>> [fruit.fruit_id for fruit in ranked((hard, lost, soft))]
     ['c', 'a', 'b']
     """
-    return tuple(
-        sorted(
-            fruits,
-            key=lambda fruit: (
-                fruit.reference,
-                fruit.rank is None,
-                fruit.rank or 0,
-                not fruit.ok,
-                fruit.fruit_id,
-            ),
-        )
-    )
+
+    def place(fruit: FruitEntry) -> tuple[object, ...]:
+        return fruit.reference, fruit.rank is None, fruit.rank or 0, not fruit.ok, fruit.fruit_id
+
+    return tuple(sorted(fruits, key=place))
 
 
 def without_references(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:

@@ -1,59 +1,36 @@
 """One fruit's explanation as everything that is written of it has it: the JSON of the format drupe-mismatch
 (docs/formats.md), the page and the terminal.
 
-Made of the finder's own records by their attributes (`ExplainEntry.model_validate`), finished figures only.
-Fields stand in the JSON's order and under its names; those of the page alone (`exclude=True`) come last.
-Units are in the names; standard deviations are one sigma, intervals hold 90 %.
+The finder's own records (fem/mismatch/result.py) are read by their attributes, since this package imports
+nothing of fem: a candidate of the ranking, a modulus, a check, a map. Units are in the names; standard
+deviations are one sigma, intervals hold 90 %.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import datetime
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    field_serializer,
-    model_serializer,
-)
+from jaxtyping import Float
 
 FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
 """Name and number of the format that docs/formats.md describes; the number grows when an old reader would
 fail."""
+OPTIONAL = frozenset({"next_grasp_plan", "E_withheld", "doubts"})
+"""Keys that are left out where there is nothing."""
+OF_THE_PAGE = frozenset({"patch_mm"})
+"""Fields of the finder's records that the page alone shows."""
+Record: TypeAlias = Any
+"""Of fem/mismatch/result.py."""
 
 
-def _python(value: object) -> object:
-    """Python's own number, or a list of them, of numpy's."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
-
-
-def _names(value: object) -> object:
-    """A verdict of one name as one of several is."""
-    return (value,) if isinstance(value, str) else value
-
-
-Number = Annotated[int | float, BeforeValidator(_python)]
-Point = tuple[Number, Number, Number]
-Value = Annotated[int | float | tuple[Number, ...] | str, BeforeValidator(_python)]
-Flag = Annotated[bool, BeforeValidator(_python)]
-
-
-class _Entry(BaseModel):
-    model_config = ConfigDict(
-        frozen=True, from_attributes=True, populate_by_name=True, arbitrary_types_allowed=True
-    )
-
-
-class EffectEntry(_Entry):
+@dataclass(frozen=True, kw_only=True)
+class EffectEntry:
     """An effect in words: `short` completes "Most likely ..."; `meaning` and `advice` are whole sentences."""
 
     short: str
@@ -61,239 +38,109 @@ class EffectEntry(_Entry):
     advice: str
 
 
-class WhereEntry(_Entry):
-    """Where the mismatch sits: a region, and of a spot its centre and radius."""
-
-    region: str
-    centre_mm: Point | None = None
-    radius_mm: Number | None = None
-
-
-class ModulusEntry(_Entry):
-    """E and its standard deviation, MPa."""
-
-    value: Number
-    sd: Number
-
-
-class ModuliEntry(_Entry):
-    """E without the effect and with it."""
-
-    before: ModulusEntry
-    after: ModulusEntry
-
-
-class ParameterEntry(_Entry):
-    """One parameter of an effect; `sd` None: not estimated; an interval of scalars, not written without."""
-
-    value: Value
-    sd: Annotated[int | float | tuple[Number, ...] | None, BeforeValidator(_python)]
-    unit: str
-    interval_90: tuple[Number, Number] | None = Field(default=None, validation_alias="interval")
-
-    @model_serializer(mode="wrap")
-    def _known(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = handler(self)
-        if self.interval_90 is None:
-            del written["interval_90"]
-        return written
-
-
-class CandidateEntry(_Entry):
-    """One explanation: its probability among all tried, its evidence and what it does for held-out grasps."""
-
-    effect: str
-    probability: Number
-    parameters: dict[str, ParameterEntry] = {}
-    log_evidence: Number
-    chi2_gain: Number = Field(validation_alias="gain")
-    heldout_gain: Number | None = Field(default=None, validation_alias="heldout")
-    refitted: Flag = False
-    E_MPa: ModulusEntry | None = Field(default=None, validation_alias="modulus")
-
-
-class FitEntry(_Entry):
-    """Normalised force residual on grasps that the fit did not see; None where there are none."""
-
-    heldout_rms_before: Number | None = Field(default=None, validation_alias="rms_before")
-    heldout_rms_after: Number | None = Field(default=None, validation_alias="rms_after")
-    noise_rms: Number | None = None
-
-
-class VarianceEntry(_Entry):
-    """How much of the modulus's variation one factor explains, and the probability of so much by chance."""
-
-    factor: str
-    share: Number
-    p_value: Number
-
-
-class CheckEntry(_Entry):
-    """A number of the recordings, and what the model makes of it without and with the effect."""
-
-    name: str
-    measured: Number
-    before: Number
-    after: Number
-    sd: Number
-    unit: str
-
-
-class CellEntry(_Entry):
-    """The modulus that one frame of one pad gives by itself."""
-
-    grasp: str
-    pad: str
-    time_s: Number
-    phase: str
-    E_MPa: Number
-    E_sd_MPa: Number
-
-
-class TraceEntry(_Entry):
-    """One grasp by the fit of the others: force over how far the flesh gave way, measured and modelled."""
-
-    grasp: str
-    time_s: Float[np.ndarray, " t"]
-    phase: tuple[str, ...]
-    force_N: Float[np.ndarray, " t"]
-    given_mm: Float[np.ndarray, " t"]
-    before_mm: Float[np.ndarray, " t"]
-    after_mm: Float[np.ndarray, " t"]
-
-
-class MapEntry(_Entry):
-    """Standard scores on the fruit's skin; `visible` below three is where nothing could be seen."""
-
-    vertices_mm: Float[np.ndarray, "n 3"]
-    triangles: Int[np.ndarray, "m 3"]
-    modulus_score: Float[np.ndarray, " n"]
-    eigenstrain_score: Float[np.ndarray, " n"]
-    law_error: Float[np.ndarray, " n"]
-    visible: Float[np.ndarray, " n"]
-
-
-class ProposedPadEntry(_Entry):
-    """Where one pad of a planned grasp goes: middle of its patch, direction of its push (fruit frame),
-    angle round the stem from the first pad of the first recording. `patch_mm`, of the page alone: the skin
-    that it touches.
-    """
-
-    pad: str
-    centre_mm: Point
-    direction: Point
-    round_deg: Number
-    patch_mm: Float[np.ndarray, "_p 3"] = Field(exclude=True)
-
-
-class ProposedGraspEntry(_Entry):
-    """One grasp that could be recorded next, and the ln evidence expected of it.
-
-    `depth`, `speed`: over those of the recording `like`; `hold_s` None: as there. `gain`:
-    between the two explanations of `pair`; `decides`: probability that it sets the true one apart.
-    """
-
-    place: str
-    like: str
-    pads: tuple[ProposedPadEntry, ...]
-    depth: Number
-    speed: Number
-    hold_s: Number | None
-    cycles: int
-    turned: Flag
-    gain: Number
-    pair: tuple[str, str]
-    decides: Number
-
-
-class NextGraspPlanEntry(_Entry):
-    """The most telling grasps to record next, best first, of so many tried."""
-
-    grasps: tuple[ProposedGraspEntry, ...]
-    tried: int
-
-
-class ExplainEntry(_Entry):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExplainEntry:
     """All that is written of one fruit. `verdict`: the names left; one, or several not told apart.
 
-    `E_withheld`: why no E is given, which is then not a number. `doubts`: why E cannot be right. `applied`:
-    one sentence where the effect was written into a batch's settings, or why it was not. `inputs`: SHA-256 in
-    hex by file. Of the page alone:
-    `effects`, words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and
-    parameter; `contacts_mm`, where each pad touched, all grasps
-    together; `facts`, (label, value): Poisson's ratio, elements.
+    `before`, `after`: E without the effect and with it; `withheld`: why no E is given, which is then not a
+    number. `heldout`: residuals on recordings that the fit did not see, None where there are none. `doubts`:
+    why E cannot be right. `applied`: one sentence where the effect was written into a batch's settings, or
+    why it was not. `inputs`: SHA-256 in hex by file. Of the page alone: `cells`, `traces`, `maps`; `effects`,
+    words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and parameter;
+    `contacts_mm`, where each pad touched, all grasps together; `facts`, (label, value): Poisson's ratio,
+    elements.
     """
 
-    format: Literal["drupe-mismatch"] = FORMAT
-    version: Literal[1] = VERSION
-    detected: Flag
-    p_value: Number
-    where: WhereEntry
+    detected: bool
+    p_value: float
+    where: Record
     when: str
     component: str
-    ranking: tuple[CandidateEntry, ...]
-    verdict: Annotated[tuple[str, ...], BeforeValidator(_names)]
-    E_MPa: ModuliEntry
-    E_withheld: str | None = Field(default=None, validation_alias="withheld")
+    ranking: tuple[Record, ...]
+    verdict: tuple[str, ...]
+    before: Record
+    after: Record
+    withheld: str | None = None
     doubts: tuple[str, ...] = ()
-    fit: FitEntry = FitEntry()
+    heldout: Record | None = None
     next_grasp: str | None = None
-    next_grasp_plan: NextGraspPlanEntry | None = None
-    statistics: Mapping[str, Number] = {}
-    variance: tuple[VarianceEntry, ...] = ()
-    checks: tuple[CheckEntry, ...] = ()
+    next_grasp_plan: Record | None = None
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    variance: tuple[Record, ...] = ()
+    checks: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
-    seconds: Mapping[str, Number] = {}
+    seconds: Mapping[str, float] = field(default_factory=dict)
     case: str
     category: str
     grasps: tuple[str, ...] = ()
     applied: str | None = None
-    inputs: Mapping[str, str] = {}
-    versions: Mapping[str, str] = {}
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
     made_utc: datetime
-    cells: tuple[CellEntry, ...] = Field(default=(), exclude=True)
-    traces: tuple[TraceEntry, ...] = Field(default=(), exclude=True)
-    maps: MapEntry | None = Field(default=None, exclude=True)
-    effects: Mapping[str, EffectEntry] = Field(default={}, exclude=True)
-    parameter_words: Mapping[str, Mapping[str, str]] = Field(default={}, exclude=True)
-    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = Field(default={}, exclude=True)
-    facts: tuple[tuple[str, str], ...] = Field(default=(), exclude=True)
-
-    @property
-    def rms(self) -> tuple[float, float, float] | None:
-        """The fit's residual before, after, and of noise alone; None where no grasp was held out."""
-        fit = self.fit
-        if fit.heldout_rms_before is None or fit.heldout_rms_after is None or fit.noise_rms is None:
-            return None
-        return fit.heldout_rms_before, fit.heldout_rms_after, fit.noise_rms
-
-    @field_serializer("verdict")
-    def _one_or_several(self, verdict: tuple[str, ...]) -> str | tuple[str, ...]:
-        return verdict[0] if len(verdict) == 1 else verdict
-
-    @field_serializer("made_utc")
-    def _to_the_second(self, made: datetime) -> str:
-        return made.isoformat(timespec="seconds")
+    cells: tuple[Record, ...] = ()
+    traces: tuple[Record, ...] = ()
+    maps: Record | None = None
+    effects: Mapping[str, EffectEntry] = field(default_factory=dict)
+    parameter_words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
+    facts: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null. A
-        plan that was not computed, the reason of an E that is given, and doubts where there are none are left
-        out.
+        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null.
+        OPTIONAL keys are left out where there is nothing.
         """
-        written: dict[str, Any] = _finite(self.model_dump())
-        if self.next_grasp_plan is None:
-            del written["next_grasp_plan"]
-        if self.E_withheld is None:
-            del written["E_withheld"]
-        if not self.doubts:
-            del written["doubts"]
-        return written
+        written = {
+            "format": FORMAT,
+            "version": VERSION,
+            **{name: getattr(self, name) for name in ("detected", "p_value", "where", "when", "component")},
+            "ranking": [_candidate(candidate) for candidate in self.ranking],
+            "verdict": self.verdict[0] if len(self.verdict) == 1 else self.verdict,
+            "E_MPa": {"before": self.before, "after": self.after},
+            "E_withheld": self.withheld,
+            "doubts": self.doubts,
+            "fit": {
+                "heldout_rms_before": self.heldout and self.heldout.rms_before,
+                "heldout_rms_after": self.heldout and self.heldout.rms_after,
+                "noise_rms": self.heldout and self.heldout.noise_rms,
+            },
+            **{name: getattr(self, name) for name in ("next_grasp", "next_grasp_plan", "statistics")},
+            **{name: getattr(self, name) for name in ("variance", "checks", "notes", "seconds", "case")},
+            **{name: getattr(self, name) for name in ("category", "grasps", "applied", "inputs", "versions")},
+            "made_utc": self.made_utc.isoformat(timespec="seconds"),
+        }
+        return {name: _plain(known) for name, known in written.items() if known or name not in OPTIONAL}
 
 
-def _finite(value: Any) -> Any:
-    """The same values, a number that is not finite as None."""
-    if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _candidate(candidate: Record) -> dict[str, Any]:
+    """One explanation: its probability among all tried, its evidence and what it does for held-out grasps."""
+    parameters = {name: _plain(parameter) for name, parameter in candidate.parameters.items()}
+    for parameter in parameters.values():
+        interval = parameter.pop("interval")
+        if interval is not None:
+            parameter["interval_90"] = interval
+    return {
+        "effect": candidate.effect,
+        "probability": candidate.probability,
+        "parameters": parameters,
+        "log_evidence": candidate.log_evidence,
+        "chi2_gain": candidate.gain,
+        "heldout_gain": candidate.heldout,
+        "refitted": candidate.refitted,
+        "E_MPa": candidate.modulus,
+    }
+
+
+def _plain(content: Any) -> Any:
+    """Records as mappings, arrays and tuples as lists, numpy's numbers as Python's; one that is not finite as
+    None.
+    """
+    if is_dataclass(content):
+        names = [known.name for known in fields(content) if known.name not in OF_THE_PAGE]
+        return {name: _plain(getattr(content, name)) for name in names}
+    if isinstance(content, np.generic | np.ndarray):
+        return _plain(content.tolist())
+    if isinstance(content, Mapping):
+        return {key: _plain(inner) for key, inner in content.items()}
+    if isinstance(content, Sequence) and not isinstance(content, str):
+        return [_plain(inner) for inner in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

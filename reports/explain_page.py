@@ -24,11 +24,11 @@ from reports.explain_charts import (
     rms_chart,
     share_bar,
 )
-from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
+from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import page_environment
 from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
-from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, duration, effect_name, number, percent, with_sd
+from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
 _HATCHED = "not visible from these grasps"
 _MAPS = (
@@ -50,59 +50,54 @@ _MAPS = (
 )
 
 
-def explain_html(found: ExplainEntry) -> str:
+def explain_html(entry: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
     environment = page_environment()
     environment.filters |= {
         "degrees": _degrees,
-        "duration": duration,
-        "effect": effect_name,
         "interval": _interval,
         "mark": _mark,
         "modulus": _modulus,
-        "number": number,
         "p": _p,
-        "percent": percent,
         "sentence": _sentence,
         "share_bar": share_bar,
         "value": _value,
-        "with_sd": with_sd,
     }
-    named = [one for one in found.ranking if one.effect in found.verdict]
-    sides = _sides(found)
-    with_effect = _kind(found) not in (NOTHING, UNEXPLAINED)
+    named = [one for one in entry.ranking if one.effect in entry.verdict]
+    sides = _sides(entry)
+    with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return environment.get_template("templates/explain.html.j2").render(
-        blind_share=_blind_share(found),
-        component=component_in_words(found),
-        cut=_cut(found),
-        found=found,
+        blind_share=_blind_share(entry),
+        component=component_in_words(entry),
+        cut=_cut(entry),
+        entry=entry,
         named=named,
-        maps=_maps(found, sides),
-        meanings=_meanings(found),
-        kind=_kind(found),
-        modulus_charts=modulus_over_time(found, with_effect=with_effect),
-        next_picture=_next_picture(found, sides),
-        evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
-        rms=rms_chart(found.rms, with_effect=with_effect) if found.rms else None,
-        traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in found.traces],
+        maps=_maps(entry, sides),
+        meanings=_meanings(entry),
+        kind=_kind(entry),
+        modulus_charts=modulus_over_time(entry, with_effect=with_effect),
+        next_picture=_next_picture(entry, sides),
+        evidence=evidence_chart(entry.ranking, verdict=entry.verdict) if entry.ranking else None,
+        rms=rms_chart(entry.heldout, with_effect=with_effect) if entry.heldout else None,
+        traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in entry.traces],
         with_effect=with_effect,
-        verdict=explain_verdict(found),
-        when=when_in_words(found),
-        where=where_in_words(found),
-        utc=found.made_utc.strftime("%Y-%m-%d %H:%M:%S UTC"),
+        verdict=explain_verdict(entry),
+        when=when_in_words(entry),
+        where=where_in_words(entry),
+        utc=entry.made_utc.strftime("%Y-%m-%d %H:%M:%S UTC"),
     )
 
 
-def _kind(found: ExplainEntry) -> str:
-    if len(found.verdict) > 1:
+def _kind(entry: ExplainEntry) -> str:
+    if len(entry.verdict) > 1:
         return "several"
-    return found.verdict[0] if found.verdict[0] in (NOTHING, UNEXPLAINED) else "one"
+    return entry.verdict[0] if entry.verdict[0] in (NOTHING, UNEXPLAINED) else "one"
 
 
-def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
+def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
     """(name, what it means, what to do) of every single effect in the verdict."""
-    singles = dict.fromkeys(part for effect in by_rank(found) for part in parts(effect))
-    known = [(name, words_of(name, found)) for name in singles]
+    singles = dict.fromkeys(part for effect in by_rank(entry) for part in parts(effect))
+    known = [(name, words_of(name, entry)) for name in singles]
     return [
         (f"{effect_name(name).capitalize()}: {words.short}.", words.meaning, words.advice)
         for name, words in known
@@ -110,27 +105,27 @@ def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
     ]
 
 
-def _sides(found: ExplainEntry) -> tuple[MapSide, ...]:
+def _sides(entry: ExplainEntry) -> tuple[MapSide, ...]:
     """The fruit from six sides, for all its maps; none where there is no map."""
-    if found.maps is None:
+    if entry.maps is None:
         return ()
     return sides_of(
-        found.maps.vertices_mm,
-        found.maps.triangles,
-        found.maps.visible,
+        entry.maps.vertices_mm,
+        entry.maps.triangles,
+        entry.maps.visible,
         hatched_below=BLIND_BELOW,
-        contacts_mm=found.contacts_mm,
+        contacts_mm=entry.contacts_mm,
     )
 
 
-def _maps(found: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]]:
+def _maps(entry: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]]:
     """(PNG as base64, what it shows), the first the most telling."""
-    if found.maps is None:
+    if entry.maps is None:
         return []
-    seen = found.maps.visible >= BLIND_BELOW
+    seen = entry.maps.visible >= BLIND_BELOW
     pictures = []
     for name, style, words in _MAPS:
-        scores = getattr(found.maps, name)
+        scores = getattr(entry.maps, name)
         if not np.isfinite(scores).any():
             continue
         png = map_picture(
@@ -138,18 +133,18 @@ def _maps(found: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]
             np.nan_to_num(scores),
             style=style,
             seen=seen,
-            centre_mm=found.where.centre_mm,
-            radius_mm=found.where.radius_mm,
+            centre_mm=entry.where.centre_mm,
+            radius_mm=entry.where.radius_mm,
         )
         pictures.append((base64.b64encode(png).decode("ascii"), words))
     return pictures
 
 
-def _next_picture(found: ExplainEntry, sides: Sequence[MapSide]) -> str:
+def _next_picture(entry: ExplainEntry, sides: Sequence[MapSide]) -> str:
     """PNG as base64 of where the next grasp's pads go; empty where no grasp was planned."""
-    if found.maps is None or found.next_grasp_plan is None or not found.next_grasp_plan.grasps:
+    if entry.maps is None or entry.next_grasp_plan is None or not entry.next_grasp_plan.grasps:
         return ""
-    patches = {pad.pad: pad.patch_mm for pad in found.next_grasp_plan.grasps[0].pads}
+    patches = {pad.pad: pad.patch_mm for pad in entry.next_grasp_plan.grasps[0].pads}
     return base64.b64encode(next_grasp_picture(sides, patches)).decode("ascii")
 
 
@@ -167,22 +162,22 @@ def _sentence(words: str) -> str:
     return words[:1].upper() + words[1:] + ("" if words.endswith((".", "!", "?")) else ".")
 
 
-def _blind_share(found: ExplainEntry) -> float | None:
+def _blind_share(entry: ExplainEntry) -> float | None:
     """Share of the skin, by area, in the blind zone."""
-    if found.maps is None:
+    if entry.maps is None:
         return None
-    corners = found.maps.vertices_mm[found.maps.triangles]
+    corners = entry.maps.vertices_mm[entry.maps.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    blind = (found.maps.visible[found.maps.triangles] < BLIND_BELOW).mean(axis=1)
+    blind = (entry.maps.visible[entry.maps.triangles] < BLIND_BELOW).mean(axis=1)
     return float((area * blind).sum() / area.sum())
 
 
-def _cut(found: ExplainEntry) -> str:
+def _cut(entry: ExplainEntry) -> str:
     """By how much the residual beyond noise fell on unseen recordings."""
-    if found.rms is None:
+    if entry.heldout is None:
         return ""
-    before, after, noise = found.rms
-    if _kind(found) in (NOTHING, UNEXPLAINED):
+    before, after, noise = entry.heldout.rms_before, entry.heldout.rms_after, entry.heldout.noise_rms
+    if _kind(entry) in (NOTHING, UNEXPLAINED):
         return ""
     excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
     if excess[0] <= 0.05 * noise:
@@ -197,29 +192,25 @@ def _cut(found: ExplainEntry) -> str:
     return f"The effect reduces the residual beyond noise by a factor of {excess[0] / excess[1]:.1f}."
 
 
-def _value(parameter: ParameterEntry) -> str:
+def _value(parameter: Record) -> str:
     unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
-    if isinstance(parameter.value, str):
-        return parameter.value
-    if isinstance(parameter.value, tuple):
-        spread = parameter.sd if isinstance(parameter.sd, tuple) else (None,) * len(parameter.value)
-        each = [with_sd(x, sd) for x, sd in zip(parameter.value, spread, strict=True)]
-        return f"({'; '.join(each)}){unit}"
-    return f"{with_sd(parameter.value, _scalar(parameter.sd))}{unit}"
+    value, sd = parameter.value, parameter.sd
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        spread = sd if isinstance(sd, tuple) else (None,) * len(value)
+        return f"({'; '.join(map(with_sd, value, spread))}){unit}"
+    return f"{with_sd(value, None if isinstance(sd, tuple) else sd)}{unit}"
 
 
-def _scalar(sd: float | tuple[float, ...] | None) -> float | None:
-    return float(sd) if isinstance(sd, int | float) else None
-
-
-def _modulus(modulus: ModulusEntry | None) -> str:
+def _modulus(modulus: Record | None) -> str:
     return UNKNOWN if modulus is None else with_sd(modulus.value, modulus.sd)
 
 
-def _interval(parameter: ParameterEntry) -> str:
-    if parameter.interval_90 is None:
+def _interval(parameter: Record) -> str:
+    if parameter.interval is None:
         return UNKNOWN
-    return f"{number(parameter.interval_90[0])} to {number(parameter.interval_90[1])}"
+    return f"{number(parameter.interval[0])} to {number(parameter.interval[1])}"
 
 
 def _p(p_value: float) -> str:
@@ -228,7 +219,7 @@ def _p(p_value: float) -> str:
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
 
 
-def _mark(check: CheckEntry) -> tuple[bool, str]:
+def _mark(check: Record) -> tuple[bool, str]:
     """Whether the model with the effect gives the number within two standard deviations."""
     good = abs(check.after - check.measured) <= 2 * check.sd
     return good, "✓ agrees" if good else "✗ differs"

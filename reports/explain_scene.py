@@ -9,11 +9,11 @@ from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.skin_map import BLIND_BELOW, SkinLayer
 
 
-def explained_scene(found: ExplainEntry, pit: SceneSurface | None) -> bytes | None:
+def explained_scene(entry: ExplainEntry, pit: SceneSurface | None) -> bytes | None:
     """A GLB as `fruit_scene` makes it; on the skin the standard score of softer (negative) or firmer flesh
     wherever a spot could be seen. None where the finder has no such map.
     """
-    maps = found.maps
+    maps = entry.maps
     if maps is None:
         return None
     shown = np.isfinite(maps.modulus_score) & (maps.visible >= BLIND_BELOW)
@@ -27,4 +27,4 @@ def explained_scene(found: ExplainEntry, pit: SceneSurface | None) -> bytes | No
         limit=max(float(np.abs(values).max()), BLIND_BELOW),
         unit="σ",
     )
-    return fruit_scene(SceneSurface(maps.vertices_mm, maps.triangles), pit, found.contacts_mm, layer)
+    return fruit_scene(SceneSurface(maps.vertices_mm, maps.triangles), pit, entry.contacts_mm, layer)

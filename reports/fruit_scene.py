@@ -24,8 +24,8 @@ SKIN_ALPHA, PATCH_ALPHA = 0.45, 0.92
 ROUND = 1.6
 """Patch round a marker, in the median distance of neighbouring markers: patches are closed, rims half a pitch
 wide."""
-_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_SHORT = 5126, 5121, 5123
-"""Component types (glTF 2.0, 3.6.2.2)."""
+_COMPONENTS = {"<f4": 5126, "|u1": 5121, "<u2": 5123}
+"""Component types (glTF 2.0, 3.6.2.2) of numpy's."""
 _VERTICES, _TRIANGLES = 34962, 34963
 """Buffer targets (glTF 2.0, 5.11.5)."""
 
@@ -106,17 +106,17 @@ def _glb(parts: list[_Part]) -> bytes:
     views: list[dict[str, int]] = []
     accessors: list[dict[str, object]] = []
 
-    def held(array: np.ndarray, component: int, kind: str, target: int, **more: object) -> int:
-        data = array.tobytes()
+    def held(array: np.ndarray, target: int, **more: object) -> int:
+        content = array.tobytes()
         buffer.extend(b"\0" * (-len(buffer) % 4))
-        views.append({"buffer": 0, "byteOffset": len(buffer), "byteLength": len(data), "target": target})
-        buffer.extend(data)
+        views.append({"buffer": 0, "byteOffset": len(buffer), "byteLength": len(content), "target": target})
+        buffer.extend(content)
         accessors.append(
             {
                 "bufferView": len(views) - 1,
-                "componentType": component,
-                "count": array.size if kind == "SCALAR" else len(array),
-                "type": kind,
+                "componentType": _COMPONENTS[array.dtype.str],
+                "count": len(array),
+                "type": "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}",
                 **more,
             }
         )
@@ -125,35 +125,19 @@ def _glb(parts: list[_Part]) -> bytes:
     meshes = []
     for part in parts:
         places = np.asarray(part.surface.vertices, dtype="<f4")
-        limits = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
         painted = {
-            f"COLOR_{k}": held(
-                np.round(255 * colour).astype(np.uint8),
-                _UNSIGNED_BYTE,
-                "VEC4",
-                _VERTICES,
-                normalized=True,
-            )
+            f"COLOR_{k}": held(np.round(255 * colour).astype("|u1"), _VERTICES, normalized=True)
             for k, colour in enumerate(part.colours)
         }
-        meshes.append(
-            {
-                "name": part.name,
-                **({"extras": part.extras} if part.extras else {}),
-                "primitives": [
-                    {
-                        "attributes": {
-                            "POSITION": held(places, _FLOAT, "VEC3", _VERTICES, **limits),
-                            **painted,
-                        },
-                        "indices": held(
-                            np.asarray(part.surface.faces, dtype="<u2"), _UNSIGNED_SHORT, "SCALAR", _TRIANGLES
-                        ),
-                        "material": 0,
-                    }
-                ],
-            }
-        )
+        limits = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
+        corners = np.ravel(part.surface.faces).astype("<u2")
+        primitive = {
+            "attributes": {"POSITION": held(places, _VERTICES, **limits), **painted},
+            "indices": held(corners, _TRIANGLES),
+            "material": 0,
+        }
+        extras = {"extras": part.extras} if part.extras else {}
+        meshes.append({"name": part.name, **extras, "primitives": [primitive]})
     buffer.extend(b"\0" * (-len(buffer) % 4))
     content = {
         "asset": {"version": "2.0", "generator": "drupe"},

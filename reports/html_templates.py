@@ -11,6 +11,7 @@ from jinja2.bccache import Bucket
 from markupsafe import Markup
 
 from reports.language import language_in_force, say, say_html
+from reports.words import duration, effect_name, number, percent, with_sd
 
 
 class _Compiled(BytecodeCache):
@@ -34,8 +35,8 @@ _compiled: dict[str, _Compiled] = {}
 
 
 def page_environment() -> Environment:
-    """Where templates are found by their path in this package, with filters to be added; in the language in
-    force (reports.language).
+    """Where templates are found by their path in this package, with the filters that several pages have; in
+    the language in force (reports.language).
     """
     environment = Environment(
         loader=PackageLoader("reports", package_path=""),
@@ -45,6 +46,13 @@ def page_environment() -> Environment:
         lstrip_blocks=True,
         bytecode_cache=_compiled.setdefault(language_in_force(), _Compiled()),
     )
+    environment.filters |= {
+        "duration": duration,
+        "effect": effect_name,
+        "number": number,
+        "percent": percent,
+        "with_sd": with_sd,
+    }
     environment.globals |= {"language": language_in_force(), "say": say, "say_html": say_html}
     return environment
 

@@ -14,7 +14,7 @@ from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark
-from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, percent, suspect_words, with_sd
+from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, suspect_words
 
 MOST_BEFORE = 8
 """Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
@@ -64,8 +64,6 @@ def _page(entry: KioskEntry) -> str:
     environment.filters |= {
         "class_words": class_words,
         "mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
-        "with_sd": with_sd,
-        "percent": percent,
         "next_action": next_action,
         "left_out": left_out,
         "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",

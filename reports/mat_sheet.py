@@ -6,13 +6,14 @@ import io
 from collections.abc import Mapping
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
+from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
 _INK = "#000000"
@@ -122,13 +123,8 @@ _STRIP_MM = 19.0
 
 def _nearest_mm(corners_mm: Mapping[int, Float[np.ndarray, "4 3"]]) -> float:
     """Distance of the origin from the nearest tag's edges."""
-    distances = []
-    for corners in corners_mm.values():
-        start = corners[:, :2]
-        along = np.roll(start, -1, axis=0) - start
-        share = np.clip(-(start * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-        distances.append(np.linalg.norm(start + share[:, None] * along, axis=1).min())
-    return float(min(distances))
+    tags = [corners[:, :2].astype(np.float32) for corners in corners_mm.values()]
+    return min(abs(cv2.pointPolygonTest(tag, (0.0, 0.0), measureDist=True)) for tag in tags)
 
 
 def _centre(axes: Axes, radius: float) -> None:
@@ -164,10 +160,11 @@ def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> N
     """Draws the measuring bar, what to do with it, and the mat's title."""
     y = max(lowest - 6.0, bottom + 13.0)
     half = _BAR_MM / 2
-    axes.add_patch(_rectangle(-half, y - 0.4, half, y + 0.4))
+    ink: dict[str, Any] = {"facecolor": _INK, "linewidth": 0}
+    axes.add_patch(Rectangle((-half, y - 0.4), _BAR_MM, 0.8, **ink))
     for x in (-half, half):
         inner = 0.4 if x < 0 else -0.4
-        axes.add_patch(_rectangle(min(x, x + inner), y - 2.0, max(x, x + inner), y + 2.0))
+        axes.add_patch(Rectangle((min(x, x + inner), y - 2.0), 0.4, 4.0, **ink))
     words: dict[str, Any] = {"ha": "center", "va": "top", "color": "#222222"}
     axes.text(
         0.0,
@@ -177,9 +174,3 @@ def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> N
         **words,
     )
     axes.text(0.0, y - 7.2, title, fontsize=6.5, **words)
-
-
-def _rectangle(left: float, low: float, right: float, high: float) -> PathPatch:
-    ring = [(left, low), (left, high), (right, high), (right, low), (left, low)]
-    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY]
-    return PathPatch(Path(ring, codes), facecolor=_INK, linewidth=0)

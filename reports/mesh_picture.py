@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
+from reports.figures import png_of, show
 from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
 FLESH = np.array([0.99, 0.74, 0.47])
@@ -59,7 +58,6 @@ def mesh_picture(
     lowest, highest = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
     half = 0.72 * float((highest - lowest).max())
     figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
     for k, azimuth_deg in enumerate((35.0, 215.0)):
         view = Viewing(
             centre_mm=0.5 * (lowest + highest) - np.array([0.0, 0.0, 0.04 * half]),
@@ -69,18 +67,14 @@ def mesh_picture(
             half_height_mm=half,
         )
         image = _painted(fruit, pit, touched, view, pixels=view_px * samples, floor_mm=float(lowest[2]))
-        image = image.reshape(view_px, samples, view_px, samples, 3).mean(axis=(1, 3))
         axes = figure.add_axes((0.5 * k, 0.0, 0.5, 1.0))
-        axes.imshow(image, extent=(-half, half, -half, half), interpolation="nearest")
-        axes.set_axis_off()
+        show(axes, image, half, samples=samples)
         _directions(axes, view, half, axis_words)
         if k == 0:
             _legend(axes, tuple(touched), half, with_pit=pit is not None)
         else:
             _scale_bar(axes, half)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=100, metadata={"Software": None})
-    return out.getvalue()
+    return png_of(figure)
 
 
 def _painted(

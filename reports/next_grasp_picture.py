@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 from scipy.spatial import cKDTree
 
-from reports.skin_map import MapSide
+from reports.figures import png_of
+from reports.skin_map import INK, MapSide, sides_figure
 
-INK = "#16191d"
-"""Colour of text, as the page's (sRGB)."""
 SKIN = np.array([0.95, 0.90, 0.80])
 """Colour of skin that no pad touches (sRGB shares)."""
 SO_FAR = np.array([0.45, 0.47, 0.50])
@@ -27,8 +25,6 @@ REACH = 1.3
 """A pixel belongs to a patch within so many marker spacings of a marker: no gaps between markers."""
 LEAST_MM, MOST_MM = 0.5, 4.0
 """Bounds of that distance, mm."""
-KEY_PX = 46
-"""Height of the key below the views, pixels."""
 
 
 def next_grasp_picture(
@@ -38,29 +34,13 @@ def next_grasp_picture(
 
     `patches_mm`: by pad, points of the skin that it is to touch. `samples` per pixel, as the sides have them.
     """
-    view_px = len(sides[0].front_surface.hit) // samples
-    columns = 3
-    rows = -(-len(sides) // columns)
-    width, height = columns * view_px, rows * view_px + KEY_PX
-    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
-    for k, side in enumerate(sides):
-        image = _painted(side, patches_mm)
-        image = image.reshape(view_px, samples, view_px, samples, 3).mean(axis=(1, 3))
-        row, column = divmod(k, columns)
-        axes = figure.add_axes(
-            (column / columns, 1 - (row + 1) * view_px / height, 1 / columns, view_px / height)
-        )
-        half = side.view.half_width_mm
-        axes.imshow(image, extent=(-half, half, -half, half), interpolation="nearest")
-        axes.set_axis_off()
-        axes.text(-0.97 * half, 0.95 * half, side.name, ha="left", va="top", fontsize=9.5, color=INK)
+    images = [_painted(side, patches_mm) for side in sides]
+    figure, axes, key = sides_figure(sides, images, samples=samples, key_px=46)
+    for of_side, side in zip(axes, sides, strict=True):
         for pad, points in patches_mm.items():
-            _named(axes, side, pad, points)
-    _key(figure, tuple(patches_mm), height=height)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=100, metadata={"Software": None})
-    return out.getvalue()
+            _named(of_side, side, pad, points)
+    _key(key, tuple(patches_mm))
+    return png_of(figure)
 
 
 def _painted(
@@ -75,8 +55,7 @@ def _painted(
         near = float(np.clip(REACH * np.quantile(apart, 0.9), LEAST_MM, MOST_MM))
         inside = np.zeros(surface.hit.shape, dtype=bool)
         inside[surface.hit] = np.asarray(tree.query(surface.points_mm[surface.hit])[0]) < near
-        colour = PADS[k % len(PADS)]
-        image[inside] = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        image[inside] = to_rgb(PADS[k % len(PADS)])
     facing = np.clip(surface.normals @ side.view.axes[2], 0.0, 1.0)
     image *= 0.62 + 0.38 * facing[..., None] ** 0.8
     for outline in side.outlines.values():
@@ -89,24 +68,12 @@ def _named(axes: Axes, side: MapSide, pad: str, points: Float[np.ndarray, "_p 3"
     across, up, towards = side.view.axes @ (points.mean(axis=0) - side.view.centre_mm)
     if towards < 0.3 * side.view.half_width_mm:
         return
-    axes.text(
-        float(across),
-        float(up),
-        pad,
-        ha="center",
-        va="center",
-        fontsize=8,
-        color="white",
-        fontweight="bold",
-    )
+    how: dict[str, Any] = {"ha": "center", "va": "center", "color": "white", "fontweight": "bold"}
+    axes.text(float(across), float(up), pad, fontsize=8, **how)
 
 
-def _key(figure: Figure, pads: tuple[str, ...], *, height: int) -> None:
+def _key(axes: Axes, pads: tuple[str, ...]) -> None:
     """What fills and outlines mean."""
-    axes = figure.add_axes((0.03, 0.0, 0.94, KEY_PX / height))
-    axes.set_xlim(0, 100)
-    axes.set_ylim(0, 10)
-    axes.set_axis_off()
     for k, pad in enumerate(pads):
         axes.add_patch(Rectangle((22 * k, 3.5), 3.5, 4, color=PADS[k % len(PADS)]))
         axes.text(22 * k + 4.5, 5.5, f"next: pad {pad}", ha="left", va="center", fontsize=9, color=INK)

@@ -44,10 +44,8 @@ from reports.words import (
     effect_name,
     number,
     p_words,
-    percent,
     remarks,
     verdict,
-    with_sd,
 )
 
 _EXIT_STATUS = {
@@ -60,6 +58,11 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
+_FILTERS = (
+    *(advice, class_words, p_words, reason_words, remarks, share_words),
+    *(control_chart, force_chart, frames_chart, grasps_chart),
+)
+"""Functions that the template calls by their names."""
 MOST_ROWS = 40
 """Fruit up to which the ranking's chart has a row for each; beyond it the distribution is drawn."""
 
@@ -84,31 +87,18 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     marks = class_marks(tuple(name for name, _ in batch.classes))
     environment = page_environment()
     environment.filters |= {
-        "advice": advice,
-        "class_words": class_words,
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
-        "control_chart": control_chart,
         "image": _image,
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
-        "effect": effect_name,
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
         "facts": _facts,
-        "force_chart": force_chart,
-        "frames_chart": frames_chart,
-        "grasps_chart": grasps_chart,
-        "number": number,
-        "p_words": p_words,
-        "percent": percent,
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
-        "reason_words": reason_words,
-        "share_words": share_words,
-        "remarks": remarks,
         "screened": _screened,
         "utc": _utc,
-        "with_sd": with_sd,
     }
+    environment.filters |= {words.__name__: words for words in _FILTERS}
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
     script, script_hash = own_script("table.js")

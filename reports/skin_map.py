@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import cKDTree
 
+from reports.figures import png_of, show
 from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
 BLIND_BELOW = 3.0
 """A spot whose signal is less than three times its noise could not be seen."""
-_INK, _GREY = "#16191d", np.array([0.70, 0.72, 0.75])
+INK, _GREY = "#16191d", np.array([0.70, 0.72, 0.75])
 """Colours of lines (as the page's text) and of hatched skin (sRGB shares)."""
 _PAD_LINES = ("#0b2a4f", "#00594f", "#5a2a66", "#333333")
 _SIDES = (
@@ -167,31 +166,42 @@ def map_picture(
     A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
     """
     of_sides = [scores] * len(sides) if isinstance(scores, np.ndarray) else scores
-    within = np.abs([own[seen] if seen.any() else own for own in of_sides])
+    within = np.abs([values[seen] if seen.any() else values for values in of_sides])
     limit = max(float(np.nanmax(within, initial=0.0)), style.least)
-    view_px = len(sides[0].front_surface.hit) // samples
-    columns, bar_px = 3, 74
+    images = [
+        _coloured(side, values, limit=limit, style=style)
+        for side, values in zip(sides, of_sides, strict=True)
+    ]
+    figure, axes, key = sides_figure(sides, images, samples=samples, key_px=74)
+    if centre_mm is not None:
+        for of_side, side in zip(axes, sides, strict=True):
+            _ring(of_side, side, np.asarray(centre_mm), radius_mm or 3.0)
+    _key(key, limit, style, tuple(sides[0].outlines))
+    return png_of(figure)
+
+
+def sides_figure(
+    sides: Sequence[MapSide], images: Sequence[Float[np.ndarray, "_h _w 3"]], *, samples: int, key_px: int
+) -> tuple[Figure, list[Axes], Axes]:
+    """The sides by their names, three in a row, over a key so many px high; the sides' axes, and the key's
+    (0 to 100 across, 0 to 10 up). `samples` squared pixels of an image make one of the figure.
+    """
+    view_px, columns = len(images[0]) // samples, 3
     rows = -(-len(sides) // columns)
-    width, height = columns * view_px, rows * view_px + bar_px
-    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
-    for k, (side, own) in enumerate(zip(sides, of_sides, strict=True)):
-        image = _coloured(side, own, limit=limit, style=style)
-        image = image.reshape(view_px, samples, view_px, samples, 3).mean(axis=(1, 3))
+    height = rows * view_px + key_px
+    figure = Figure(figsize=(columns * view_px / 100, height / 100), dpi=100, facecolor="white")
+    all_axes = []
+    for k, (side, image) in enumerate(zip(sides, images, strict=True)):
         row, column = divmod(k, columns)
         place = (column / columns, 1 - (row + 1) * view_px / height, 1 / columns, view_px / height)
         axes = figure.add_axes(place)
         half = side.view.half_width_mm
-        axes.imshow(image, extent=(-half, half, -half, half), interpolation="nearest")
-        axes.set_axis_off()
-        axes.text(-0.97 * half, 0.95 * half, side.name, ha="left", va="top", fontsize=9.5, color=_INK)
-        if centre_mm is not None:
-            _ring(axes, side, np.asarray(centre_mm), radius_mm or 3.0)
-    pads = tuple(sides[0].outlines)
-    _key(figure, limit, style, pads, height=height, bar_px=bar_px)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=100, metadata={"Software": None})
-    return out.getvalue()
+        show(axes, image, half, samples=samples)
+        axes.text(-0.97 * half, 0.95 * half, side.name, ha="left", va="top", fontsize=9.5, color=INK)
+        all_axes.append(axes)
+    key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
+    key.set_axis_off()
+    return figure, all_axes, key
 
 
 def _coloured(
@@ -207,8 +217,7 @@ def _coloured(
     facing = np.clip(side.front_surface.normals @ side.view.axes[2], 0.0, 1.0)
     image = colour * (0.62 + 0.38 * facing[..., None] ** 0.8)
     for k, outline in enumerate(side.outlines.values()):
-        ink = np.array([int(_PAD_LINES[k % 4][i : i + 2], 16) / 255 for i in (1, 3, 5)])
-        image = np.where(outline[..., None], ink, image)
+        image = np.where(outline[..., None], to_rgb(_PAD_LINES[k % 4]), image)
     return np.where(side.front_surface.hit[..., None], np.clip(image, 0.0, 1.0), 1.0)
 
 
@@ -233,7 +242,7 @@ def _ring(axes: Axes, side: MapSide, centre_mm: Float[np.ndarray, " 3"], radius_
     across, up, towards = side.view.axes @ (centre_mm - side.view.centre_mm)
     if towards < 0.3 * side.view.half_width_mm:
         return
-    for colour, wide in (("white", 3.6), (_INK, 1.6)):
+    for colour, wide in (("white", 3.6), (INK, 1.6)):
         axes.add_patch(
             Circle(
                 (float(across), float(up)), radius_mm, fill=False, edgecolor=colour, lw=wide, ls=(0, (4, 2))
@@ -241,14 +250,8 @@ def _ring(axes: Axes, side: MapSide, centre_mm: Float[np.ndarray, " 3"], radius_
         )
 
 
-def _key(
-    figure: Figure, limit: float, style: MapStyle, pads: tuple[str, ...], *, height: int, bar_px: int
-) -> None:
+def _key(axes: Axes, limit: float, style: MapStyle, pads: tuple[str, ...]) -> None:
     """Colour bar with words at its ends, the hatching, and the pads' outlines."""
-    axes = figure.add_axes((0.03, 0.0, 0.94, bar_px / height))
-    axes.set_xlim(0, 100)
-    axes.set_ylim(0, 10)
-    axes.set_axis_off()
     bar = np.linspace(0, 1, 256)[None]
     cmap = SIGNED if style.signed else ONE_SIDED
     axes.imshow(cmap(bar), extent=(0, 46, 5.6, 8.2), aspect="auto")
@@ -256,17 +259,15 @@ def _key(
     ends = (-limit, 0.0, limit) if style.signed else (0.0, limit / 2, limit)
     for x, value in zip((0.0, 23.0, 46.0), ends, strict=True):
         axes.text(x, 4.9, f"{value:.3g}", ha="center", va="top", fontsize=8.5, color="#535b66")
-    axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=_INK)
-    axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=_INK)
+    axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
+    axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
     patch: UInt8[np.ndarray, "h w 3"] = np.zeros((14, 24, 3), dtype=np.uint8)
     rows, columns = np.indices(patch.shape[:2])
     dark = ((rows + columns) // 3 % 3 == 0)[..., None]
     patch[:] = np.where(dark, 255 * 0.82 * _GREY, 255 * np.minimum(_GREY + 0.12, 1.0)).astype(np.uint8)
     axes.imshow(patch, extent=(54, 58, 5.6, 8.2), aspect="auto", interpolation="nearest")
-    axes.text(59.3, 6.9, style.hatched, ha="left", va="center", fontsize=9, color=_INK)
+    axes.text(59.3, 6.9, style.hatched, ha="left", va="center", fontsize=9, color=INK)
     for k, pad in enumerate(pads):
         x = 54 + 15 * k
         axes.add_patch(Rectangle((x, 1.0), 4, 2.4, fill=False, edgecolor=_PAD_LINES[k % 4], lw=1.6))
-        axes.text(x + 5.3, 2.2, f"pad {pad}", ha="left", va="center", fontsize=9, color=_INK)
-    axes.set_xlim(0, 100)
-    axes.set_ylim(0, 10)
+        axes.text(x + 5.3, 2.2, f"pad {pad}", ha="left", va="center", fontsize=9, color=INK)

@@ -7,8 +7,10 @@ clashing, the page's style sheet colours them, and text stays text that can be f
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from reports.language import decimals as with_comma
@@ -75,7 +77,7 @@ def ticks(lowest: float, highest: float, *, at_most: int) -> tuple[float, ...]:
     return tuple(float(f"{k * step:.12g}") for k in range(first, last + 1))
 
 
-def padded(values: list[float], *, from_zero: bool = False) -> tuple[float, float]:
+def padded(values: Iterable[float], *, from_zero: bool = False) -> tuple[float, float]:
     """Axis limits that hold all finite values with a little air; never empty."""
     finite = [value for value in values if math.isfinite(value)] or [0.0, 1.0]
     lowest, highest = min(finite), max(finite)
@@ -85,34 +87,77 @@ def padded(values: list[float], *, from_zero: bool = False) -> tuple[float, floa
     return (lowest if from_zero and lowest == 0.0 else lowest - air, highest + air)
 
 
-def axis_x(scale: AxisScale, *, label: str, top: float, bottom: float, at_most: int) -> Markup:
-    """Grid lines, tick labels and the label of a horizontal axis."""
-    parts, lines = [], ""
-    for value in ticks(scale.lowest, scale.highest, at_most=at_most):
-        x = scale(value)
-        lines += f"M{x:.1f} {top:.1f}V{bottom:.1f}"
-        parts.append(
-            element("text", with_comma(f"{value:g}"), x=x, y=bottom + 16, text_anchor="middle", class_="tick")
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """A drawn area between edges in px, and the values at them: of x left and right, of y below and above."""
+
+    x_limits: tuple[float, float]
+    y_limits: tuple[float, float]
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+    @property
+    def x(self) -> AxisScale:
+        """Values on pixels from left to right."""
+        low, high = self.x_limits
+        return AxisScale(lowest=low, highest=high, start_px=self.left, end_px=self.right)
+
+    @property
+    def y(self) -> AxisScale:
+        """Values on pixels from the lower edge to the upper."""
+        low, high = self.y_limits
+        return AxisScale(lowest=low, highest=high, start_px=self.bottom, end_px=self.top)
+
+    def axis_x(self, words: str, *, at_most: int = 7) -> Markup:
+        """Grid lines, at most so many tick labels and the label of the horizontal axis."""
+        scale, parts, lines = self.x, [], ""
+        for value in ticks(*self.x_limits, at_most=at_most):
+            x = scale(value)
+            lines += f"M{x:.1f} {self.top:.1f}V{self.bottom:.1f}"
+            parts.append(label(with_comma(f"{value:g}"), x, self.bottom + 16, anchor="middle", class_="tick"))
+        middle = (self.left + self.right) / 2
+        name = label(words, middle, self.bottom + 35, anchor="middle", class_="axis")
+        base = rule(self.left, self.right, self.bottom, self.bottom, class_="base")
+        return Markup("").join([element("path", d=lines, class_="grid"), *parts, name, base])
+
+    def axis_y(self, words: str, *, at_most: int = 6, above: float = 12.0) -> Markup:
+        """Grid lines, at most so many tick labels and, so many px above, the label of the vertical axis."""
+        scale, parts, lines = self.y, [], ""
+        for value in ticks(*self.y_limits, at_most=at_most):
+            y = scale(value)
+            lines += f"M{self.left:.1f} {y:.1f}H{self.right:.1f}"
+            parts.append(label(with_comma(f"{value:g}"), self.left - 7, y + 4, anchor="end", class_="tick"))
+        name = label(words, 4.0, self.top - above, anchor="start", class_="axis")
+        return Markup("").join([element("path", d=lines, class_="grid"), *parts, name])
+
+    def line(self, across: np.ndarray, up: np.ndarray, *, class_: str) -> Markup:
+        """A line through the points that are finite."""
+        finite = np.isfinite(across) & np.isfinite(up)
+        return polyline([*map(self.x, across[finite])], [*map(self.y, up[finite])], class_=class_)
+
+    def dots(self, points: Iterable[tuple[float, float]]) -> str:
+        """The path of the finite points. A stroke without length is a round or square dot: a tenth of the
+        bytes of an element for each.
+        """
+        return "".join(
+            f"M{self.x(across):.1f} {self.y(up):.1f}h0"
+            for across, up in points
+            if math.isfinite(across) and math.isfinite(up)
         )
-    parts.insert(0, element("path", d=lines, class_="grid"))
-    middle = (scale.start_px + scale.end_px) / 2
-    parts.append(element("text", label, x=middle, y=bottom + 35, text_anchor="middle", class_="axis"))
-    parts.append(element("line", x1=scale.start_px, x2=scale.end_px, y1=bottom, y2=bottom, class_="base"))
-    return Markup("").join(parts)
 
 
-def axis_y(scale: AxisScale, *, label: str, left: float, right: float, at_most: int) -> Markup:
-    """Grid lines, tick labels and, above the axis, the label of a vertical axis."""
-    parts, lines = [], ""
-    for value in ticks(scale.lowest, scale.highest, at_most=at_most):
-        y = scale(value)
-        lines += f"M{left:.1f} {y:.1f}H{right:.1f}"
-        parts.append(
-            element("text", with_comma(f"{value:g}"), x=left - 7, y=y + 4, text_anchor="end", class_="tick")
-        )
-    parts.insert(0, element("path", d=lines, class_="grid"))
-    parts.append(element("text", label, x=4.0, y=scale.end_px - 12, text_anchor="start", class_="axis"))
-    return Markup("").join(parts)
+def label(words: str, x: float, y: float, *, anchor: str = "", class_: str = "label") -> Markup:
+    """Text at a place; `anchor`: "start", "middle" or "end"."""
+    how = {"text_anchor": anchor} if anchor else {}
+    return element("text", words, x=x, y=y, **how, class_=class_)
+
+
+def rule(x1: float, x2: float, y1: float, y2: float, *, class_: str, title: str = "") -> Markup:
+    """A straight line, told by its title."""
+    said = [element("title", title)] if title else []
+    return element("line", *said, x1=x1, x2=x2, y1=y1, y2=y2, class_=class_)
 
 
 def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "", fill: str = "") -> Markup:
@@ -136,21 +181,19 @@ def class_mark(colour: str, shape: str) -> Markup:
     return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
 
 
-def error_bar_x(scale: AxisScale, value: float, sd: float | None, y: float, *, class_: str = "") -> Markup:
-    """Whiskers from one standard deviation below to one above; nothing where the deviation is not known."""
+def error_bar(
+    scale: AxisScale, value: float, sd: float | None, at: float, *, upright: bool = False, class_: str = ""
+) -> Markup:
+    """Whiskers from one standard deviation below to one above, along x at the height `at` or upright at x;
+    nothing where the deviation is not known.
+    """
     if sd is None or not math.isfinite(sd):
         return Markup("")
     low, high = scale(max(value - sd, scale.lowest)), scale(min(value + sd, scale.highest))
-    path = f"M{low:.1f},{y - 4:.1f}v8M{low:.1f},{y:.1f}H{high:.1f}M{high:.1f},{y - 4:.1f}v8"
-    return element("path", d=path, class_=f"whisker {class_}".strip())
-
-
-def error_bar_y(scale: AxisScale, value: float, sd: float | None, x: float, *, class_: str = "") -> Markup:
-    """The same, upright: y pixels by ``scale`` at the given x."""
-    if sd is None or not math.isfinite(sd):
-        return Markup("")
-    low, high = scale(max(value - sd, scale.lowest)), scale(min(value + sd, scale.highest))
-    path = f"M{x - 4:.1f},{low:.1f}h8M{x:.1f},{low:.1f}V{high:.1f}M{x - 4:.1f},{high:.1f}h8"
+    if upright:
+        path = f"M{at - 4:.1f},{low:.1f}h8M{at:.1f},{low:.1f}V{high:.1f}M{at - 4:.1f},{high:.1f}h8"
+    else:
+        path = f"M{low:.1f},{at - 4:.1f}v8M{low:.1f},{at:.1f}H{high:.1f}M{high:.1f},{at - 4:.1f}v8"
     return element("path", d=path, class_=f"whisker {class_}".strip())
 
 

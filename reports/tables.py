@@ -13,37 +13,6 @@ import pandas as pd
 
 from reports.entries import BatchEntry, FruitEntry, ranked
 
-RANKING_COLUMNS = (
-    "rank",
-    "fruit_id",
-    "outcome",
-    "E_MPa",
-    "E_sd_MPa",
-    "maturity",
-    "maturity_probability",
-    "p_softer_than_next",
-    "height_mm",
-    "volume_mm3",
-    "grasps",
-    "shore_oo",
-    "mismatch",
-    "reason",
-    "rank_probability",
-    "rank_low",
-    "rank_high",
-    "warnings",
-    "doubts",
-    "reference",
-    "E_uncorrected_MPa",
-    "mismatch_by",
-    "screen",
-    "screen_p",
-    "decision",
-    "decision_reason",
-    "E_scale_sd_MPa",
-)
-"""The columns, in order. New ones are added at the end only: programs read these by name and place."""
-
 EXCEL_DIALECTS = {
     "excel": (",", "."),
     "excel-de": (";", ","),
@@ -66,8 +35,7 @@ def ranking_json(batch: BatchEntry) -> str:
     text as it is (no apostrophe before what a spreadsheet would run).
     """
     rows = [_row(fruit, safe=_plain) for fruit in ranked(batch.fruits)]
-    table = [{name: row[name] for name in RANKING_COLUMNS} for row in rows]
-    return json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def ranking_csv(batch: BatchEntry) -> str:
@@ -89,7 +57,7 @@ def ranking_excel(batch: BatchEntry, *, dialect: str) -> str:
     """
     separator, point = EXCEL_DIALECTS[dialect]
     rows = [_row(fruit) for fruit in ranked(batch.fruits)]
-    cells = [{name: _with_point(row[name], point) for name in RANKING_COLUMNS} for row in rows]
+    cells = [{name: _with_point(cell, point) for name, cell in row.items()} for row in rows]
     table = pd.DataFrame(cells, columns=list(RANKING_COLUMNS), dtype=object)
     return BYTE_ORDER_MARK + table.to_csv(index=False, sep=separator, lineterminator="\r\n", na_rep="")
 
@@ -138,7 +106,9 @@ def _plain(text: str | None) -> str | None:
 
 
 def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
-    """A fruit's cells by column."""
+    """A fruit's cells by column. New columns are added at the end only: programs read these by name and
+    place.
+    """
     return {
         "rank": fruit.rank,
         "fruit_id": safe(fruit.fruit_id),
@@ -178,3 +148,7 @@ def _decimals(value: float | None, *, places: int) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
     return round(value, places) if places else round(value)
+
+
+RANKING_COLUMNS = tuple(_row(FruitEntry(fruit_id="", ok=False, outcome="")))
+"""The columns, in order."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
+
+from reports.figures import png_of
 
 _TAKEN, _GAP, _STAND, _FRUIT = "#1d4e89", "#f3c9b8", "#b3361b", "#fdbd78"
 
@@ -28,7 +28,6 @@ def view_plan_picture(
     there. Distances in one unit, scaled to their median.
     """
     figure = Figure(figsize=(6.4, 6.8), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
     axes = figure.add_axes((0.02, 0.09, 0.96, 0.84))
     axes.set_aspect("equal")
     axes.set_axis_off()
@@ -62,9 +61,7 @@ def view_plan_picture(
         some = ", ".join(unplaced[:5]) + (f" and {len(unplaced) - 5} more" if len(unplaced) > 5 else "")
         below += f"\nNot placed: {some}"
     figure.text(0.5, 0.03, below, ha="center", fontsize=9)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None})
-    return out.getvalue()
+    return png_of(figure)
 
 
 def _at(azimuth_deg: float, radius: float) -> tuple[float, float]:

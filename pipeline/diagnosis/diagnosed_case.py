@@ -16,7 +16,7 @@ from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.run.checking import ImplausibleNumbers
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
@@ -55,16 +55,7 @@ class CaseSettings(Strict):
     @property
     def of_specimen(self) -> PressedSpecimen:
         """What a bare indenter pressed on, as far as it is said here."""
-        return PressedSpecimen(
-            kind=self.specimen,
-            thickness_mm=self.thickness_mm,
-            height_mm=self.height_mm,
-            diameter_mm=self.diameter_mm,
-            ends=self.ends,
-            diameters_mm=self.diameters_mm,
-            axis=self.axis,
-            pit_share=self.pit_share,
-        )
+        return PressedSpecimen(**{name: getattr(self, key) for name, key in KEYS.items()})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,42 +86,31 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
     """
     if not path.is_dir():
         is_file = f"is a file; give the folder of a case: {_HOLDS}."
-        raise BatchRefused(
-            [Problem(str(path), is_file if path.exists() else "does not exist; give the folder of a case.")]
-        )
+        raise refused(path, is_file if path.exists() else "does not exist; give the folder of a case.")
     if BatchFolder(path).settings.is_file():
         if fruit_id is None:
-            raise BatchRefused([Problem(str(path), _which_fruit(path))])
+            raise refused(path, _which_fruit(path))
         return _of_batch(path, fruit_id, out)
     if CaseFolder(path).settings.is_file():
         if fruit_id is not None:
-            raise BatchRefused(
-                [Problem(str(path), "is a single case, but --fruit applies to batches; remove --fruit.")]
-            )
+            raise refused(path, "is a single case, but --fruit applies to batches; remove --fruit.")
         return _of_its_own(CaseFolder(path), work)
-    root = path.resolve().parents[1] if len(path.resolve().parents) > 1 else path
-    if path.resolve().parent.name.lower() == "fruits" and BatchFolder(root).settings.is_file():
-        if fruit_id is not None and fruit_id != path.resolve().name:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(path),
-                        f'The path is fruit "{path.name}" but --fruit says "{fruit_id}"; remove one.',
-                    )
-                ]
-            )
-        return _of_batch(root, path.resolve().name, out)
-    if path.resolve().parent.name.lower() == "fruits":
+    place = path.resolve()
+    if place.parent.name.lower() != "fruits":
+        raise refused(path, f"has neither case.toml nor batch.toml; a case holds {_HOLDS}.")
+    root = place.parents[1]
+    if not BatchFolder(root).settings.is_file():
         sentence = f"lies in fruits/, but {root} has no batch.toml; add batch.toml with the batch's category."
-        raise BatchRefused([Problem(str(path), sentence)])
-    raise BatchRefused([Problem(str(path), _NEITHER)])
+        raise refused(path, sentence)
+    if fruit_id not in (None, place.name):
+        raise refused(path, f'The path is fruit "{path.name}" but --fruit says "{fruit_id}"; remove one.')
+    return _of_batch(root, place.name, out)
 
 
 _HOLDS = (
     'recordings (*.h5), a case.toml with at least the line category = "nectarine", and fruit.ply '
     "(a load cell's curves need none)"
 )
-_NEITHER = f"has neither case.toml nor batch.toml; a case holds {_HOLDS}."
 _NO_CASE = f"case.toml: does not exist; a case holds {_HOLDS}."
 
 
@@ -202,7 +182,7 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
         prior = load_prior(as_named(folder.root, said.category))
     except ReconFailure as failure:
         if said.category.endswith(".toml"):
-            raise BatchRefused([Problem(str(folder.settings), f'"category": {failure.detail}')]) from None
+            raise refused(folder.settings, f'"category": {failure.detail}') from None
         near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
         hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
         why = f", or name a known category: {hint}"
@@ -213,7 +193,7 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
     if missing:
         lacks = f'there is no prior for "{said.category}"' if prior is None else _LEFT.format(prior.category)
         sentence = f'"category": {lacks}; add {" and ".join(missing)}{why or "."}'
-        raise BatchRefused([Problem(str(folder.settings), sentence)])
+        raise refused(folder.settings, sentence)
     return prior
 
 
@@ -227,7 +207,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     if fruit_id not in known:
         near = difflib.get_close_matches(fruit_id, known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"there are: {_in_short(known) or 'none yet'}."
-        raise BatchRefused([Problem(str(batch.folder.table), f'has no fruit "{fruit_id}"; {hint}')])
+        raise refused(batch.folder.table, f'has no fruit "{fruit_id}"; {hint}')
     if said := ImplausibleNumbers(batch).said(batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
     notes: tuple[str, ...] = ()

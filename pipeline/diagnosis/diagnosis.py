@@ -17,7 +17,7 @@ from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
-from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
+from pipeline.fruit.bare_traces import BareTraces, bare_recordings, joined_traces
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
@@ -29,15 +29,6 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
-
-
-NOT_GRADED = (
-    "grading gives no E for these recordings ({why}); E without an effect is the mean of the individual fits."
-)
-
-
-WITHOUT_GRASP = "both values of E (with and without an effect) ignore {name}: {why}."
-AS_GRADED = "E without an effect: {said}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +47,9 @@ class Diagnosis:
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
-    bare = bare_recordings(case.task.folder.grasp_files())
+    bare = bare_recordings(case.task.folder.grasp_files(), case.stated, case.task.prior)
     with threadpool_limits(1):
-        if bare is None:
-            found = _of_grasps(case, log, jobs)
-        else:
-            found = _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
+        found = _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, joined_traces(bare))
     return replace(found, doubts=doubts_of_modulus(case, found.explanation))
 
 
@@ -119,11 +107,11 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
         solids=solids,
     )
     lost = [
-        WITHOUT_GRASP.format(name=grasp.name, why=own.detail)
+        f"both values of E (with and without an effect) ignore {grasp.name}: {own.detail}."
         for grasp, own in zip(fruit.placed, found.grasps, strict=True)
         if isinstance(own, FemFailure)
     ]
-    return graded, [*lost, *(AS_GRADED.format(said=said) for said in found.modulus.warnings)]
+    return graded, [*lost, *(f"E without an effect: {said}." for said in found.modulus.warnings)]
 
 
 def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: int) -> Explanation:
@@ -154,7 +142,8 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         try:
             graded, of_grading = graded_case(case, fruit, jobs=jobs)
         except FemFailure as failure:
-            graded, of_grading = None, [NOT_GRADED.format(why=failure.detail)]
+            why = f"grading gives no E for these recordings ({failure.detail})"
+            graded, of_grading = None, [f"{why}; E without an effect is the mean of the individual fits."]
     with log.stage("explanation"):
         found = find(handed, graded, log, jobs=jobs)
     notes = dict.fromkeys(

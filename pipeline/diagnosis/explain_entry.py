@@ -1,13 +1,28 @@
 """The answer of the finder as the entry that JSON, page and terminal are written from."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from datetime import datetime
 
-from fem.mismatch.result import Explanation
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.effect_spec import EffectWords
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.effect_entries import effect_entries, parameter_words
 from reports.explain_entries import ExplainEntry
+
+OF_A_TRACE = {
+    "onset_mm": "travel at first contact",
+    "zero_N": "load cell reading before first contact",
+    "toe_mm": "travel over which an end that is not parallel to its plate comes into contact",
+    "ends_held": "ends of the specimen: 0 slide, 1 are held",
+    "mooney_second": "law of Mooney and Rivlin: C01 / (C10 + C01)",
+    "mooney_cross": "law of Mooney and Rivlin: C11 / (C10 + C01)",
+    "mooney_square": "law of Mooney and Rivlin: C20 / (C10 + C01)",
+    "yeoh_second": "law of Yeoh: C2 / C1",
+    "yeoh_third": "law of Yeoh: C3 / C1",
+    "ogden_power": "law of Ogden: exponent of a term",
+    "ogden_weight_2": "law of Ogden: share of the second term in the initial stiffness",
+}
+"""Parameters that only the trace of a bare indenter has; they belong to no effect."""
 
 
 def explain_entry(
@@ -21,15 +36,14 @@ def explain_entry(
     made: datetime,
     applied: str = "",
 ) -> ExplainEntry:
-    """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted); the
-    finder's `before`, `after` and `heldout` are the entry's `E_MPa` and `fit`.
-    """
+    """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted)."""
     answer = found.explanation
-    return ExplainEntry.model_validate(
-        {
-            **{field.name: getattr(answer, field.name) for field in fields(answer)},
-            "E_MPa": {"before": answer.before, "after": answer.after},
-            "fit": answer.heldout or {},
+    verdict = (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
+    known = {field.name: getattr(answer, field.name) for field in fields(answer)}
+    return ExplainEntry(
+        **known
+        | {
+            "verdict": verdict,
             "seconds": seconds,
             "case": case,
             "category": category,
@@ -38,7 +52,7 @@ def explain_entry(
             "inputs": inputs,
             "versions": versions,
             "made_utc": made,
-            "effects": effect_entries([*_names(answer), *(one.effect for one in answer.ranking)]),
+            "effects": effect_entries([*verdict, *(one.effect for one in answer.ranking)]),
             "parameter_words": {
                 one.effect: {name: parameter_words(one.effect, name) for name in one.parameters}
                 for one in answer.ranking
@@ -50,5 +64,23 @@ def explain_entry(
     )
 
 
-def _names(answer: Explanation) -> tuple[str, ...]:
-    return (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
+def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:
+    """Of all single effects in these names, pairs among them, that the catalogue has."""
+    single = dict.fromkeys(part for name in names for part in name.split("+"))
+    return {name: SPECS[name].words for name in single if name in SPECS}
+
+
+def parameter_words(effect: str, name: str) -> str:
+    """The meaning of a parameter of an effect or pair, where it may be named "effect.parameter".
+
+    Further ones of a kind have the words of the first; where nothing is known, the name itself.
+
+    >>> parameter_words("viscoelastic", "tau_2_s")
+    'time over which it fades'
+    """
+    part, _, own = name.rpartition(".")
+    specs = [SPECS[one] for one in ([part] if part else effect.split("+")) if one in SPECS]
+    known = (spec.parameter(own) for spec in specs)
+    words = next((parameter.words for parameter in known if parameter is not None), None)
+    of_trace = next((said for one, said in OF_A_TRACE.items() if own.startswith(one)), None)
+    return words or of_trace or name.replace("_", " ")

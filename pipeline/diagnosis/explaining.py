@@ -36,7 +36,7 @@ from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, re
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.run.console import utc_now
 from pipeline.run.former_results import former_batch, identity, require_same_batch
 from pipeline.run.grading import read_files
@@ -85,14 +85,8 @@ def explain(
         work = wanted.work or folder / "work"
         case = open_case(path, fruit_id=fruit_id, work=work, out=wanted.out)
         if wanted.apply and case.batch is None:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(path),
-                        "is a single case, but --apply writes into a batch's settings; remove --apply.",
-                    )
-                ]
-            )
+            sentence = "is a single case, but --apply writes into a batch's settings; remove --apply."
+            raise refused(path, sentence)
         if case.batch is None:
             _require_apart(case, wanted)
             held, option = case.task.results.root, "--work"
@@ -176,8 +170,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
             if any(_same(target, path) for path in own):
-                sentence = "is a file of the results; give another name."
-                raise BatchRefused([Problem(str(target), sentence)])
+                raise refused(target, "is a file of the results; give another name.")
     return root
 
 
@@ -200,15 +193,11 @@ def _require_writable(wanted: ExplainOutputs) -> None:
         if target is None:
             continue
         if target.is_dir():
-            raise BatchRefused([Problem(str(target), f"is a folder; {option} needs a file name.")])
+            raise refused(target, f"is a folder; {option} needs a file name.")
         if not target.absolute().parent.is_dir():
-            raise BatchRefused(
-                [Problem(str(target.parent), f"does not exist; create the folder, or change {option}.")]
-            )
+            raise refused(target.parent, f"does not exist; create the folder, or change {option}.")
     if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
-        raise BatchRefused(
-            [Problem(str(wanted.html), "is the file of both --json and --html; give two names.")]
-        )
+        raise refused(wanted.html, "is the file of both --json and --html; give two names.")
     if wanted.json is not None:
         require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
     if wanted.html is not None:

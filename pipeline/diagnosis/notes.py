@@ -15,7 +15,7 @@ from pipeline.fruit.input_doubts import implausible_E
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
 from pipeline.fruit.sensor_scale import sensor_scale
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
 from tactile.tactile_failure import TactileFailure
@@ -53,9 +53,7 @@ def require_one_fruit(case: Case) -> None:
     files = case.task.folder.grasp_files()
     if not files and not case.task.folder.raw_grasp_folders():
         where = case.task.folder.grasps
-        raise BatchRefused(
-            [Problem(str(where), "holds no recording (*.h5); record a grasp and put its .h5 there.")]
-        )
+        raise refused(where, "holds no recording (*.h5); record a grasp and put its .h5 there.")
     for path in files:
         try:
             recording = read_recording(path)
@@ -67,15 +65,11 @@ def require_one_fruit(case: Case) -> None:
                 _require_own(case, path, recording)
             continue
         if first is not None and named != first[1]:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(path),
-                        f'belongs to fruit "{named}", but {first[0]} belongs to fruit "{first[1]}"; a '
-                        "case holds recordings of one fruit. Move the others away.",
-                    )
-                ]
+            sentence = (
+                f'belongs to fruit "{named}", but {first[0]} belongs to fruit "{first[1]}"; a '
+                "case holds recordings of one fruit. Move the others away."
             )
+            raise refused(path, sentence)
         first = first or (path.name, named)
 
 
@@ -87,7 +81,7 @@ def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
     try:
         found = owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
     except TactileFailure as failure:
-        raise BatchRefused([Problem(str(path), failure.detail)]) from None
+        raise refused(path, failure.detail) from None
     return [f"{path.name}: {one.sentence}." for one in found]
 
 

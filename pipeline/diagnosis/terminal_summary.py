@@ -13,7 +13,7 @@ from reports.effect_words import (
     when_in_words,
     where_in_words,
 )
-from reports.explain_entries import ExplainEntry, ParameterEntry
+from reports.explain_entries import ExplainEntry, Record
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 IN_ALL = "in all"
@@ -22,69 +22,70 @@ SHOWN = 5
 """Explanations on the terminal, set by hand to fit a screen; all stand in the JSON."""
 
 
-def print_explanation(found: ExplainEntry, written: list[Path], *, console: Console) -> None:
+def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:
     """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next."""
 
     def line(text: str) -> None:
         console.print(text.replace(NO_BREAK, " "), highlight=False, markup=False, soft_wrap=True)
 
-    line(f"{found.case}: {explain_verdict(found)}")
-    if found.ranking:
-        console.print(_ranking(found))
-    for one in found.ranking:
-        if one.effect in found.verdict and one.parameters:
+    line(f"{entry.case}: {explain_verdict(entry)}")
+    if entry.ranking:
+        console.print(_ranking(entry))
+    for one in entry.ranking:
+        if one.effect in entry.verdict and one.parameters:
             parameters = ", ".join(_in_short(*named) for named in one.parameters.items())
             line(f"{effect_name(one.effect)}: {parameters}")
-    if found.verdict != ("none",):
-        line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
-    before = with_sd(found.E_MPa.before.value, found.E_MPa.before.sd)
-    after = with_sd(found.E_MPa.after.value, found.E_MPa.after.sd)
-    if found.E_withheld is not None:
-        line(f"E: withheld, since {found.E_withheld}")
+    if entry.verdict != ("none",):
+        line(f"where: {where_in_words(entry)}; when: {when_in_words(entry)}; {component_in_words(entry)}")
+    before = with_sd(entry.before.value, entry.before.sd)
+    after = with_sd(entry.after.value, entry.after.sd)
+    if entry.withheld is not None:
+        line(f"E: withheld, since {entry.withheld}")
     else:
         line(
-            f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
+            f"E: {after} MPa" if entry.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
         )
-    for doubt in found.doubts:
+    for doubt in entry.doubts:
         line(f"doubt: {doubt}")
     line(
-        f"probability of so large a difference without a mismatch: p {found.p_value:.2g} (drupe "
+        f"probability of so large a difference without a mismatch: p {entry.p_value:.2g} (drupe "
         f"reports a mismatch below {DETECTION_P:g})"
     )
-    if found.rms is None:
+    if entry.heldout is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
-        without, with_it, noise = map(number, found.rms)
-        model = without if found.verdict == ("none",) else f"without {without}, with {with_it}"
+        fit = entry.heldout
+        without, with_it, noise = map(number, (fit.rms_before, fit.rms_after, fit.noise_rms))
+        model = without if entry.verdict == ("none",) else f"without {without}, with {with_it}"
         line(f"held-out recordings, residual as a share of the response: {model}, noise {noise}")
-    if found.next_grasp:
-        line(f"record next: {found.next_grasp}")
-    for note in found.notes:
+    if entry.next_grasp:
+        line(f"record next: {entry.next_grasp}")
+    for note in entry.notes:
         line(f"note: {note}")
-    if found.applied:
-        line(found.applied)
+    if entry.applied:
+        line(entry.applied)
     for path in written:
         line(f"  {path}")
-    if IN_ALL in found.seconds:
-        line(f"took {duration(found.seconds[IN_ALL])}")
+    if IN_ALL in entry.seconds:
+        line(f"took {duration(entry.seconds[IN_ALL])}")
 
 
-def _ranking(found: ExplainEntry) -> Table:
+def _ranking(entry: ExplainEntry) -> Table:
     """The first SHOWN explanations as a table."""
     table = Table(box=None, pad_edge=False)
     table.add_column("explanation")
     table.add_column("probability", justify="right")
     table.add_column("E (MPa)", justify="right")
-    for one in found.ranking[:SHOWN]:
+    for one in entry.ranking[:SHOWN]:
         table.add_row(
             escape(effect_name(one.effect)),
             percent(one.probability).replace(NO_BREAK, " "),
-            UNKNOWN if one.E_MPa is None else with_sd(one.E_MPa.value, one.E_MPa.sd),
+            UNKNOWN if one.modulus is None else with_sd(one.modulus.value, one.modulus.sd),
         )
     return table
 
 
-def _in_short(name: str, parameter: ParameterEntry) -> str:
+def _in_short(name: str, parameter: Record) -> str:
     value = parameter.value
     stem = name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
     if isinstance(value, tuple):

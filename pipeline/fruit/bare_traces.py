@@ -1,6 +1,7 @@
 """The traces of a bare indenter on one specimen: read, held against its geometry, joined under one law."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.contact_curve import Geometry
 from fem.indentation.trace import IndenterTrace, joined
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from recon.pit.priors import PitBody, PitPrior
 from tactile.io.recording import IndenterPad, Recording, read_recording
 from tactile.io.specimen import DIAMETERS
@@ -35,20 +36,18 @@ DEEP = "case.toml and drupe convert give no thickness_mm: drupe assumes a thick 
 
 @dataclass(frozen=True, kw_only=True)
 class BareRecording:
-    """A recording whose only pad is a bare indenter; of two plates one with their mean force.
-
-    `source`: what sentences call it.
+    """A recording whose only pad is a bare indenter (of two plates one with their mean force), and what
+    presses on what. `source`: what sentences call it.
     """
 
     source: str
     recording: Recording
+    known: TraceGeometry
 
     @property
     def pad(self) -> IndenterPad:
         """What pressed."""
-        pad = self.recording.pads[0]
-        if not isinstance(pad, IndenterPad):
-            raise TypeError(pad)
+        (pad,) = (pad for pad in self.recording.pads if isinstance(pad, IndenterPad))
         return pad
 
 
@@ -70,21 +69,23 @@ class BareTraces:
         return (("Specimen", f"{thick:g} mm" if thick else "thick against the dent"),)
 
 
-def bare_recordings(paths: Iterable[Path]) -> list[BareRecording] | None:
+def bare_recordings(
+    paths: Iterable[Path], stated: Stated, prior: PitPrior | None
+) -> list[BareRecording] | None:
     """Every readable recording of a case, or None where one has pads with markers, or none can be read.
 
-    Raises BatchRefused for two bare pads that are not two plates.
+    Raises BatchRefused as `bare_recording` does.
     """
-    found = []
+    readable: dict[str, Recording] = {}
     for path in paths:
-        try:
-            recording = read_recording(path)
-        except TactileFailure:
-            continue
-        if not is_bare(recording):
-            return None
-        found.append(bare_recording(recording, source=str(path)))
-    return found or None
+        with suppress(TactileFailure):
+            readable[str(path)] = read_recording(path)
+    if not readable or not all(map(is_bare, readable.values())):
+        return None
+    return [
+        bare_recording(recording, source=source, stated=stated, prior=prior)
+        for source, recording in readable.items()
+    ]
 
 
 def is_bare(recording: Recording) -> bool:
@@ -92,47 +93,37 @@ def is_bare(recording: Recording) -> bool:
     return all(isinstance(pad, IndenterPad) for pad in recording.pads)
 
 
-def bare_recording(recording: Recording, *, source: str) -> BareRecording:
-    """The pad, or of two bare jaws round one specimen one with the mean of both forces."""
-    pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
-    if len(pads) == 1:
-        return BareRecording(source=source, recording=recording)
-    if any(pad.indenter != "plate" for pad in pads):
-        said = " and ".join(pad.indenter for pad in pads)
-        raise BatchRefused(
-            [
-                Problem(
-                    source,
-                    f"has two bare pads, {said}; a contact law exists for two plates around "
-                    "one specimen only.",
-                )
-            ]
-        )
-    mean = np.mean([pad.force_z_N for pad in pads], axis=0)
-    both = replace(pads[0], force_z_N=mean)
-    return BareRecording(source=source, recording=replace(recording, pads=(both,)))
+def bare_recording(
+    recording: Recording, *, source: str, stated: Stated, prior: PitPrior | None
+) -> BareRecording:
+    """The pad, or of two bare jaws round one specimen one with the mean of both forces; and what presses on
+    what: the recording's own fields, with what the user stated in their place.
 
-
-def known_geometry(one: BareRecording, stated: Stated, prior: PitPrior | None) -> TraceGeometry:
-    """What presses on what: the recording's own fields, with what the user stated in their place.
-
-    Raises BatchRefused that names what is missing, and where no law is known of the geometry.
+    Raises BatchRefused for two bare pads that are not two plates, and where no law is known of the geometry;
+    it names what is missing.
     """
-    specimen, notes = combined(one.pad.specimen, stated, source=Path(one.source).name)
+    pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
+    if len(pads) > 1 and any(pad.indenter != "plate" for pad in pads):
+        said = " and ".join(pad.indenter for pad in pads)
+        sentence = f"has two bare pads, {said}; a contact law exists for two plates around one specimen only."
+        raise refused(source, sentence)
+    pad = replace(pads[0], force_z_N=np.mean([pad.force_z_N for pad in pads], axis=0))
+    specimen, notes = combined(pad.specimen, stated, source=Path(source).name)
     try:
         known = geometry_of(
-            one.pad.indenter,
-            one.pad.radius_mm,
+            pad.indenter,
+            pad.radius_mm,
             specimen,
-            source=one.source,
+            source=source,
             name_of=stated.name_of,
             pit_share=_pit_share(prior),
         )
     except FemFailure as failure:
-        raise BatchRefused([Problem(one.source, failure.detail)]) from None
-    body = None if prior is None else prior.body
-    stem = [f"Found {ALONG_STEM}."] if body is not None and is_along_stem(known.geometry, body) else []
-    return replace(known, notes=(*notes, *stem, *known.notes))
+        raise refused(source, failure.detail) from None
+    if prior is not None and is_along_stem(known.geometry, prior.body):
+        notes.append(f"Found {ALONG_STEM}.")
+    known = replace(known, notes=(*notes, *known.notes))
+    return BareRecording(source=source, recording=replace(recording, pads=(pad,)), known=known)
 
 
 def is_along_stem(geometry: Geometry, body: PitBody) -> bool:
@@ -140,56 +131,47 @@ def is_along_stem(geometry: Geometry, body: PitBody) -> bool:
     return isinstance(geometry, Ellipsoid) and body.stem_and_suture and DIAMETERS[geometry.axis] == "c"
 
 
-def bare_traces(found: Sequence[BareRecording], stated: Stated, prior: PitPrior | None) -> BareTraces:
+def joined_traces(recordings: Sequence[BareRecording]) -> BareTraces:
     """All recordings as one trace, thinned where they are long.
 
-    Raises BatchRefused where they are of different geometries, or one's is not known.
+    Raises BatchRefused where they are of different geometries, or a rig is off some alone.
     """
-    known = [known_geometry(one, stated, prior) for one in found]
-    for one, own in zip(found[1:], known[1:], strict=True):
-        if not own.same_as(known[0]):
-            raise BatchRefused(
-                [
-                    Problem(
-                        one.source,
-                        f"has the geometry {own.geometry.said}, but {Path(found[0].source).name} has "
-                        f"{known[0].geometry.said}; a case holds one specimen under one tool. Make a "
-                        "case of each, or correct the fields.",
-                    )
-                ]
+    first = recordings[0]
+    for bare in recordings[1:]:
+        if not bare.known.same_as(first.known):
+            sentence = (
+                f"has the geometry {bare.known.geometry.said}, but {Path(first.source).name} has "
+                f"{first.known.geometry.said}; a case holds one specimen under one tool. Make a "
+                "case of each, or correct the fields."
             )
-    return joined_traces(found, known)
-
-
-def joined_traces(found: Sequence[BareRecording], known: Sequence[TraceGeometry]) -> BareTraces:
-    """The recordings, all of one geometry, as one; raises BatchRefused where a rig is off some alone."""
-    _require_one_rig(found)
-    notes = [note for one in known for note in (*one.notes, *one.assumed)]
-    most = max(MOST_FRAMES // len(found), FEWEST_KEPT) if len(found) > 1 else None
+            raise refused(bare.source, sentence)
+    _require_one_rig(recordings)
+    notes = [note for bare in recordings for note in (*bare.known.notes, *bare.known.assumed)]
+    most = max(MOST_FRAMES // len(recordings), FEWEST_KEPT) if len(recordings) > 1 else None
     traces = []
-    for one in found:
-        trace, said = _trace(one, known[0], most=most)
+    for bare in recordings:
+        trace, said = _trace(bare, most=most)
         traces.append(trace)
         notes += said
-    if known[0].of_slab and known[0].thickness_mm is None:
+    if first.known.of_slab and first.known.thickness_mm is None:
         notes.append(DEEP)
     return BareTraces(
-        names=tuple(Path(one.source).stem for one in found),
+        names=tuple(Path(bare.source).stem for bare in recordings),
         trace=joined(traces),
-        known=known[0],
+        known=first.known,
         notes=tuple(dict.fromkeys(notes)),
     )
 
 
-def _require_one_rig(found: Sequence[BareRecording]) -> None:
+def _require_one_rig(recordings: Sequence[BareRecording]) -> None:
     """Refuses traces of which some have the rig's own travel taken off and others not."""
-    without = [one for one in found if one.recording.rig_give_mm is None]
-    if 0 < len(without) < len(found):
+    without = [bare for bare in recordings if bare.recording.rig_give_mm is None]
+    if 0 < len(without) < len(recordings):
         said = (
             "includes the rig's own travel, but other recordings of the fruit do not: convert all of "
             "them with the same --rig, or none."
         )
-        raise BatchRefused([Problem(without[0].source, said)])
+        raise refused(without[0].source, said)
 
 
 def _pit_share(prior: PitPrior | None) -> float | None:
@@ -199,11 +181,11 @@ def _pit_share(prior: PitPrior | None) -> float | None:
     return float(np.cbrt(np.prod(prior.axis_ratios)))
 
 
-def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tuple[IndenterTrace, list[str]]:
-    recording, name = one.recording, Path(one.source).name
+def _trace(bare: BareRecording, *, most: int | None) -> tuple[IndenterTrace, list[str]]:
+    recording, name = bare.recording, Path(bare.source).name
     closing = -1.0 if recording.loading == "grasp" else 1.0
     travel = closing * recording.aperture_mm
-    thinned = thin(recording.time_s, travel, one.pad.force_z_N)
+    thinned = thin(recording.time_s, travel, bare.pad.force_z_N)
     kept = np.arange(len(travel)) if thinned is None else thinned.kept
     said = [f"{name}: {done.says}" for done in recording.corrections]
     said += [] if thinned is None else [thinned.said(name)]
@@ -212,12 +194,12 @@ def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tup
             f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "
             "evenly over time, force and travel."
         )
-        kept = kept[spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
+        kept = kept[spread(recording.time_s[kept], travel[kept], bare.pad.force_z_N[kept], most)]
     trace = IndenterTrace(
         time_s=recording.time_s[kept],
-        force_N=one.pad.force_z_N[kept],
+        force_N=bare.pad.force_z_N[kept],
         travel_mm=travel[kept] - travel[0],
-        geometry=known.geometry,
+        geometry=bare.known.geometry,
         rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
         rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
     )
@@ -231,6 +213,6 @@ def spread(
     most: int,
 ) -> Int[np.ndarray, " k"]:
     """Frames at equal steps of the path that time, travel and force go together, in shares of each."""
-    steps = [np.abs(np.diff(one)) for one in (time_s, travel_mm, force_N)]
+    steps = [np.abs(np.diff(each)) for each in (time_s, travel_mm, force_N)]
     path = np.r_[0.0, np.cumsum(sum(step / max(float(step.sum()), 1e-300) for step in steps))]
     return np.unique(np.searchsorted(path, np.linspace(0, path[-1], most)).clip(0, len(path) - 1))

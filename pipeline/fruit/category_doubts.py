@@ -57,7 +57,8 @@ def of_category(
         return []
     size_mm = float(np.cbrt(np.prod(box_mm)))
     own = _log_likelihood(size_mm, prior.fruit_mm)
-    if abs(_scores(size_mm, prior.fruit_mm)) <= UNUSUAL_SD:
+    mean, sd = _ln_size(prior.fruit_mm)
+    if abs(math.log(size_mm) - mean) <= UNUSUAL_SD * sd:
         return []
     fits = [
         (_log_likelihood(size_mm, other.fruit_mm), other)
@@ -89,21 +90,16 @@ def shipped_categories() -> list[PitPrior]:
     return [prior for name in known_categories() if (prior := load_prior(name)).axis_ratios is not None]
 
 
-def _scores(size_mm: float, range_mm: tuple[float, float]) -> float:
-    """Standard deviations of ln size from the middle of the range."""
-    low, high = np.log(range_mm)
-    return float((np.log(size_mm) - (low + high) / 2) / _spread(range_mm))
+def _ln_size(range_mm: tuple[float, float]) -> tuple[float, float]:
+    """Mean and standard deviation of ln size in a category of this range."""
+    low, high = np.log(range_mm).tolist()
+    return (low + high) / 2, (high - low) / (2 * RANGE_SD)
 
 
-def _spread(range_mm: tuple[float, float]) -> float:
-    return float(np.log(range_mm[1] / range_mm[0])) / (2 * RANGE_SD)
-
-
-def _log_likelihood(size_mm: float, range_mm: tuple[float, float] | None) -> float:
+def _log_likelihood(size_mm: float, range_mm: tuple[float, float]) -> float:
     """Of ln size, but for a constant."""
-    if range_mm is None:
-        return -math.inf
-    return -(_scores(size_mm, range_mm) ** 2) / 2 - math.log(_spread(range_mm))
+    mean, sd = _ln_size(range_mm)
+    return -(((math.log(size_mm) - mean) / sd) ** 2) / 2 - math.log(sd)
 
 
 def _pit_ratio(one: PitPrior, other: PitPrior) -> float:

@@ -1,15 +1,14 @@
 """From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
 
-import hashlib
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 from functools import partial
 
 import numpy as np
 
-from fem.elements.assembly import Stiffness, assemble
+from fem.elements.assembly import assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
 from fem.estimation.finite_response import with_finite_strain
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
@@ -30,6 +29,7 @@ from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
@@ -52,6 +52,9 @@ PLAIN_JAW = "contact of the plain jaw"
 PLAIN_JAW_SD = 0.04
 """Relative standard deviation of E by it: on four drawn fruit E is off by 3.0 % (rms), of which a recording
 by itself has one or two (benchmarks/one_gel_finger.py FOLDER --count 8 --half even); four are few."""
+
+_Placed = tuple[PreparedGrasp, list[PadPlaces]]
+"""A grasp and where its pads' markers are on the mesh."""
 
 DOUBTED = "doubts about the inputs"
 """The part that comes from what cannot be right in a recording or a given pit."""
@@ -134,25 +137,23 @@ def modulus_record(
     the recordings in which one jaw has no gel.
     """
     pit = found.pit
-    of_doubts = doubted * found.E_MPa
-    of_sensor, of_gain = sensor.pictures * found.E_MPa, sensor.gain * found.E_MPa
-    of_own_gain = sensor.own_gain * found.E_MPa
-    of_jaw = PLAIN_JAW_SD * plain_jaws * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
+    further = {
+        CONFIRMED: of_effects,
+        DOUBTED: doubted * found.E_MPa,
+        SENSOR: sensor.pictures * found.E_MPa,
+        GAIN: sensor.gain * found.E_MPa,
+        OWN_GAIN: sensor.own_gain * found.E_MPa,
+        PLAIN_JAW: PLAIN_JAW_SD * plain_jaws * found.E_MPa,
+    }
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
-    added_sd = [of_effects, of_doubts, of_sensor, of_gain, of_own_gain, of_jaw]
+    shared += [effects_common_sd_MPa, further[SENSOR], further[GAIN]]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *added_sd])),
-        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa, of_sensor, of_gain])),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *further.values()])),
+        common_sd_MPa=float(np.linalg.norm(shared)),
         scale_sd_MPa=sensor.common * found.E_MPa,
-        parts_sd_MPa=found.parts_sd_MPa
-        | ({CONFIRMED: of_effects} if of_effects else {})
-        | ({DOUBTED: of_doubts} if of_doubts else {})
-        | ({SENSOR: of_sensor} if of_sensor else {})
-        | ({GAIN: of_gain} if of_gain else {})
-        | ({OWN_GAIN: of_own_gain} if of_own_gain else {})
-        | ({PLAIN_JAW: of_jaw} if of_jaw else {}),
+        parts_sd_MPa=found.parts_sd_MPa | {part: sd for part, sd in further.items() if sd},
         pit_found=None
         if pit is None
         else PitFoundRecord(
@@ -207,39 +208,28 @@ def responses(
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, budget.gel_scale_sd, large]
-    digest = _digest(mesh, prepared)
     key = stage_key(
         "response",
         files=[],
-        settings=[digest, supports, names, assumed],
+        settings=[content_hash(mesh, prepared), supports, names, assumed],
         rooms=("pipeline", "fem"),
     )
 
-    def compute() -> list[GraspModel | FemFailure]:
-        parts = assemble(mesh.nodes_mm, mesh.tets)
-        models: dict[int, GraspModel | FemFailure] = {}
-        for support in dict.fromkeys(supports):
-            own = [k for k, one in enumerate(supports) if one == support]
-            factorised = partial(
-                _factorised,
+    def compute() -> KeptModels:
+        return packed(
+            _models(
                 mesh,
+                prepared,
+                supports,
                 poisson_ratio=poisson_ratio,
-                support=support,
-                parts=parts,
-                solids=solids,
-            )
-            found = _models(
-                mesh,
-                factorised,
-                [prepared[k] for k in own],
                 gel_scale_sd=budget.gel_scale_sd,
                 large=large,
+                solids=solids,
                 workers=workers,
             )
-            models |= dict(zip(own, found, strict=True))
-        return [models[k] for k in range(len(grasps))]
+        )
 
-    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute()), record=KeptModels))
+    plain = unpacked(cached(task.results.cache, stage, key, compute, record=KeptModels))
     modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
     if not effects or not modelled:
         return plain
@@ -268,37 +258,20 @@ def responses(
     return with_corrections(plain, found.by_grasp)
 
 
-def _factorised(
-    mesh: FleshMesh,
-    *,
-    poisson_ratio: float,
-    support: Support,
-    parts: Stiffness,
-    solids: dict[Support, UnitModulusSolid] | None,
-) -> UnitModulusSolid:
-    """UnitModulusSolid.factorise; `solids` receives the solid under its support."""
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
-    return_freed_memory()
-    if solids is not None:
-        solids[support] = solid
-    return solid
-
-
 def _models(
     mesh: FleshMesh,
-    factorised: Callable[..., UnitModulusSolid],
     prepared: Sequence[PreparedGrasp | FemFailure],
+    supports: Sequence[Support],
     *,
+    poisson_ratio: float,
     gel_scale_sd: float,
     large: bool,
+    solids: dict[Support, UnitModulusSolid] | None,
     workers: int,
 ) -> list[GraspModel | FemFailure]:
-    """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise; `large`: with large
-    deformation. Each grasp's compliance is that of its own contact nodes: what one grasp moves where another
-    touches is of no use to either.
-    """
-    placed: dict[int, tuple[PreparedGrasp, list[PadPlaces]]] = {}
+    """Of every grasp on its support; `large`: with large deformation; `solids` as in `responses`."""
     models: dict[int, GraspModel | FemFailure] = {}
+    placed: dict[int, _Placed] = {}
     for k, grasp in enumerate(prepared):
         if isinstance(grasp, FemFailure):
             models[k] = grasp
@@ -307,64 +280,45 @@ def _models(
             placed[k] = grasp, [pad_places(pad, mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
-    try:
-        solid = factorised() if placed else None
-    except FemFailure as failure:
-        models |= dict.fromkeys(placed, failure)
-        solid = None
-    if solid is None:
-        return [models[k] for k in range(len(prepared))]
-
-    def model(own: PreparedGrasp, places: Sequence[PadPlaces]) -> GraspModel | FemFailure:
-        nodes = np.unique(np.concatenate([at.nodes for at in places]))
-        touched = replace(solid, contact_nodes=nodes)
+    parts = assemble(mesh.nodes_mm, mesh.tets)
+    for support in dict.fromkeys(supports[k] for k in placed):
+        on_it = {k: grasp for k, grasp in placed.items() if supports[k] == support}
         try:
-            return _model(own, places, touched, gel_scale_sd=gel_scale_sd, large=large)
+            solid = UnitModulusSolid.factorise(
+                mesh, poisson_ratio=poisson_ratio, support=support, parts=parts
+            )
         except FemFailure as failure:
-            return failure
-
-    found = parallel_map(lambda one: model(*one), placed.values(), workers=workers)
-    models |= dict(zip(placed, found, strict=True))
+            models |= dict.fromkeys(on_it, failure)
+            continue
+        return_freed_memory()
+        if solids is not None:
+            solids[support] = solid
+        model = partial(_model, solid=solid, gel_scale_sd=gel_scale_sd, large=large)
+        models |= dict(zip(on_it, parallel_map(model, on_it.values(), workers=workers), strict=True))
     return [models[k] for k in range(len(prepared))]
 
 
 def _model(
-    grasp: PreparedGrasp,
-    places: Sequence[PadPlaces],
-    solid: UnitModulusSolid,
-    *,
-    gel_scale_sd: float,
-    large: bool,
-) -> GraspModel:
-    """Raises FemFailure."""
-    small = grasp_model(grasp.history, solid, places=places)
-    if not large:
-        return small
-    finite = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=solid.poisson_ratio))
-    return with_finite_strain(
-        small,
-        grasp.history,
-        finite,
-        recorded=grasp.recorded,
-        force_sd_N=grasp.force_sd_N,
-        scale_sd=gel_scale_sd,
-    )
-
-
-def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> str:
-    """Of the mesh and of all that a recording drives a model with and is compared with."""
-    digest = hashlib.sha256()
-    arrays = [mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes]
-    for one in prepared:
-        if isinstance(one, FemFailure):
-            digest.update(one.detail.encode())
-            continue
-        arrays += [one.history.time_s, one.used, *(pad.episode for pad in one.recorded.pads)]
-        for pad in one.history.pads:
-            arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
-            arrays += [pad.force_N, pad.episode]
-            arrays.append(np.array([pad.displacement_sd_mm, pad.force_sd_N, pad.lag1]))
-    for array in arrays:
-        digest.update(str(array.shape).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    placed: _Placed, *, solid: UnitModulusSolid, gel_scale_sd: float, large: bool
+) -> GraspModel | FemFailure:
+    """Of one grasp, with the compliance of its own contact nodes: what it moves where another grasp touches
+    is of no use to either.
+    """
+    grasp, places = placed
+    nodes = np.unique(np.concatenate([at.nodes for at in places]))
+    touched = replace(solid, contact_nodes=nodes)
+    try:
+        small = grasp_model(grasp.history, touched, places=places)
+        if not large:
+            return small
+        law = NeoHookean(poisson_ratio=solid.poisson_ratio)
+        return with_finite_strain(
+            small,
+            grasp.history,
+            FiniteStrainSolid(solid=touched, law=law),
+            recorded=grasp.recorded,
+            force_sd_N=grasp.force_sd_N,
+            scale_sd=gel_scale_sd,
+        )
+    except FemFailure as failure:
+        return failure

@@ -50,18 +50,15 @@ def with_corrections(
     """The models with `beyond`, one for each grasp that has a model, added to their displacement
     correction.
     """
-    changed: list[GraspModel | FemFailure] = []
     remaining = iter(beyond)
-    for model in models:
-        if isinstance(model, GraspModel):
-            own = next(remaining)
-            displacement_correction = (
-                own if model.displacement_correction is None else model.displacement_correction + own
-            )
-            changed.append(replace(model, displacement_correction=displacement_correction))
-        else:
-            changed.append(model)
-    return changed
+    return [
+        model if isinstance(model, FemFailure) else _corrected(model, next(remaining)) for model in models
+    ]
+
+
+def _corrected(model: GraspModel, beyond: Float[np.ndarray, "_t _n 3"]) -> GraspModel:
+    before = 0.0 if model.displacement_correction is None else model.displacement_correction
+    return replace(model, displacement_correction=before + beyond)
 
 
 def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:

@@ -1,7 +1,5 @@
 """The flesh of one fruit as finite elements, and what its modulus may be off by."""
 
-import hashlib
-
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -14,6 +12,7 @@ from pipeline.batch.reference_body import NAME as REFERENCE
 from pipeline.batch.settings import Settings
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape
 from recon.pit.priors import PitPrior
 
@@ -54,8 +53,7 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
     Solid where there is no pit.
     """
     sizes = task.settings.mesh
-    arrays = (*pit.skin, pit.vertices, pit.faces, touched_mm)
-    digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+    digest = content_hash(*pit.skin, pit.vertices, pit.faces, touched_mm)
     key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("pipeline", "fem"))
 
     def compute() -> KeptFlesh:
@@ -66,17 +64,9 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
             refine_at_mm=touched_mm,
             refine_edge_mm=sizes.pad_edge_mm,
         )
-        return KeptFlesh(
-            nodes_mm=mesh.nodes_mm,
-            tets=mesh.tets,
-            outer_faces=mesh.outer_faces,
-            pit_nodes=mesh.pit_nodes,
-        )
+        return KeptFlesh(**{name: getattr(mesh, name) for name in KeptFlesh.model_fields})
 
-    kept = cached(task.results.cache, "flesh", key, compute, record=KeptFlesh)
-    return FleshMesh(
-        nodes_mm=kept.nodes_mm, tets=kept.tets, outer_faces=kept.outer_faces, pit_nodes=kept.pit_nodes
-    )
+    return FleshMesh(**dict(cached(task.results.cache, "flesh", key, compute, record=KeptFlesh)))
 
 
 def error_budget(task: FruitTask, shape: FruitShape) -> ErrorBudget:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.error_budget import ErrorBudget
+from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
 from pipeline.batch.layout import in_order, write_whole
@@ -68,9 +69,8 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
     # Only what grades a fruit draws: Matplotlib is not for those who look at its recordings.
-    from reports.coverage_map import coverage_map
     from reports.mesh_picture import mesh_picture
-    from reports.surface_sd_map import surface_sd_map
+    from reports.surface_maps import coverage_map, surface_sd_map
 
     facts = log.facts
     with log.stage("mesh"):
@@ -94,7 +94,7 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
     facts.grasps = failed
     if not placed:
         write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
-        raise _why_no_grasp(list(failures.values()))
+        raise why_no_grasp(list(failures.values()))
     doubts += of_grasps(placed)
     log.warnings[:0] = [doubt.sentence for doubt in doubts]
     log.warnings += remarks_of_grasps(placed)
@@ -252,8 +252,8 @@ def said_once(sentences: Sequence[str]) -> str:
     return " ".join(said)
 
 
-def _why_no_grasp(failures: list[TactileFailure]) -> Exception:
-    """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
+def why_no_grasp(failures: Sequence[TactileFailure | FemFailure]) -> Exception:
+    """Why a fruit has no modulus: its only recording's failure, all of theirs, or that there is none."""
     if len(failures) == 1:
         return failures[0]
     if failures:

@@ -50,84 +50,32 @@ _PHASES = ModulusSign.PHASES_APART
 _FORCE_LOST = frozenset({_METHODS, _RESIDUAL, _UNBALANCED})
 _GAIN = frozenset({_METHODS, _RESIDUAL, _UNBALANCED, _PHASES})
 _ELSEWHERE = frozenset({_METHODS, _RESIDUAL})
+_TRAVEL = frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES})
+_BEFORE = frozenset({_METHODS, _RESIDUAL, _PHASES})
+_Kind = FindingKind
 EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
-    FindingKind.DEAD_MARKERS: _FORCE_LOST,
-    FindingKind.MARKERS_MISSING: _FORCE_LOST,
-    FindingKind.CLIPPED: _FORCE_LOST,
-    FindingKind.COARSE_STEPS: _FORCE_LOST,
-    FindingKind.NO_TARE: _FORCE_LOST,
-    FindingKind.REFERENCE_PRINT: _FORCE_LOST,
-    # a gain may be of one pad, and be a gel that creeps
-    FindingKind.GAIN: _GAIN,
-    FindingKind.FORCE_SCALE: _GAIN,
-    FindingKind.DISPLACEMENT_SCALE: _GAIN,
-    FindingKind.FORCE_DRIFT: _GAIN,
-    # another scale of all forces alike, which every sign of a modulus leaves as it is
-    FindingKind.STIFFNESS_NOT_OF_SENSOR: frozenset(),
-    FindingKind.PITCH_NOT_OF_SENSOR: frozenset(),
-    # the first touch is found late; the residual is judged by the noise itself
-    FindingKind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
-    # places of the gel against the jaws; the two pads' forces are still of one instant
-    FindingKind.CLOCKS_APART: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
-    FindingKind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
-    FindingKind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
-    FindingKind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
-    # the jaws' travel is not known to what the fruit gave
-    FindingKind.STIFFER_THAN_RIG: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
-    # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
-    FindingKind.WIDTH: _ELSEWHERE,
-    FindingKind.ASIDE: _ELSEWHERE,
-    FindingKind.PRINT_ASIDE: _ELSEWHERE,
-    FindingKind.PADS_EXCHANGED: _ELSEWHERE,
-    FindingKind.MESH_TURNED: _ELSEWHERE,
-    FindingKind.OTHER_FRUIT: _ELSEWHERE,
-    FindingKind.OTHER_CATEGORY: _ELSEWHERE,
-    FindingKind.READ_OTHERWISE: frozenset(),
-    # E does not depend on these
-    FindingKind.BEYOND_RIG: frozenset(),
-    FindingKind.TIME_UNIT: frozenset(),
-    FindingKind.APERTURE_UNIT: frozenset(),
-    FindingKind.FRAMES_DROPPED: frozenset(),
-    FindingKind.ENDS_PRESSED: frozenset(),
-    FindingKind.LOGGER: frozenset(),
-    # a recording with one of these is refused: no modulus comes from it
     **dict.fromkeys(
-        (
-            FindingKind.ZERO_FRAMES,
-            FindingKind.MARKERS_UNIT,
-            FindingKind.MARKERS_ORDER,
-            FindingKind.MARKERS_PITCH_OFF,
-            FindingKind.PRINT_WITHOUT_FORCE,
-            FindingKind.OVER_EDGE,
-            FindingKind.AXES,
-            FindingKind.DEAD_FIELD,
-            FindingKind.SIGN,
-            FindingKind.DELAY,
-            FindingKind.INCREMENTS,
-            FindingKind.OUT_OF_STEP,
-            FindingKind.OTHER_MARKERS,
-            FindingKind.SATURATION,
-            FindingKind.FORCE_UNIT,
-            FindingKind.DISPLACEMENT_UNIT,
-            FindingKind.STIFFNESS_UNIT,
-            FindingKind.FORCE_OR_STIFFNESS_UNIT,
-            FindingKind.FRAMES_SHUFFLED,
-            FindingKind.GEL_FRAMES_SHUFFLED,
-            FindingKind.POSES_UNIT,
-            FindingKind.POSES_STILL,
-            FindingKind.POSES_TRANSPOSED,
-            FindingKind.POSES_INVERTED,
-            FindingKind.POSES_BACK_TO_BACK,
-            FindingKind.POSES_TURNED,
-            FindingKind.POSE_AWAY,
-            FindingKind.TOO_DEEP,
-        ),
-        frozenset[ModulusSign](),
+        (_Kind.DEAD_MARKERS, _Kind.MARKERS_MISSING, _Kind.CLIPPED, _Kind.COARSE_STEPS), _FORCE_LOST
     ),
+    **dict.fromkeys((_Kind.NO_TARE, _Kind.REFERENCE_PRINT), _FORCE_LOST),
+    # a gain may be of one pad, and be a gel that creeps
+    **dict.fromkeys((_Kind.GAIN, _Kind.FORCE_SCALE, _Kind.DISPLACEMENT_SCALE, _Kind.FORCE_DRIFT), _GAIN),
+    # the first touch is found late; the residual is judged by the noise itself
+    _Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
+    # places of the gel against the jaws, or the jaws' travel against what the fruit gave; the forces of the
+    # two pads are still of one instant
+    **dict.fromkeys((_Kind.CLOCKS_APART, _Kind.APERTURE, _Kind.STIFFER_THAN_RIG), _TRAVEL),
+    **dict.fromkeys((_Kind.COPIED_FRAMES, _Kind.STARTS_IN_CONTACT), _BEFORE),
+    # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
+    **dict.fromkeys(
+        (_Kind.WIDTH, _Kind.ASIDE, _Kind.PRINT_ASIDE, _Kind.PADS_EXCHANGED, _Kind.MESH_TURNED), _ELSEWHERE
+    ),
+    **dict.fromkeys((_Kind.OTHER_FRUIT, _Kind.OTHER_CATEGORY), _ELSEWHERE),
 }
 """Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
-named. ModulusSign.ONE_FRAME is never."""
+named. ModulusSign.ONE_FRAME is never. Other kinds explain none: E does not depend on them, they scale all
+forces alike, or a recording with one is refused."""
 
 
 def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:
@@ -209,7 +157,8 @@ def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
 
 def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
     """The signs in the recording's modulus that follow from what was found in it."""
-    return frozenset[ModulusSign]().union(*(EXPLAINS[one.kind] for one in grasp.findings if not one.remark))
+    named = (EXPLAINS.get(one.kind, ()) for one in grasp.findings if not one.remark)
+    return frozenset[ModulusSign]().union(*named)
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:

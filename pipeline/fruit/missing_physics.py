@@ -1,6 +1,5 @@
 """The screen of one fruit for missing physics, kept by content; it never costs the fruit its grade."""
 
-import hashlib
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
@@ -11,7 +10,7 @@ from fem.estimation.fruit_modulus import FruitInference
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
-from fem.mismatch.mismatch_case import GraspCase, MismatchCase
+from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.screen import Screened, screen
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.batch.cache import cached, stage_key
@@ -21,6 +20,7 @@ from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.records import AmountRecord, ScreenRecord, SuspectedRecord
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.flesh_effects import in_the_model
 from pipeline.fruit.grasped import GraspedFruit
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
@@ -83,7 +83,7 @@ def screened_fruit(
         STAGE,
         files=[],
         settings=[
-            _digest(case),
+            content_hash(case.mesh, case.grasps),
             [grasp.name for grasp in placed],
             [own.E_MPa for _, _, own in usable],
             fruit.poisson_ratio,
@@ -123,40 +123,3 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
         ),
         note="; ".join(part for part in (without, said.note) if part),
     )
-
-
-def _digest(case: MismatchCase) -> str:
-    """Of all that the screen reads of mesh and recordings."""
-    digest = hashlib.sha256()
-    mesh = case.mesh
-    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
-        _add(digest, array)
-    for grasp in case.grasps:
-        _add_grasp(digest, grasp)
-    return digest.hexdigest()
-
-
-def _add_grasp(digest: "hashlib._Hash", grasp: GraspCase) -> None:
-    digest.update(repr((grasp.name, grasp.support, grasp.history.phase)).encode())
-    _add(digest, grasp.history.time_s)
-    for pad in grasp.history.pads:
-        for array in (
-            pad.rest_mm,
-            pad.surface_mm,
-            pad.position_mm,
-            pad.gel_displacement_mm,
-            pad.force_N,
-            pad.episode,
-        ):
-            _add(digest, array)
-        digest.update(repr((pad.name, pad.displacement_sd_mm, pad.force_sd_N, pad.lag1)).encode())
-        digest.update(repr(pad.surface_sd_mm).encode())
-    for motion in grasp.pads:
-        _add(digest, motion.pose)
-        _add(digest, motion.normal_N)
-        digest.update(repr((motion.name, motion.markers, motion.gel_N_per_mm)).encode())
-
-
-def _add(digest: "hashlib._Hash", array: np.ndarray) -> None:
-    digest.update(str(array.shape).encode())
-    digest.update(np.ascontiguousarray(array).tobytes())

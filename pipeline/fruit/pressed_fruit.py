@@ -36,15 +36,14 @@ from pipeline.fruit.bare_traces import (
     is_along_stem,
     is_bare,
     joined_traces,
-    known_geometry,
 )
 from pipeline.fruit.elasticity import DOUBTED
 from pipeline.fruit.flesh_model import poisson_ratio
-from pipeline.fruit.grasped import admitted, owner_of, said_once
+from pipeline.fruit.grasped import admitted, owner_of, why_no_grasp
 from pipeline.fruit.input_doubts import Doubt, of_findings, relative_sd
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
-from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
+from pipeline.fruit.trace_geometry import Stated, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
 from reports.grasp_record import CurveRecord, GraspRecord
@@ -79,7 +78,6 @@ class CompressionTrace:
 
     path: Path
     bare: BareRecording
-    known: TraceGeometry
     fruit: Ellipsoid
     digest: str
     findings: tuple[Finding, ...] = ()
@@ -161,11 +159,9 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
             failures[name] = failure
             log.warnings.append(f"not used: {failure.detail}")
     log.facts.grasps = tuple(GraspRecord(grasp=name, failure=one.detail) for name, one in failures.items())
-    if used:
-        return used
-    if len(failures) == 1:
-        raise next(iter(failures.values()))
-    raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures.values()]))
+    if not used:
+        raise why_no_grasp(list(failures.values()))
+    return used
 
 
 def compression_trace(
@@ -188,26 +184,25 @@ def compression_trace(
     findings = tuple(admit(recording))
     digest = recording_digest(recording)
     try:
-        bare = bare_recording(recording, source=str(path))
-        known = known_geometry(bare, stated, prior)
+        bare = bare_recording(recording, source=str(path), stated=stated, prior=prior)
     except BatchRefused as refused:
         said = " ".join(problem.sentence for problem in refused.problems)
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: {said}") from None
-    if not isinstance(known.geometry, Ellipsoid):
+    fruit = bare.known.geometry
+    if not isinstance(fruit, Ellipsoid):
         expected = "plates on a fruit; use drupe explain for other indenters"
-        raise _unfit(path, known.geometry.said, expected)
-    if is_along_stem(known.geometry, body):
+        raise _unfit(path, fruit.said, expected)
+    if is_along_stem(fruit, body):
         raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: found {ALONG_STEM}.")
     bare, notes = _without_rig(bare, rig, path)
-    require_force(joined_traces([bare], [known]).trace)
+    require_force(joined_traces([bare]).trace)
     return CompressionTrace(
         path=path,
         bare=bare,
-        known=known,
-        fruit=known.geometry,
+        fruit=fruit,
         digest=digest,
         findings=findings,
-        notes=(*(f"{path.name}: {note}." for note in recording.notes), *notes, *known.notes),
+        notes=(*(f"{path.name}: {note}." for note in recording.notes), *notes, *bare.known.notes),
     )
 
 
@@ -230,7 +225,7 @@ def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace
     """Recordings along the same diameter together, in the order of the first of each."""
     groups: list[list[CompressionTrace]] = []
     for one in used:
-        same = next((group for group in groups if group[0].known.same_as(one.known)), None)
+        same = next((group for group in groups if group[0].bare.known.same_as(one.bare.known)), None)
         if same is None:
             groups.append([one])
         else:
@@ -241,7 +236,7 @@ def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace
 def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
     """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
     try:
-        traces = joined_traces([one.bare for one in group], [one.known for one in group])
+        traces = joined_traces([one.bare for one in group])
     except BatchRefused as refused:
         said = " ".join(problem.sentence for problem in refused.problems)
         raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None

@@ -61,24 +61,22 @@ def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | Non
 
 def common_sd(recording: Recording, settings: SensorSettings | None) -> float:
     """Of the common factor: what the recording states (force_scale_sd), else batch.toml, else COMMON_SD."""
-    assumed = COMMON_SD if settings is None or settings.common_scale_sd is None else settings.common_scale_sd
-    gels = _gels(recording)
-    return float(np.mean([pad.force_scale_sd or assumed for pad in gels])) if gels else 0.0
+    assumed = None if settings is None else settings.common_scale_sd
+    return _stated_sd(recording, "force_scale_sd", COMMON_SD if assumed is None else assumed)
 
 
 def _picture_sd(recording: Recording, settings: SensorSettings | None) -> float:
     """Of E by the scale of the gel's lengths: of what the recording states (displacement_scale_sd), else
     batch.toml, else PICTURE_SD.
     """
-    assumed = PICTURE_SD
-    if settings is not None and settings.picture_scale_sd is not None:
-        assumed = settings.picture_scale_sd
-    gels = _gels(recording)
-    return (
-        E_PER_PICTURE * float(np.mean([pad.displacement_scale_sd or assumed for pad in gels]))
-        if gels
-        else 0.0
-    )
+    assumed = None if settings is None else settings.picture_scale_sd
+    sd = _stated_sd(recording, "displacement_scale_sd", PICTURE_SD if assumed is None else assumed)
+    return E_PER_PICTURE * sd
+
+
+def _stated_sd(recording: Recording, field: str, assumed: float) -> float:
+    """The mean over its gels; 0 where it has none."""
+    return float(np.mean([getattr(pad, field) or assumed for pad in _gels(recording)] or [0.0]))
 
 
 def _gels(recording: Recording) -> list[GelPad]:

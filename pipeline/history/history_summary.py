@@ -13,8 +13,8 @@ def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
     entry = made.entry
     batches = _counted(entry.batches, "batch", "batches")
     yield f"{batches} ({made.new} new), {_counted(len(entry.series), 'lot', 'lots')}"
-    for one in entry.series:
-        yield from _series_lines(one)
+    for series in entry.series:
+        yield from _series_lines(series)
     for alarm in entry.alarms:
         yield f"reference body {printable(alarm)}"
     yield from map(printable, made.said)
@@ -22,16 +22,17 @@ def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
         yield f"written: {path}"
 
 
-def _series_lines(one: SeriesEntry) -> Iterator[str]:
-    last = one.days[-1]
+def _series_lines(series: SeriesEntry) -> Iterator[str]:
+    last = series.days[-1]
+    days = _counted(len(series.days), "day", "days")
     yield (
-        f"{printable(one.name)}: {_counted(len(one.days), 'day', 'days')}, {last.fruit} fruit on {last.day}, "
+        f"{printable(series.name)}: {days}, {last.fruit} fruit on {last.day}, "
         f"E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g})"
     )
-    yield f"  {one.softening.words if one.softening else one.why_no_softening + '.'}"
-    for limit in one.limits:
+    yield f"  {series.softening.words if series.softening else series.why_no_softening + '.'}"
+    for limit in series.limits:
         yield f"  {printable(limit.name)} (up to {limit.E_max_MPa:g} MPa): {limit.words}"
-    for note in one.notes:
+    for note in series.notes:
         yield f"  note: {printable(note)}."
 
 

@@ -23,26 +23,22 @@ def history_csv(
     added = [f"{scale}_{part}" for scale in scales for part in ("predicted", "low", "high", "version")]
     rows = []
     for batch in batches:
-        for one in batch.fruit:
+        for fruit in batch.fruit:
             row: dict[str, object] = {
                 "measured_on": batch.measured.isoformat(),
-                "category": safe_cell(batch.category),
-                "cultivar": safe_cell(batch.cultivar),
-                "lot": safe_cell(batch.lot),
-                "fruit_id": safe_cell(one.fruit_id),
-                "E_MPa": float(f"{one.E_MPa:.4g}"),
-                "E_sd_MPa": float(f"{one.E_sd_MPa:.3g}"),
-                "doubted": "true" if one.doubted else None,
-                "reference_E_MPa": one.E_known_MPa,
-                "shore_oo": one.shore_oo,
-                "penetrometer_N": one.penetrometer_N,
+                **{name: safe_cell(getattr(batch, name)) for name in ("category", "cultivar", "lot")},
+                "fruit_id": safe_cell(fruit.fruit_id),
+                "E_MPa": float(f"{fruit.E_MPa:.4g}"),
+                "E_sd_MPa": float(f"{fruit.E_sd_MPa:.3g}"),
+                "doubted": "true" if fruit.doubted else None,
+                "reference_E_MPa": fruit.E_known_MPa,
+                "shore_oo": fruit.shore_oo,
+                "penetrometer_N": fruit.penetrometer_N,
             }
-            for scale in scales:
+            for scale in scales if fruit.E_known_MPa is None else ():
                 conversion = conversions.get((scale, batch.group))
-                if conversion is None or one.E_known_MPa is not None:
-                    continue
-                if (found := conversion.predicted(one.E_MPa)) is not None:
-                    middle, half = found
+                if conversion is not None and (predicted := conversion.predicted(fruit.E_MPa)) is not None:
+                    middle, half = predicted
                     row |= {
                         f"{scale}_predicted": round(middle, 2),
                         f"{scale}_low": round(middle - half, 2),

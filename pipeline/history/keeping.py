@@ -1,6 +1,6 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,13 +10,14 @@ from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.history.history_store import HistoryStore, history_store
 from pipeline.history.history_table import COLUMNS, history_csv
-from pipeline.history.lot_history import fruit_of, history_entry
+from pipeline.history.lot_history import history_entry
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from reports.history_entries import HistoryEntry
 from reports.history_page import PAGE_TITLE, history_html
 
+COMMAND = "drupe history"
 MOST_BYTES = 100_000_000
 """Of a page or table that is looked at before it is replaced: ten thousand batches."""
 
@@ -52,29 +53,24 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
     is; and NotWritten.
     """
     _require_sound(outs, wanted)
-    own = [stored_batch(out) for out in outs]
+    added = [stored_batch(out) for out in outs]
     with history_store(wanted.store) as store:
-        new = sum([store.add(one) for one in own])
+        new = sum([store.add(batch) for batch in added])
         batches = store.batches()
         if not batches:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(wanted.store or "drupe history"), "contains no batch yet; name results folders."
-                    )
-                ]
-            )
-        said = [_fitted(store, scale, batches, now) for scale in wanted.fit]
-        used = [one for text in wanted.convert for one in _asked(store, text, batches)]
+            raise refused(str(wanted.store or COMMAND), "contains no batch yet; name results folders.")
+        said = [line for scale in wanted.fit for line in _fitted(store, scale, batches, now)]
+        used = [fit for text in wanted.convert for fit in _asked(store, text, batches)]
         entry = history_entry(batches, conversions=store.conversions(), used=used, now=now)
     if wanted.csv is not None:
-        table = history_csv(batches, {(one.scale, one.group): one for one in used})
-        put(wanted.csv, table.encode())
+        put(wanted.csv, history_csv(batches, {(fit.scale, fit.group): fit for fit in used}).encode())
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
-    return HistoryMade(
-        entry=entry, new=new, said=(*(line for lines in said for line in lines), *map(_applied, used))
-    )
+    said += [
+        f"version {fit.version} predicts {fit.scale} of {fit.group}, fitted {fit.fitted_utc[:10]}."
+        for fit in used
+    ]
+    return HistoryMade(entry=entry, new=new, said=tuple(said))
 
 
 def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) -> list[str]:
@@ -82,35 +78,31 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     lines say what would be removed, and the store stays. Raises BatchRefused where nothing is named so.
     """
     if not wanted.forget:
-        raise BatchRefused(
-            [Problem("drupe history", "--dry-run shows the effect of --forget; add --forget.")]
-        )
+        raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
     if outs or wanted.html or wanted.csv or wanted.fit or wanted.convert:
-        sentence = "--forget allows only --store and --dry-run; write page and table afterwards."
-        raise BatchRefused([Problem("drupe history", sentence)])
+        raise refused(COMMAND, "--forget allows only --store and --dry-run; write page and table afterwards.")
     if wanted.store is None or not wanted.store.exists():
-        sentence = "--forget needs a store; name it with --store."
-        raise BatchRefused([Problem(str(wanted.store or "drupe history"), sentence)])
+        raise refused(str(wanted.store or COMMAND), "--forget needs a store; name it with --store.")
     with history_store(wanted.store, damaged_too=True, read_only=dry_run) as store:
-        found = [one for named in wanted.forget for one in store.forget(named)]
-    return [f"{'would forget' if dry_run else 'forgotten'}: {one.words}" for one in found]
+        lines = [line for named in wanted.forget for line in store.forget(named)]
+    return [f"{'would forget' if dry_run else 'forgotten'}: {line}" for line in lines]
 
 
-def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now: datetime) -> list[str]:
-    """Conversions of one scale for every cultivar that has enough fruit, kept as new versions; in words."""
-    groups = sorted({one.group for one in batches})
-    said = []
-    for group in groups:
+def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now: datetime) -> Iterator[str]:
+    """Fits conversions of one scale for every cultivar that has enough fruit, and keeps them as new versions;
+    in words.
+    """
+    for group in sorted({batch.group for batch in batches}):
         pairs = [
-            (one.E_MPa, reading)
+            (fruit.E_MPa, reading)
             for batch in batches
             if batch.group == group
-            for one in fruit_of(batch)
-            if (reading := getattr(one, scale)) is not None
+            for fruit in batch.fruit
+            if fruit.fitted and (reading := getattr(fruit, scale)) is not None
         ]
-        versions = [one.version for one in store.conversions() if (one.scale, one.group) == (scale, group)]
+        versions = [fit.version for fit in store.conversions() if (fit.scale, fit.group) == (scale, group)]
         try:
-            found = fitted_conversion(
+            fit = fitted_conversion(
                 [E for E, _ in pairs],
                 [reading for _, reading in pairs],
                 scale=scale,
@@ -119,45 +111,36 @@ def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now
                 fitted_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
             )
         except NotFitted as reason:
-            said.append(f"{scale}, {group}: not fitted: {reason}.")
+            yield f"{scale}, {group}: not fitted: {reason}."
             continue
-        store.add_conversion(found)
-        said.append(
-            f"{scale}, {group}: drupe fitted version {found.version} to {found.fruit} fruit and stored it."
-        )
-    return said
+        store.add_conversion(fit)
+        yield f"{scale}, {group}: drupe fitted version {fit.version} to {fit.fruit} fruit and stored it."
 
 
 def _asked(store: HistoryStore, text: str, batches: Sequence[StoredBatch]) -> list[ScaleConversion]:
     """The conversion of every cultivar; the version named, or the last one. Raises BatchRefused."""
     scale, _, version = text.partition("@")
-    kept = [one for one in store.conversions() if one.scale == scale]
-    if version:
-        kept = [one for one in kept if str(one.version) == version]
-    if not kept:
-        known = ", ".join(f"{one.scale}@{one.version} ({one.group})" for one in store.conversions())
+    last = {
+        fit.group: fit
+        for fit in store.conversions()
+        if fit.scale == scale and version in ("", str(fit.version))
+    }
+    if not last:
+        known = ", ".join(f"{fit.scale}@{fit.version} ({fit.group})" for fit in store.conversions())
         sentence = f'contains no conversion "{text}" ({known or "it has none"}); fit one with --fit {scale}.'
-        raise BatchRefused([Problem(str(store.path or "drupe history"), sentence)])
-    last = {one.group: one for one in sorted(kept, key=lambda one: one.version)}
-    return [last[group] for group in sorted({one.group for one in batches}) if group in last]
-
-
-def _applied(one: ScaleConversion) -> str:
-    return f"version {one.version} predicts {one.scale} of {one.group}, fitted {one.fitted_utc[:10]}."
+        raise refused(str(store.path or COMMAND), sentence)
+    return [last[group] for group in sorted({batch.group for batch in batches}) if group in last]
 
 
 def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     """Raises BatchRefused where what is asked for cannot be done."""
     if not outs and wanted.store is None:
-        sentence = "needs results folders, or a store with --store."
-        raise BatchRefused([Problem("drupe history", sentence)])
+        raise refused(COMMAND, "needs results folders, or a store with --store.")
     for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):
         if text not in SCALES:
-            known = ", ".join(SCALES)
-            raise BatchRefused([Problem("drupe history", f'drupe knows no scale "{text}"; known: {known}.')])
+            raise refused(COMMAND, f'drupe knows no scale "{text}"; known: {", ".join(SCALES)}.')
     if wanted.store is None and wanted.fit:
-        sentence = "--fit stores its result; name a store with --store."
-        raise BatchRefused([Problem("drupe history", sentence)])
+        raise refused(COMMAND, "--fit stores its result; name a store with --store.")
     if wanted.store is not None:
         require_file_apart(wanted.store, inputs=[], folders=outs)
     for target, is_ours, what in (
@@ -167,7 +150,7 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
         if target is None:
             continue
         if not target.absolute().parent.is_dir():
-            raise BatchRefused([Problem(str(target.parent), "does not exist; create the folder first.")])
+            raise refused(target.parent, "does not exist; create the folder first.")
         require_file_apart(target, inputs=[wanted.store] if wanted.store else [], folders=outs)
         require_new_or_ours(target, is_ours, what)
 

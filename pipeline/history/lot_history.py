@@ -4,6 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import UTC, date, datetime, time, timedelta
+from itertools import groupby
 
 import numpy as np
 from scipy.stats import norm
@@ -52,72 +53,65 @@ def history_entry(
 ) -> HistoryEntry:
     """All that the page says. `used`: the conversions that were asked for."""
     by_series: dict[tuple[str, str, str], list[StoredBatch]] = defaultdict(list)
-    for batch in sorted(batches, key=lambda one: (one.measured, one.graded_utc)):
+    for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
         by_series[batch.series].append(batch)
     bodies = _bodies(batches)
     asked = set(used)
     return HistoryEntry(
         made_utc=now,
         batches=len(batches),
-        series=tuple(series_entry(own) for _, own in sorted(by_series.items()) if any(map(fruit_of, own))),
+        series=tuple(series_entry(of_lot) for _, of_lot in sorted(by_series.items()) if _fitted(of_lot)),
         bodies=bodies,
         alarms=tuple(_alarms(bodies)),
         conversions=tuple(_conversion_entry(one, used=one in asked) for one in conversions),
     )
 
 
-def fruit_of(batch: StoredBatch) -> list[StoredFruit]:
-    """Fruit that are fitted: no reference bodies, nothing in doubt."""
-    return [one for one in batch.fruit if one.E_known_MPa is None and not one.doubted]
+def _fitted(batches: Iterable[StoredBatch]) -> list[StoredFruit]:
+    return [fruit for batch in batches for fruit in batch.fruit if fruit.fitted]
 
 
 def series_entry(batches: Sequence[StoredBatch]) -> SeriesEntry:
     """One lot over its days; `batches` oldest first."""
-    by_day: dict[date, list[StoredBatch]] = defaultdict(list)
-    for batch in batches:
-        by_day[batch.measured].append(batch)
+    by_day = {day: list(of_day) for day, of_day in groupby(batches, key=lambda batch: batch.measured)}
     first = min(by_day)
     E_MPa = {
-        float((day - first).days): [one.E_MPa for batch in own for one in fruit_of(batch)]
-        for day, own in by_day.items()
+        float((day - first).days): [fruit.E_MPa for fruit in _fitted(of_day)]
+        for day, of_day in by_day.items()
     }
     law = softening_of(E_MPa, single_sd=UNKNOWN_SPREAD)
-    limits = [one.limits for one in batches if one.limits]
+    limits = [batch.limits for batch in batches if batch.limits]
     last = batches[-1]
     return SeriesEntry(
         category=last.category,
         cultivar=last.cultivar,
         lot=last.lot,
-        days=tuple(
-            _day_entry(day, own, law) for day, own in sorted(by_day.items()) if any(map(fruit_of, own))
-        ),
+        days=tuple(_day_entry(day, of_day, law) for day, of_day in by_day.items() if _fitted(of_day)),
         softening=None if law is None else _softening_entry(law),
         why_no_softening=""
         if law is not None
         else "one day is available; a second day shows how fast the lot softens",
         limits=tuple(_limits(limits[-1], law, first, E_MPa)) if limits else (),
-        notes=tuple(_notes(batches, limits)),
+        notes=tuple(_notes(batches, several_limits=len(set(limits)) > 1)),
     )
 
 
-def _notes(
-    batches: Sequence[StoredBatch], limits: Sequence[tuple[tuple[str, float | None], ...]]
-) -> Iterable[str]:
-    if len(set(limits)) > 1:
+def _notes(batches: Sequence[StoredBatch], *, several_limits: bool) -> Iterable[str]:
+    if several_limits:
         yield SEVERAL_LIMITS
-    if revised := [one.revisions for one in batches if one.revisions]:
+    if revised := [batch.revisions for batch in batches if batch.revisions]:
         yield REVISED.format(
             batches=len(revised),
             were="was" if len(revised) == 1 else "were",
             revisions=sum(revised),
             s="s" if sum(revised) > 1 else "",
         )
-    for one in batches:
-        if missing := one.missing:
+    for batch in batches:
+        if missing := batch.missing:
             more = len(missing) - MOST_NAMED
             yield MISSING.format(
-                key=one.key,
-                folder=one.folder,
+                key=batch.key,
+                folder=batch.folder,
                 names=", ".join(missing[:MOST_NAMED]) + (f" and {more} more" if more > 0 else ""),
                 they="it" if len(missing) == 1 else "they",
                 s="s" if len(missing) == 1 else "",
@@ -126,22 +120,21 @@ def _notes(
 
 
 def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None) -> DayEntry:
-    fruit = [one for batch in batches for one in fruit_of(batch)]
-    logs = np.log([one.E_MPa for one in fruit])
+    E_MPa = [fruit.E_MPa for fruit in _fitted(batches)]
+    logs = np.log(E_MPa)
     single_sd = law.fruit_sd if law else (float(logs.std(ddof=1)) if len(logs) > 1 else UNKNOWN_SPREAD)
-    mean, half = float(logs.mean()), QUANTILE * single_sd / math.sqrt(len(logs))
-    everyone = sum(
-        sum(one.E_known_MPa is None for one in b.fruit) + b.not_graded + len(b.lost) for b in batches
-    )
-    temperatures = [one.temperature_C for one in batches if one.temperature_C is not None]
+    half = QUANTILE * single_sd / math.sqrt(len(logs))
+    low, mean, high = np.exp(logs.mean() + half * np.array([-1, 0, 1])).tolist()
+    graded = sum(fruit.E_known_MPa is None for batch in batches for fruit in batch.fruit)
+    temperatures = [batch.temperature_C for batch in batches if batch.temperature_C is not None]
     return DayEntry(
         day=day,
-        fruit=len(fruit),
-        left_out=everyone - len(fruit),
-        E_MPa=math.exp(mean),
-        E_low_MPa=math.exp(mean - half),
-        E_high_MPa=math.exp(mean + half),
-        single_E_MPa=tuple(one.E_MPa for one in fruit),
+        fruit=len(E_MPa),
+        left_out=graded + sum(len(batch.lost) for batch in batches) - len(E_MPa),
+        E_MPa=mean,
+        E_low_MPa=low,
+        E_high_MPa=high,
+        single_E_MPa=tuple(E_MPa),
         temperature_C=float(np.mean(temperatures)) if temperatures else None,
     )
 
@@ -193,7 +186,7 @@ def _limits(
     for name, limit in limits:
         if limit is None:
             continue
-        below = sum(one <= limit for one in latest) / len(latest)
+        below = float(np.mean(np.array(latest) <= limit))
         if mean <= math.log(limit):
             words = "The mean is in this class already."
         elif law is None:
@@ -206,15 +199,13 @@ def _limits(
 
 
 def _when(law: Softening, limit_MPa: float, first: date) -> str:
-    found = reached(law, limit_MPa)
-    if found.day is None:
+    earliest, day, latest = reached(law, limit_MPa)
+    if day is None:
         far = _on(first, law.farthest_day)
         return f"Not before {far}, the last predicted day ({FARTHEST:g} times the observed days)."
-    ahead = found.day - law.last
-    ends = [_on(first, found.earliest or law.first)]
-    ends.append("an open end" if found.latest is None else _on(first, found.latest))
-    about = f"In about {ahead:.1f} days" if ahead > 0 else "About now"
-    return f"{about}, on {_on(first, found.day)} ({ends[0]} to {ends[1]}, 90 %)."
+    until = "an open end" if latest is None else _on(first, latest)
+    about = f"In about {day - law.last:.1f} days" if day > law.last else "About now"
+    return f"{about}, on {_on(first, day)} ({_on(first, earliest or law.first)} to {until}, 90 %)."
 
 
 def _on(first: date, day: float) -> str:
@@ -223,21 +214,19 @@ def _on(first: date, day: float) -> str:
 
 def _bodies(batches: Sequence[StoredBatch]) -> tuple[ReferenceBodyEntry, ...]:
     """Reference bodies by their ids, each with its points in time."""
-    points: dict[str, list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
-    for batch in batches:
-        for one in batch.fruit:
-            if one.E_known_MPa is not None:
-                points[one.fruit_id].append((batch, one))
+    by_id: dict[str, list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
+    for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
+        for fruit in batch.fruit:
+            if fruit.E_known_MPa is not None:
+                by_id[fruit.fruit_id].append((batch, fruit))
     entries = []
-    for name, own in sorted(points.items()):
-        own.sort(key=lambda pair: (pair[0].measured, pair[0].graded_utc))
-        history = tuple(_ratio_point(batch, one) for batch, one in own)
-        _, last = own[-1]
-        known = last.E_known_MPa or math.nan
+    for name, measurements in sorted(by_id.items()):
+        history = tuple(_ratio_point(batch, body) for batch, body in measurements)
+        _, last = measurements[-1]
         entries.append(
             ReferenceBodyEntry(
                 fruit_id=name,
-                E_known_MPa=known,
+                E_known_MPa=last.E_known_MPa or math.nan,
                 E_known_sd_MPa=last.E_known_sd_MPa or 0.0,
                 E_found_MPa=last.E_MPa,
                 E_found_sd_MPa=last.E_sd_MPa,
@@ -264,16 +253,16 @@ def _alarms(bodies: Sequence[ReferenceBodyEntry]) -> Iterable[str]:
             yield f"{body.fruit_id}: {said}. Check the sensor before you grade the next batch."
 
 
-def _conversion_entry(one: ScaleConversion, *, used: bool) -> ConversionEntry:
-    middle = one.predicted(math.exp(one.mean_ln_E))
+def _conversion_entry(fit: ScaleConversion, *, used: bool) -> ConversionEntry:
+    middle = fit.predicted(math.exp(fit.mean_ln_E))
     half = middle[1] if middle else math.nan
-    line = f"{one.intercept:.4g} {'+' if one.slope >= 0 else '-'} {abs(one.slope):.4g} ln(E / MPa)"
+    line = f"{fit.intercept:.4g} {'+' if fit.slope >= 0 else '-'} {abs(fit.slope):.4g} ln(E / MPa)"
     return ConversionEntry(
-        title=f"{one.scale}, {one.group}, version {one.version}",
+        title=f"{fit.scale}, {fit.group}, version {fit.version}",
         words=(
-            f"{one.scale} = {line}; 90 % of further fruit lie within ± {half:.2g}. Fitted "
-            f"{one.fitted_utc[:10]} to {one.fruit} fruit of {one.E_low_MPa:.3g} to "
-            f"{one.E_high_MPa:.3g} MPa."
+            f"{fit.scale} = {line}; 90 % of further fruit lie within ± {half:.2g}. Fitted "
+            f"{fit.fitted_utc[:10]} to {fit.fruit} fruit of {fit.E_low_MPa:.3g} to "
+            f"{fit.E_high_MPa:.3g} MPa."
         ),
         used=used,
     )

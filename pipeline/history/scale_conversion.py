@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import linregress
 from scipy.stats import t as student
 
 from pipeline.history.softening import COVERAGE
@@ -53,9 +54,8 @@ class ScaleConversion:
             return None
         away = math.log(E_MPa) - self.mean_ln_E
         sd = self.residual_sd * math.sqrt(1 + 1 / self.fruit + away**2 / self.squares)
-        return self.intercept + self.slope * math.log(E_MPa), float(
-            student.ppf(0.5 + COVERAGE / 2, self.fruit - 2)
-        ) * sd
+        half = float(student.ppf(0.5 + COVERAGE / 2, self.fruit - 2)) * sd
+        return self.intercept + self.slope * math.log(E_MPa), half
 
 
 class NotFitted(ValueError):
@@ -83,20 +83,18 @@ def fitted_conversion(
             f"E of the {n} fruit of {group} spans a factor of {math.exp(span):.2f}; the fit needs at "
             f"least {math.exp(LEAST_SPAN):.2f}: add riper or firmer fruit"
         )
+    line = linregress(x, y)
     squares = float(((x - x.mean()) ** 2).sum())
-    slope = float(((x - x.mean()) * (y - y.mean())).sum()) / squares
-    intercept = float(y.mean() - slope * x.mean())
-    residual_sd = math.sqrt(float(((y - intercept - slope * x) ** 2).sum()) / (n - 2))
     return ScaleConversion(
         scale=scale,
         group=group,
         version=version,
         fitted_utc=fitted_utc,
         fruit=n,
-        intercept=intercept,
-        slope=slope,
-        slope_sd=residual_sd / math.sqrt(squares),
-        residual_sd=residual_sd,
+        intercept=float(line.intercept),
+        slope=float(line.slope),
+        slope_sd=float(line.stderr),
+        residual_sd=float(line.stderr) * math.sqrt(squares),
         mean_ln_E=float(x.mean()),
         squares=squares,
         E_low_MPa=float(np.exp(x.min())),

@@ -78,18 +78,6 @@ class Softening:
         return self.a - t * self.k, np.sqrt(np.maximum(of_a + t * (t * of_k - 2 * of_both), 0.0))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reached:
-    """The day by which the mean is at a limit with even chance, and with 5 and 95 %.
-
-    None where that is beyond what is predicted, or never.
-    """
-
-    day: float | None
-    earliest: float | None
-    latest: float | None
-
-
 def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) -> Softening | None:
     """The law of fruit by day (days since any start); None for fewer than two days.
 
@@ -100,8 +88,8 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
         return None
     logs = [np.log(np.asarray(E_MPa[day], dtype=float)) for day in days]
     fruit_sd = _pooled_sd(logs) or single_sd
-    t, means = np.array(days), np.array([one.mean() for one in logs])
-    variance = fruit_sd**2 / np.array([len(one) for one in logs])
+    t, means = np.array(days), np.array([of_day.mean() for of_day in logs])
+    variance = fruit_sd**2 / np.array([len(of_day) for of_day in logs])
     coefficients, covariance, ln_likelihood = _weighted(t, means, variance + _TAU[:, None] ** 2)
     ln_weights = ln_likelihood - 0.5 * (_TAU / DAY_SD) ** 2
     weights = np.exp(ln_weights - ln_weights.max())
@@ -119,8 +107,10 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
     )
 
 
-def reached(law: Softening, limit_MPa: float) -> Reached:
-    """When the mean falls to the limit."""
+def reached(law: Softening, limit_MPa: float) -> tuple[float | None, float | None, float | None]:
+    """The day by which the mean falls to a limit with a chance of 5, 50 and 95 %; None where that is beyond
+    what is predicted, or never.
+    """
     days = np.linspace(law.first, law.farthest_day, 2001)
     mean, sd = law.on(days)
     below = np.maximum.accumulate(ndtr((math.log(limit_MPa) - mean) / sd) @ law.weights)
@@ -128,13 +118,13 @@ def reached(law: Softening, limit_MPa: float) -> Reached:
     def by(share: float) -> float | None:
         return float(np.interp(share, below, days)) if below[-1] >= share else None
 
-    return Reached(day=by(0.5), earliest=by(0.5 - COVERAGE / 2), latest=by(0.5 + COVERAGE / 2))
+    return by(0.5 - COVERAGE / 2), by(0.5), by(0.5 + COVERAGE / 2)
 
 
 def _pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
     """Standard deviation of single fruit within their days; 0 where no day has two."""
-    degrees = sum(len(one) - 1 for one in logs)
-    squares = sum(float(((one - one.mean()) ** 2).sum()) for one in logs)
+    degrees = sum(len(of_day) - 1 for of_day in logs)
+    squares = sum(float(((of_day - of_day.mean()) ** 2).sum()) for of_day in logs)
     return math.sqrt(squares / degrees) if degrees else 0.0
 
 
@@ -145,10 +135,10 @@ def _weighted(
     design = np.stack([np.ones_like(t), -t], axis=1)
     precision = design.T @ (design / variance[:, :, None])
     covariance = np.linalg.inv(precision)
-    found = np.einsum("mij,mj->mi", covariance, (mean / variance) @ design)
-    left = mean - found @ design.T
+    coefficients = np.einsum("mij,mj->mi", covariance, (mean / variance) @ design)
+    left = mean - coefficients @ design.T
     ln_likelihood = -0.5 * (left**2 / variance + np.log(variance)).sum(axis=1)
-    return found, covariance, ln_likelihood - 0.5 * np.linalg.slogdet(precision)[1]
+    return coefficients, covariance, ln_likelihood - 0.5 * np.linalg.slogdet(precision)[1]
 
 
 def _quantile(

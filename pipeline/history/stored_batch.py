@@ -4,23 +4,22 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
+
+from pydantic.dataclasses import dataclass
 
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import json_in, why_damaged
 from pipeline.files.plain_file import printable
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
 """Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""
 SCALES = ("shore_oo", "penetrometer_N")
 """Columns of fruits.csv with the reading of another instrument."""
-
-
 GRADE_AGAIN = "move it away and run `drupe grade` again to rebuild it."
 
 
@@ -42,14 +41,18 @@ class StoredFruit:
     penetrometer_N: float | None = None
     recordings: tuple[str, ...] = ()
 
+    @property
+    def fitted(self) -> bool:
+        """Whether it counts for its lot: no reference body, and nothing in doubt."""
+        return self.E_known_MPa is None and not self.doubted
+
 
 @dataclass(frozen=True, kw_only=True)
 class StoredBatch:
     """A batch on its day. `key`: of a batch in a store its name there, else SHA-256 of its label and
     recordings. `limits`: (name, highest E in MPa or None) of its maturity classes. `lost`: fruit that were
-    not graded; `not_graded`: the number of those whose ids an earlier version did not keep. `dated`: whether
-    the settings say the day. `revisions`: how often its results in the store were replaced. `listed`: ids of
-    all fruit that its latest results know.
+    not graded. `dated`: whether the settings say the day. `revisions`: how often its results in the store
+    were replaced. `listed`: ids of all fruit that its latest results know.
     """
 
     key: str
@@ -62,7 +65,6 @@ class StoredBatch:
     harvest: date | None
     temperature_C: float | None
     limits: tuple[tuple[str, float | None], ...]
-    not_graded: int
     fruit: tuple[StoredFruit, ...]
     lost: tuple[str, ...] = ()
     dated: bool = False
@@ -72,13 +74,8 @@ class StoredBatch:
     @property
     def missing(self) -> tuple[str, ...]:
         """Fruit of earlier results that the latest do not know; they still count."""
-        own = (*(one.fruit_id for one in self.fruit), *self.lost)
-        return tuple(name for name in own if name not in self.listed) if self.listed else ()
-
-    @property
-    def label(self) -> tuple[str, ...]:
-        """What people tell batches apart by."""
-        return self.category, self.cultivar, self.lot, str(self.harvest)
+        ids = (*(fruit.fruit_id for fruit in self.fruit), *self.lost)
+        return tuple(name for name in ids if name not in self.listed) if self.listed else ()
 
     @property
     def group(self) -> str:
@@ -96,58 +93,52 @@ def stored_batch(out: Path) -> StoredBatch:
     results = Results(out)
     said = json_in(results.provenance)
     if results.provenance.is_file() and (why := why_damaged(results.provenance)):
-        raise BatchRefused([Problem(str(results.provenance), f"{why}; {GRADE_AGAIN}")])
+        raise refused(results.provenance, f"{why}; {GRADE_AGAIN}")
     if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
-        where = out / "results"
-        hint = f"; did you mean {where}?" if Results(where).provenance.is_file() else ""
-        sentence = (
-            f"contains no results of drupe grade (batch.json){hint or '; give the folder that --out named'}"
-        )
-        raise BatchRefused([Problem(str(out), sentence)])
+        inner = out / "results"
+        hint = "give the folder that --out named"
+        if Results(inner).provenance.is_file():
+            hint = f"did you mean {inner}?"
+        raise refused(out, f"contains no results of drupe grade (batch.json); {hint}")
     if said.get("exit_status") is None:
-        sentence = "belongs to an unfinished run; let `drupe grade` finish it first."
-        raise BatchRefused([Problem(str(results.provenance), sentence)])
+        raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
     try:
         return _batch(out, results, said)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        sentence = (
-            f"is damaged or from another version ({type(error).__name__}: {printable(str(error))[:80]})"
-        )
-        raise BatchRefused(
-            [Problem(str(results.provenance), f"{sentence}; grade the batch again.")]
-        ) from None
+        why = f"{type(error).__name__}: {printable(str(error))[:80]}"
+        sentence = f"is damaged or from another version ({why}); grade the batch again."
+        raise refused(results.provenance, sentence) from None
 
 
 def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
-    settings = said["settings"]
-    started = datetime.fromisoformat(said["started_utc"])
-    paths = [results.fruit(str(name)).record for name in said["outcomes"]]
+    settings, outcomes, inputs = said["settings"], said["outcomes"], said["inputs"]
+    paths = [results.fruit(str(name)).record for name in outcomes]
     damaged = [(path, why) for path in paths if path.is_file() and (why := why_damaged(path))]
     if damaged:
         raise BatchRefused(Problem(str(path), f"{why}; {GRADE_AGAIN}") for path, why in damaged)
-    records = [read_record(path) for path in paths]
-    lost = [name for name, one in zip(said["outcomes"], records, strict=True) if one is None]
-    if lost:
-        raise ValueError(f"no record.json of {', '.join(map(printable, lost[:3]))}")
-    recordings = _recordings(said["inputs"])
-    fruit = [stored for one in records if one is not None and (stored := _fruit(one, recordings)) is not None]
+    records = [record for path in paths if (record := read_record(path)) is not None]
+    if unread := [name for name in outcomes if name not in {record.fruit_id for record in records}]:
+        raise ValueError(f"no record.json of {', '.join(map(printable, unread[:3]))}")
+    recordings = _recordings(inputs)
+    fruit = [
+        _fruit(record, recordings.get(record.fruit_id, ())) for record in records if _has_modulus(record)
+    ]
     graded = {one.fruit_id for one in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
     return StoredBatch(
-        key=_key(said["inputs"], settings),
+        key=_key(inputs, settings),
         folder=str(said.get("batch") or out.resolve()),
-        measured=_date(settings.get("measured_on")) or started.date(),
-        graded_utc=str(said["started_utc"]),
-        category=str(settings["category"]),
-        cultivar=str(settings.get("cultivar") or ""),
-        lot=str(settings.get("lot") or ""),
-        harvest=_date(settings.get("harvest_date")),
+        measured=settings.get("measured_on") or datetime.fromisoformat(said["started_utc"]).date(),
+        graded_utc=said["started_utc"],
+        category=settings["category"],
+        cultivar=settings.get("cultivar") or "",
+        lot=settings.get("lot") or "",
+        harvest=settings.get("harvest_date"),
         temperature_C=settings.get("pulp_temperature_C"),
-        limits=tuple((str(one["name"]), one.get("E_max_MPa")) for one in classes),
-        not_graded=0,
-        lost=tuple(str(name) for name in said["outcomes"] if name not in graded),
+        limits=tuple((grade["name"], grade.get("E_max_MPa")) for grade in classes),
+        lost=tuple(name for name in outcomes if name not in graded),
         dated=bool(settings.get("measured_on")),
-        listed=tuple(sorted(map(str, said["outcomes"]))),
+        listed=tuple(sorted(outcomes)),
         fruit=tuple(fruit),
     )
 
@@ -160,32 +151,32 @@ def _recordings(inputs: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
         of_a_grasp = len(path.parts) > 3 and (path.parts[0], path.parts[2]) == ("fruits", "grasps")
         if of_a_grasp and path.suffix.lower() not in DESCRIPTIONS:
             by_recording[path.parts[1], path.parts[3]].append(digest)
-    found: dict[str, list[str]] = defaultdict(list)
+    by_fruit: dict[str, list[str]] = defaultdict(list)
     for (fruit_id, _), digests in by_recording.items():
-        found[fruit_id].append(hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest())
-    return {fruit_id: tuple(sorted(own)) for fruit_id, own in found.items()}
+        by_fruit[fruit_id].append(hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest())
+    return {fruit_id: tuple(sorted(digests)) for fruit_id, digests in by_fruit.items()}
 
 
-def _fruit(record: FruitRecord, recordings: Mapping[str, tuple[str, ...]]) -> StoredFruit | None:
+def _has_modulus(record: FruitRecord) -> bool:
+    return record.graded and record.modulus is not None and 0 < record.modulus.E_MPa < math.inf
+
+
+def _fruit(record: FruitRecord, recordings: tuple[str, ...]) -> StoredFruit:
     """The fruit as ranked (divided by what reference bodies say, where it was); a body as it was measured."""
-    if not record.graded or record.modulus is None:
-        return None
-    given, found = record.given, record.modulus
-    E_MPa, sd_MPa = found.E_MPa, found.E_sd_MPa
-    if record.reference is not None and not given.reference:
-        E_MPa, sd_MPa = record.reference.E_MPa, record.reference.E_sd_MPa
-    if not (math.isfinite(E_MPa) and E_MPa > 0):
-        return None
+    given = record.given
+    modulus = record.modulus if given.reference or record.reference is None else record.reference
+    if modulus is None:
+        raise ValueError(f"{record.fruit_id} has no modulus")
     return StoredFruit(
         fruit_id=record.fruit_id,
-        E_MPa=E_MPa,
-        E_sd_MPa=sd_MPa,
+        E_MPa=modulus.E_MPa,
+        E_sd_MPa=modulus.E_sd_MPa,
         doubted=bool(record.doubts),
         E_known_MPa=given.reference_E_MPa if given.reference else None,
         E_known_sd_MPa=given.reference_E_sd_MPa if given.reference else None,
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
-        recordings=recordings.get(record.fruit_id, ()),
+        recordings=recordings,
     )
 
 
@@ -194,7 +185,3 @@ def _key(inputs: Mapping[str, str], settings: Mapping[str, Any]) -> str:
     measured = sorted(digest for path, digest in inputs.items() if path.startswith("fruits/"))
     said = [str(settings.get(name)) for name in ("category", "cultivar", "lot", "measured_on")]
     return hashlib.sha256("\n".join([*said, *measured]).encode()).hexdigest()
-
-
-def _date(text: object) -> date | None:
-    return date.fromisoformat(text) if isinstance(text, str) else None

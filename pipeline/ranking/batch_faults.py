@@ -22,6 +22,7 @@ fault.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -122,85 +123,83 @@ def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
     """What sensors or jaws have wrong in the whole batch, the surest first; one of each effect at most."""
     amounts: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
     for record in records:
-        for one in () if record.screen is None else record.screen.amounts:
-            if math.isfinite(one.value) and one.sd > 0:
-                key = (one.effect, one.pad, one.parameter)
-                amounts.setdefault(key, []).append((record.fruit_id, one.value, one.sd))
-    tried = {key: own for key, own in amounts.items() if len(own) >= FEWEST and key[0] in SPECS}
-    found = []
-    for (effect, pad, parameter), own in tried.items():
-        values, sds = (np.array(numbers) for numbers in list(zip(*own, strict=True))[1:])
+        for amount in () if record.screen is None else record.screen.amounts:
+            if math.isfinite(amount.value) and amount.sd > 0:
+                key = (amount.effect, amount.pad, amount.parameter)
+                amounts.setdefault(key, []).append((record.fruit_id, amount.value, amount.sd))
+    tried = {
+        key: of_fruit for key, of_fruit in amounts.items() if len(of_fruit) >= FEWEST and key[0] in SPECS
+    }
+    sure = []
+    for (effect, pad, parameter), of_fruit in tried.items():
+        values, sds = (np.array(numbers) for numbers in list(zip(*of_fruit, strict=True))[1:])
         together = combined(values, sds, floor=FLOOR.get(parameter, OF_ITS_OWN * float(np.median(sds))))
-        if together.p_value >= FALSE_ALARM / len(tried):
-            continue
-        shown = tuple(name for name, y, s in own if y * together.mean > 0 and abs(y) > SEEN * s)
-        found.append((effect, pad, parameter, together, shown, len(own)))
-    return tuple(_faults(found))
+        if together.p_value < FALSE_ALARM / len(tried):
+            shown = tuple(name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s)
+            sure.append(_Sure(effect, pad, parameter, together, shown, len(of_fruit)))
+    return tuple(_faults(sure))
 
 
-Found = tuple[str, str, str, Combined, tuple[str, ...], int]
+class _Sure(NamedTuple):
+    """An amount that all fruit together show, those that show it by themselves, and how many were looked
+    at.
+    """
+
+    effect: str
+    pad: str
+    parameter: str
+    together: Combined
+    shown_by: tuple[str, ...]
+    fruit: int
 
 
-def _faults(found: Sequence[Found]) -> Iterable[BatchFault]:
-    """Of each effect the surest, with the other pads that may have it instead."""
-    for effect in dict.fromkeys(one[0] for one in sorted(found, key=lambda one: one[3].p_value)):
-        own = sorted((one for one in found if one[0] == effect), key=lambda one: -one[3].t)
-        _, pad, parameter, together, shown, count = own[0]
+def _faults(sure: Sequence[_Sure]) -> Iterable[BatchFault]:
+    """Of each effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
+    how many fruit, and what to do.
+    """
+    for effect in dict.fromkeys(
+        amount.effect for amount in sorted(sure, key=lambda amount: amount.together.p_value)
+    ):
+        first, *rest = sorted(
+            (amount for amount in sure if amount.effect == effect), key=lambda amount: -amount.together.t
+        )
         others = [
-            (one[1], one[3])
-            for one in own[1:]
-            if one[1] != pad and one[2] == parameter and one[3].t > AS_SURE * together.t
+            amount
+            for amount in rest
+            if amount.pad != first.pad
+            and amount.parameter == first.parameter
+            and amount.together.t > AS_SURE * first.together.t
         ]
+        said, together = ", or ".join(map(_amount, (first, *others))), first.together
         yield BatchFault(
             effect=effect,
-            pad=pad,
-            parameter=parameter,
+            pad=first.pad,
+            parameter=first.parameter,
             value=together.mean,
             sd=together.sd,
             between_sd=together.between_sd,
             p_value=together.p_value,
-            shown_by=shown,
-            fruit=count,
-            sentence=_sentence(effect, pad, parameter, together, others, len(shown), count),
+            shown_by=first.shown_by,
+            fruit=first.fruit,
+            sentence=(
+                f"{said[:1].upper()}{said[1:]}: in all {first.fruit} fruit together (p = "
+                f"{together.p_value:.1g}), and visible in {len(first.shown_by)} of {first.fruit} "
+                f"individually. {SPECS[effect].words.advice}"
+            ),
         )
 
 
-def _sentence(
-    effect: str,
-    pad: str,
-    parameter: str,
-    together: Combined,
-    others: Sequence[tuple[str, Combined]],
-    shown: int,
-    count: int,
-) -> str:
-    """What is wrong, by how much, in how many fruit, and what to do."""
-    words = SPECS[effect].words
-    said = _amount(effect, pad, parameter, together)
-    for other, own in others:
-        said += f", or {_amount(effect, other, parameter, own)}"
-    return (
-        f"{said[:1].upper()}{said[1:]}: in all {count} fruit together (p = {together.p_value:.1g}), "
-        f"and visible in {shown} of {count} individually. {words.advice}"
-    )
-
-
-def _amount(effect: str, pad: str, parameter: str, found: Combined) -> str:
+def _amount(sure: _Sure) -> str:
     """The fault with its size."""
-    where = f"the {pad} pad" if pad else "the gripper"
-    if parameter == "gain":
-        gain, sd = 1 / (1 - found.mean) - 1, found.sd / (1 - found.mean) ** 2
+    mean, sd = sure.together.mean, sure.together.sd
+    where = f"the {sure.pad} pad" if sure.pad else "the gripper"
+    if sure.parameter == "gain":
+        gain = 1 / (1 - mean) - 1
         much = "much" if gain > 0 else "little"
-        return f"{where} reads {100 * abs(gain):.1f} ± {100 * sd:.1f} % too {much} force"
-    spec = next(
-        (
-            one
-            for one in SPECS[effect].parameters
-            if any(searched.name == parameter for searched in one.searched)
-        ),
-        None,
-    )
+        return f"{where} reads {100 * abs(gain):.1f} ± {100 * sd / (1 - mean) ** 2:.1f} % too {much} force"
+    specs = SPECS[sure.effect].parameters
+    spec = next((spec for spec in specs if sure.parameter in {part.name for part in spec.searched}), None)
     unit = "" if spec is None else f" {spec.unit}".replace(" 1", "")
-    meaning = SPECS[effect].words.short if spec is None else spec.words
-    axis = {"0": " along its x", "1": " along its y"}.get(parameter.partition(".")[2], "")
-    return f"{where}: {meaning}{axis} {found.mean:+.3g} ± {found.sd:.2g}{unit}"
+    meaning = SPECS[sure.effect].words.short if spec is None else spec.words
+    axis = {"0": " along its x", "1": " along its y"}.get(sure.parameter.partition(".")[2], "")
+    return f"{where}: {meaning}{axis} {mean:+.3g} ± {sd:.2g}{unit}"

@@ -11,6 +11,8 @@ and the fruit may be shipped with the sum of P_k over the classes that are shipp
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from fem.mismatch.screen import UNKNOWN
 from pipeline.batch.diagnosis_record import DiagnosisRecord
@@ -26,16 +28,16 @@ OTHER_CLASS = "the suspected effect changes its class"
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """The list a fruit is on (SHIP, HOLD, INSPECT; empty: on none), why where it is INSPECT, and the class
-    that it may have as well, with its probability, where its own is not certain. `suspicion`: what the reason
-    says of E with an effect that is not part of it.
+    """As a FruitEntry has it: the list a fruit is on (SHIP, HOLD, INSPECT; empty: on none), why where it is
+    INSPECT, and the class that it may have as well, with its probability, where its own is not certain.
+    `suspicion`: what the reason says of E with an effect that is not part of it.
     """
 
-    list_name: str = ""
-    why: str = ""
+    decision: str = ""
+    decision_reason: str = ""
     suspicion: Suspicion | None = None
     other_class: str | None = None
-    other_probability: float | None = None
+    other_class_probability: float | None = None
 
 
 def decide(
@@ -53,35 +55,26 @@ def decide(
     """
     if record.given.reference:
         return Decision()
+    inspect = partial(Decision, decision=INSPECT)
     if not record.graded or place is None:
-        return Decision(list_name=INSPECT, why="not graded")
+        return inspect(decision_reason="not graded")
     if record.doubts:
-        return Decision(list_name=INSPECT, why="E is in doubt")
+        return inspect(decision_reason="E is in doubt")
     suspected = () if record.screen is None else record.screen.names
     if UNKNOWN in (mismatch, *suspected[:1]):
-        return Decision(list_name=INSPECT, why="no known effect explains its recordings")
-    other, probability = _other_class(place, grading)
-    if (found := _missing_physics(record, place, grading, explained)) is not None:
-        head, suspicion = found
-        return Decision(
-            list_name=INSPECT,
-            why=f"{head}: {suspicion_words(suspicion)}",
-            suspicion=suspicion,
-            other_class=other,
-            other_probability=probability,
-        )
+        return inspect(decision_reason="no known effect explains its recordings")
+    other = _other_class(place, grading)
+    if (missing := _missing_physics(record, place, grading, explained)) is not None:
+        head, suspicion = missing
+        reason = f"{head}: {suspicion_words(suspicion)}"
+        return inspect(decision_reason=reason, suspicion=suspicion, **other)
     shipped = grading.shipped
     if shipped is None:
         return Decision()
     chance = ship_probability(place.class_probabilities, shipped)
     if 1 - grading.certainty < chance < grading.certainty:
-        why = f"borderline: ship with probability {percent(chance)}"
-        return Decision(list_name=INSPECT, why=why, other_class=other, other_probability=probability)
-    return Decision(
-        list_name=SHIP if chance >= grading.certainty else HOLD,
-        other_class=other,
-        other_probability=probability,
-    )
+        return inspect(decision_reason=f"borderline: ship with probability {percent(chance)}", **other)
+    return Decision(decision=SHIP if chance >= grading.certainty else HOLD, **other)
 
 
 def _missing_physics(
@@ -138,16 +131,14 @@ def ship_probability(class_probabilities: Sequence[float], shipped: Sequence[boo
     return sum(share for share, goes in zip(class_probabilities, shipped, strict=True) if goes)
 
 
-def _other_class(place: Rank, grading: Grading) -> tuple[str | None, float | None]:
-    """The likeliest class but its own, where that is not certain."""
+def _other_class(place: Rank, grading: Grading) -> dict[str, Any]:
+    """The likeliest class but its own, where that is not certain, as a Decision has it."""
     if place.maturity_probability is None or place.maturity_probability >= grading.certainty:
-        return None, None
+        return {}
     others = [
         (share, grade.name)
         for share, grade in zip(place.class_probabilities, grading.classes, strict=True)
         if grade.name != place.maturity
     ]
-    if not others:
-        return None, None
-    share, name = max(others)
-    return name, share
+    share, name = max(others, default=(None, None))
+    return {"other_class": name, "other_class_probability": share}

@@ -26,6 +26,7 @@ from pipeline.ranking.verified_scale import (
     with_own_gain,
     with_sensor,
 )
+from reports.entries import ReferenceBodyEntry
 from reports.grasp_record import GraspRecord
 from reports.tables import safe_cell
 
@@ -89,25 +90,14 @@ class Ratio:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BodyFound:
-    """One reference body: its modulus as known and as found, and their ratio, one standard deviation each."""
-
-    fruit_id: str
-    E_known_MPa: float
-    E_known_sd_MPa: float
-    E_found_MPa: float
-    E_found_sd_MPa: float
-    own: Ratio
-    gain: float = 0.0
-    """Relative part of E_found_sd_MPa by a gain of the forces that all fruit share."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ReferenceFinding:
-    """What a batch's reference bodies say together; `ratio` is None where none of them was graded."""
+    """What a batch's reference bodies say together; `ratio` is None where none of them was graded. `gain`:
+    the least relative part of their moduli's errors by a gain of the forces that all fruit share.
+    """
 
-    bodies: tuple[BodyFound, ...]
+    bodies: tuple[ReferenceBodyEntry, ...]
     ratio: Ratio | None
+    gain: float = 0.0
     corrected: bool
     sentences: tuple[str, ...]
     drifts: bool = False
@@ -167,13 +157,15 @@ def against_references(
     asked = [record for record in records if record.given.reference]
     if not asked:
         return [record.model_copy(update={"reference": None}) for record in records], None
-    bodies = tuple(_body(record, record.modulus) for record in asked if record.graded and record.modulus)
-    ratio = _of(bodies, [r.modulus for r in asked if r.graded and r.modulus]) if bodies else None
+    moduli = {record.fruit_id: record.modulus for record in asked if record.graded and record.modulus}
+    bodies = tuple(_body(record, moduli[record.fruit_id]) for record in asked if record.fruit_id in moduli)
+    ratio = _of(bodies, list(moduli.values())) if bodies else None
     usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
     corrected = correct and usable
     finding = ReferenceFinding(
         bodies=bodies,
         ratio=ratio,
+        gain=min(map(shared_gain, moduli.values()), default=0.0),
         corrected=corrected,
         sentences=tuple(_sentences(bodies, asked, ratio, corrected=corrected)),
     )
@@ -185,37 +177,43 @@ def as_measured(record: FruitRecord, corrected: FruitRecord) -> FruitRecord:
     return record.model_copy(update={"reference": corrected.reference})
 
 
-def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
+def _body(record: FruitRecord, modulus: ModulusRecord) -> ReferenceBodyEntry:
     """A graded reference body's modulus beside the known one."""
     known, sd = record.given.reference_E_MPa, record.given.reference_E_sd_MPa
     if known is None or sd is None:
         raise ValueError(f"drupe graded the reference body {record.fruit_id} without its modulus")
-    return BodyFound(
+    ratio = modulus.E_MPa / known
+    return ReferenceBodyEntry(
         fruit_id=record.fruit_id,
         E_known_MPa=known,
         E_known_sd_MPa=sd,
         E_found_MPa=modulus.E_MPa,
         E_found_sd_MPa=modulus.E_sd_MPa,
-        own=Ratio(
-            ratio=modulus.E_MPa / known,
-            ln_sd=math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
-        ),
-        gain=shared_gain(modulus),
+        ratio=ratio,
+        ratio_sd=ratio * math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
     )
 
 
-def _of(bodies: Sequence[BodyFound], moduli: Sequence[ModulusRecord]) -> Ratio:
+def _ratio_of(body: ReferenceBodyEntry) -> Ratio:
+    return Ratio(ratio=body.ratio, ln_sd=body.ratio_sd / body.ratio)
+
+
+def _of(bodies: Sequence[ReferenceBodyEntry], moduli: Sequence[ModulusRecord]) -> Ratio:
     return combined_ratio(
-        np.array([one.E_found_MPa for one in bodies]),
-        np.array([sd_of_fruit_MPa(one) for one in moduli]),
-        np.array([shared_sd_of_fruit_MPa(one) for one in moduli]),
-        np.array([one.E_known_MPa for one in bodies]),
-        np.array([one.E_known_sd_MPa for one in bodies]),
+        np.array([body.E_found_MPa for body in bodies]),
+        np.array([sd_of_fruit_MPa(modulus) for modulus in moduli]),
+        np.array([shared_sd_of_fruit_MPa(modulus) for modulus in moduli]),
+        np.array([body.E_known_MPa for body in bodies]),
+        np.array([body.E_known_sd_MPa for body in bodies]),
     )
 
 
 def _sentences(
-    bodies: Sequence[BodyFound], asked: Sequence[FruitRecord], ratio: Ratio | None, *, corrected: bool
+    bodies: Sequence[ReferenceBodyEntry],
+    asked: Sequence[FruitRecord],
+    ratio: Ratio | None,
+    *,
+    corrected: bool,
 ) -> list[str]:
     """What is said of the reference bodies on the terminal and in the report."""
     if ratio is None:
@@ -230,7 +228,7 @@ def _sentences(
         return [f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and drupe corrects none."]
     said = [f"{_reads(ratio, bodies)}: {_verdict(ratio, corrected=corrected)}"]
     if ratio.disagree:
-        each = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
+        each = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
         said.append(
             f"The reference bodies disagree beyond their errors (chi-square {ratio.chi2:.3g} on "
             f"{ratio.degrees} degree{'s' if ratio.degrees > 1 else ''} of freedom, p = "
@@ -240,18 +238,18 @@ def _sentences(
     return said
 
 
-def _reads(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
-    names = ", ".join(one.fruit_id for one in bodies)
+def _reads(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
+    names = ", ".join(body.fruit_id for body in bodies)
     whose = "the reference body" if len(bodies) == 1 else f"{len(bodies)} reference bodies"
     return f"The gripper reads {_with_sd(ratio)} times the known modulus of {whose} ({names})"
 
 
-def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
+def _implausible(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
     """What is likelier than such a gain, the number that was typed first."""
     typed = ", ".join(
-        f"reference_E_MPa = {one.E_known_MPa:g} MPa of {one.fruit_id}"
-        for one in bodies
-        if one.own.implausible
+        f"reference_E_MPa = {body.E_known_MPa:g} MPa of {body.fruit_id}"
+        for body in bodies
+        if _ratio_of(body).implausible
     )
     return (
         f"{_reads(ratio, bodies)}, but a working gripper deviates by a factor of {MOST_RATIO:g} at "
@@ -293,7 +291,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
         return record.model_copy(update={"reference": None})
-    modulus = with_own_gain(modulus, min(one.gain for one in finding.bodies))
+    modulus = with_own_gain(modulus, finding.gain)
     changed: dict[str, object] = {}
     if finding.corrected:
         modulus = corrected_modulus(modulus, ratio)
@@ -308,7 +306,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     else:
         modulus = verified(modulus, math.log(ratio.ratio), ratio.ln_sd)
     reference = ReferenceRecord(
-        bodies=tuple(one.fruit_id for one in finding.bodies),
+        bodies=tuple(body.fruit_id for body in finding.bodies),
         ratio=ratio.ratio,
         ratio_sd=ratio.sd,
         corrected=finding.corrected,
@@ -319,14 +317,14 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     return record.model_copy(update={**changed, "modulus": modulus, "reference": reference})
 
 
-def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
+def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> Doubt:
     """The doubt that every fruit of the batch gets where the ratio is wrong and not corrected."""
     said = _reads(ratio, bodies)
     if ratio.disagree:
-        names = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
+        names = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
         return Doubt(
             sentence=f"drupe cannot judge the gripper: the reference bodies contradict each other ({names}).",
-            relative_sd=max(abs(math.log(one.own.ratio)) for one in bodies),
+            relative_sd=max(abs(math.log(body.ratio)) for body in bodies),
         )
     if ratio.implausible:
         said = _implausible(ratio, bodies)
@@ -372,14 +370,14 @@ def own_points(
         Point(
             time_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
             lot=safe_cell(lot) or "",
-            reference_id=one.fruit_id,
-            E_known_MPa=float(f"{one.E_known_MPa:.6g}"),
-            E_found_MPa=float(f"{one.E_found_MPa:.6g}"),
-            ratio=float(f"{one.own.ratio:.6g}"),
-            ratio_sd=float(f"{one.own.sd:.6g}"),
-            recordings_sha256=recordings_sha256(inputs, one.fruit_id),
+            reference_id=body.fruit_id,
+            E_known_MPa=float(f"{body.E_known_MPa:.6g}"),
+            E_found_MPa=float(f"{body.E_found_MPa:.6g}"),
+            ratio=float(f"{body.ratio:.6g}"),
+            ratio_sd=float(f"{body.ratio_sd:.6g}"),
+            recordings_sha256=recordings_sha256(inputs, body.fruit_id),
         )
-        for one in finding.bodies
+        for body in finding.bodies
     ]
 
 
@@ -388,7 +386,7 @@ def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
     said = []
     for body in finding.bodies:
         past = history_of(chart, body.fruit_id)
-        if past and (why := out_of_control(np.array([one.z for one in past]))):
+        if past and (why := out_of_control(np.array([point.z for point in past]))):
             said.append(
                 f"The control chart of {body.fruit_id} is out of control: {why}. Check for changes of "
                 "gels, calibration, gripper and the reference body."

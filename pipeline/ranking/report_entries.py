@@ -1,6 +1,7 @@
 """From records to what the reports room prints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -28,7 +29,6 @@ from reports.entries import (
     BatchEntry,
     FruitEntry,
     RatioPoint,
-    ReferenceBodyEntry,
     ReferenceEntry,
     ScreenEntry,
     ShoreCorrelation,
@@ -49,6 +49,10 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
     ),
 }
 """Names of the screen that are no effect of the catalogue."""
+RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
+"""What an entry takes over of a fruit's place."""
+SETTING_FIELDS = ("cultivar", "lot", "harvest_date", "pulp_temperature_C")
+"""What an entry takes over of the batch's settings."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
 
@@ -94,10 +98,7 @@ def batch_entry(
     return BatchEntry(
         name=batch.folder.root.resolve().name,
         category=batch.category,
-        cultivar=settings.cultivar,
-        lot=settings.lot,
-        harvest_date=settings.harvest_date,
-        pulp_temperature_C=settings.pulp_temperature_C,
+        **{name: getattr(settings, name) for name in SETTING_FIELDS},
         classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
         settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
         versions=tuple(versions().items()),
@@ -131,14 +132,8 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
         sentences=finding.sentences,
         alarm=finding.alarm,
         bodies=tuple(
-            ReferenceBodyEntry(
-                fruit_id=one.fruit_id,
-                E_known_MPa=one.E_known_MPa,
-                E_known_sd_MPa=one.E_known_sd_MPa,
-                E_found_MPa=one.E_found_MPa,
-                E_found_sd_MPa=one.E_found_sd_MPa,
-                ratio=one.own.ratio,
-                ratio_sd=one.own.sd,
+            replace(
+                one,
                 history=tuple(
                     RatioPoint(time_utc=point.graded_at, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
                     for point in history_of(chart, one.fruit_id)
@@ -158,31 +153,22 @@ def _fruit_entry(
     explained = _explained(record, files)
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
-    decision = decide(record, place, grading, mismatch=mismatch, explained=explained)
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
         outcome=record.outcome,
         reason=record.reason,
-        rank=place.rank if place else None,
-        rank_probability=place.rank_probability if place else None,
-        rank_low=place.rank_low if place else None,
-        rank_high=place.rank_high if place else None,
+        **{} if place is None else {name: getattr(place, name) for name in RANK_FIELDS},
         E_MPa=modulus.E_MPa if modulus else None,
         E_sd_MPa=modulus.E_sd_MPa if modulus else None,
         E_scale_sd_MPa=(modulus.scale_sd_MPa or None) if modulus else None,
         maturity=place.maturity if place and not record.doubts else None,
         maturity_probability=place.maturity_probability if place and not record.doubts else None,
         class_withheld=place is not None and place.maturity is not None and bool(record.doubts),
-        p_softer_than_next=place.p_softer_than_next if place else None,
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
         volume_mm3=_volume_mm3(record),
         grasps=sum(g.failure is None for g in record.grasps),
-        other_class=decision.other_class if not record.doubts else None,
-        other_class_probability=decision.other_probability if not record.doubts else None,
-        decision=decision.list_name,
-        decision_reason=decision.why,
-        suspicion=decision.suspicion,
+        **vars(decide(record, place, grading, mismatch=mismatch, explained=explained)),
         mismatch=mismatch,
         mismatch_taken=record.mismatch is not None,
         screen=_screen(record),
@@ -247,62 +233,54 @@ def _suspect(name: str) -> Suspect:
     )
 
 
-def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
+def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]:
     """(label, value) of a fruit's details in the report, in their order."""
-    facts: list[tuple[str, str]] = []
     if (reference := record.reference) is not None and reference.corrected:
         by = (
             f"divided by {reference.ratio:.3f} ± {reference.ratio_sd:.3f}, from {', '.join(reference.bodies)}"
         )
-        facts.append(("E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"))
+        yield "E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"
     if place:
         span = f"{place.rank_low} to {place.rank_high}"
-        facts.append(("Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)))
-        facts.append(("Probability of exactly this rank", f"{place.rank_probability:.2f}"))
+        yield "Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)
+        yield "Probability of exactly this rank", f"{place.rank_probability:.2f}"
     if (mesh := record.mesh) is not None:
         box = " × ".join(f"{side:.1f}" for side in mesh.box_mm)
-        facts.append(("Size (x × y × z)", f"{box} mm"))
-        facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
+        yield "Size (x × y × z)", f"{box} mm"
+        yield "Surface", f"{mesh.faces} triangles from {mesh.source}"
         if mesh.scale_sd is not None:
-            facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
-        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items()]
+            yield "Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"
+        yield from ((_label(name), _shown(value)) for name, value in mesh.quality.items())
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
-        facts.append(("Pit", f"{box} mm, from {pit.source}"))
-        facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
+        yield "Pit", f"{box} mm, from {pit.source}"
+        yield "Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"
     if (pressed := record.pressed) is not None:
         size = " × ".join(f"{side:g}" for side in pressed.diameters_mm)
         along = " and ".join(pressed.compressed_along)
-        facts.append(("Diameters (a × b × c)", f"{size} mm, squeezed along {along}; there is no mesh"))
-        facts.append(("Pit", f"{pressed.pit_share:.2f} of the diameter, from {pressed.pit_source}"))
+        yield "Diameters (a × b × c)", f"{size} mm, squeezed along {along}; there is no mesh"
+        yield "Pit", f"{pressed.pit_share:.2f} of the diameter, from {pressed.pit_source}"
     if (flesh := record.flesh) is not None:
-        facts.append(("Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"))
-        facts.append(
-            (
-                "Poisson's ratio",
-                f"{flesh.poisson_ratio:g} ± {flesh.poisson_ratio_sd:g} ({flesh.poisson_ratio_source})",
-            )
-        )
+        yield "Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"
+        ratio = f"{flesh.poisson_ratio:g} ± {flesh.poisson_ratio_sd:g}"
+        yield "Poisson's ratio", f"{ratio} ({flesh.poisson_ratio_source})"
     if record.modulus is not None:
         places = decimals(record.modulus.E_sd_MPa)
-        facts += [
-            (f"Error bar: {name}", f"± {value:.{places}f} MPa")
-            for name, value in record.modulus.parts_sd_MPa.items()
-            if value >= 0.5 * 10.0**-places
-        ]
+        for name, sd_MPa in record.modulus.parts_sd_MPa.items():
+            if sd_MPa >= 0.5 * 10.0**-places:
+                yield f"Error bar: {name}", f"± {sd_MPa:.{places}f} MPa"
         if (scale := record.modulus.scale_sd_MPa) > 0:
-            facts.append((f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"))
+            yield f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"
         if (found := record.modulus.pit_found) is not None:
-            facts += _pit_found(found)
-    facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
+            yield from _pit_found(found)
+    yield from ((f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None)
     given = record.given
     if given.reference and given.reference_E_MPa is not None and given.reference_E_sd_MPa is not None:
-        facts.append(("Known modulus", f"{given.reference_E_MPa:g} ± {given.reference_E_sd_MPa:g} MPa"))
+        yield "Known modulus", f"{given.reference_E_MPa:g} ± {given.reference_E_sd_MPa:g} MPa"
     if given.mass_g is not None:
-        facts.append(("Mass", f"{given.mass_g:g} g"))
+        yield "Mass", f"{given.mass_g:g} g"
     if given.notes:
-        facts.append(("Notes", given.notes))
-    return facts
+        yield "Notes", given.notes
 
 
 def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:

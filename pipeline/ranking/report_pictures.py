@@ -13,7 +13,7 @@ from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.stage_record import StageRecord
 from pipeline.files.whole_file import NotWritten
 from reports.entries import FruitPictures, Picture
-from reports.inline_picture import webp_within
+from reports.photo import webp_within
 
 MANY = 450
 """Fruit in a batch; beyond it a page with the pictures of each would pass 25 MB: 500 took 27 MB."""
@@ -54,15 +54,9 @@ _ROOMS_OF_MANY: dict[str, _Room] = {
 
 
 class _Thumbnails(StageRecord):
-    """WebP bytes by picture, empty where there is none."""
+    """WebP bytes by picture, empty where the page has its file alone."""
 
-    photo: UInt8[np.ndarray, " a"]
-    outlines: UInt8[np.ndarray, " b"]
-    mesh: UInt8[np.ndarray, " c"]
-    coverage: UInt8[np.ndarray, " d"]
-    surface_sd: UInt8[np.ndarray, " e"]
-    residual: UInt8[np.ndarray, " f"]
-    views: UInt8[np.ndarray, " g"]
+    webp: dict[str, UInt8[np.ndarray, " _"]]
 
 
 class ReportPictures:
@@ -123,22 +117,21 @@ class ReportPictures:
 
         with suppress(NotWritten):
             made.append(cached(files.cache, "report-pictures", key, compute, record=_Thumbnails))
-        small = made[-1]
         shown: dict[str, Any] = {
-            name: Picture(webp=getattr(small, name).tobytes(), file=_from(self._root, path))
+            name: Picture(webp=made[-1].webp[name].tobytes(), file=_from(self._root, path))
             for name, path in there.items()
         }
         return FruitPictures(**shown)
 
     def _thumbnails(self, there: dict[str, Path]) -> _Thumbnails:
-        empty = np.zeros(0, np.uint8)
-        made = dict.fromkeys(_ROOMS, empty)
+        webp = {}
         for name, path in there.items():
-            room = self._rooms[name]
-            if room.most_bytes:
-                coded = webp_within(path.read_bytes(), most_bytes=room.most_bytes, longest_px=room.longest_px)
-                made[name] = np.frombuffer(coded, np.uint8)
-        return _Thumbnails(**made)
+            most_bytes, longest_px = self._rooms[name]
+            coded = b""
+            if most_bytes:
+                coded = webp_within(path.read_bytes(), most_bytes=most_bytes, longest_px=longest_px)
+            webp[name] = np.frombuffer(coded, np.uint8)
+        return _Thumbnails(webp=webp)
 
 
 def _state(path: Path) -> tuple[int, int]:

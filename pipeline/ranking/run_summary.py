@@ -103,30 +103,22 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         )
     if table.row_count:
         console.print(table)
-    for fruit in batch.fruits:
-        if not fruit.ok:
-            console.print(
-                f"not graded: {fruit.fruit_id}: {fruit.outcome}: {fruit.reason}",
-                highlight=False,
-                markup=False,
-                soft_wrap=True,
-            )
-    for line in (*doubted(batch.fruits), *to_inspect(batch.fruits), *warned(batch.fruits)):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    fruits = without_references(batch.fruits)
-    graded = sum(fruit.ok for fruit in fruits)
-    console.print(f"{graded} of {len(fruits)} fruit graded", highlight=False)
+    graded = [fruit.ok for fruit in without_references(batch.fruits)]
+    lines = [
+        *(f"not graded: {one.fruit_id}: {one.outcome}: {one.reason}" for one in batch.fruits if not one.ok),
+        *doubted(batch.fruits),
+        *to_inspect(batch.fruits),
+        *warned(batch.fruits),
+        f"{sum(graded)} of {len(graded)} fruit graded",
+    ]
     if batch.unfinished is not None:
-        console.print(
-            f"interrupted: {batch.unfinished.done} of {batch.unfinished.total} fruit done", highlight=False
-        )
-    for sentence in () if batch.reference is None else batch.reference.sentences:
-        lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
-        console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
+        lines.append(f"interrupted: {batch.unfinished.done} of {batch.unfinished.total} fruit done")
+    if batch.reference is not None:
+        lead = "warning: " if batch.reference.alarm else ""
+        lines += [f"{lead}{sentence}" for sentence in batch.reference.sentences]
     if batch.ships == ():
-        said = "warning: no class is shipped, so all fruit are held; set ship in [[grading.classes]]"
-        console.print(said, highlight=False, markup=False, soft_wrap=True)
-    for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
+        lines.append("warning: no class is shipped, so all fruit are held; set ship in [[grading.classes]]")
+    lines += [f"fault of the whole batch: {fault}" for fault in batch.faults]
+    lines += [*suspected(batch.fruits), f"  {out / 'ranking.csv'}", f"  {out / 'report.html'}"]
+    for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for name in ("ranking.csv", "report.html"):
-        console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)

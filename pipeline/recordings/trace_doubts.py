@@ -5,7 +5,7 @@ from pathlib import Path
 from fem.fem_failure import FemFailure
 from fem.indentation.linear_modulus import linear_modulus
 from fem.indentation.no_contact import require_force
-from pipeline.fruit.bare_traces import bare_recording, joined_traces, known_geometry
+from pipeline.fruit.bare_traces import bare_recording, joined_traces
 from pipeline.fruit.input_doubts import implausible_E
 from pipeline.fruit.trace_geometry import OPTIONS, Stated
 from pipeline.problem import BatchRefused
@@ -20,9 +20,8 @@ def trace_doubts(recording: Recording, prior: PitPrior | None, *, source: Path) 
     """
     stated = Stated(specimen=PressedSpecimen(), where="the options", name_of=OPTIONS)
     try:
-        bare = bare_recording(recording, source=str(source))
-        known = known_geometry(bare, stated, prior)
-        trace = joined_traces([bare], [known]).trace
+        bare = bare_recording(recording, source=str(source), stated=stated, prior=prior)
+        trace = joined_traces([bare]).trace
     except (BatchRefused, FemFailure):  # drupe explain and drupe grade say what is missing
         return ()
     try:
@@ -32,7 +31,7 @@ def trace_doubts(recording: Recording, prior: PitPrior | None, *, source: Path) 
     if prior is None or prior.poisson_ratio is None:
         return ()
     try:
-        found = linear_modulus(trace, thickness_mm=known.thickness_mm, poisson_ratio=prior.poisson_ratio)
+        found = linear_modulus(trace, thickness_mm=bare.known.thickness_mm, poisson_ratio=prior.poisson_ratio)
     except FemFailure:  # no law fits: drupe explain says why
         return ()
     wrong = implausible_E({"E": found.value}, prior)

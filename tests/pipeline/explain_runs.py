@@ -31,7 +31,7 @@ class Ran:
     out: str
     err: str
 
-    def one_line(self) -> str:
+    def one_line(self):
         """What is said on standard error after the stages, which must be one line and no traceback."""
         assert "Traceback" not in self.err
         lines = [line for line in self.err.strip().splitlines() if line.startswith("drupe:")]

@@ -17,6 +17,7 @@ from fem.mismatch.result import (
     Variance,
     Where,
 )
+from recon.silhouettes.hull import ball
 
 
 def candidate(effect, probability, **parameters):
@@ -48,27 +49,14 @@ OTHERS = (candidate("clock_lag", 0.02, lag_s=0.08), candidate("skin", 0.01, Et_N
 
 
 def fake_map(rng):
-    golden = np.pi * (3 - 5**0.5)
-    k = np.arange(900) + 0.5
-    z = 1 - 2 * k / 900
-    direction = np.column_stack(
-        [np.sqrt(1 - z**2) * np.cos(golden * k), np.sqrt(1 - z**2) * np.sin(golden * k), z]
-    )
-    from scipy.spatial import ConvexHull
-
-    triangles = ConvexHull(direction).simplices
-    corners = direction[triangles]
-    inward = (
-        np.einsum("ij,ij->i", np.cross(*(corners[:, i] - corners[:, 0] for i in (1, 2))), corners[:, 0]) < 0
-    )
-    triangles[inward] = triangles[inward][:, ::-1]
+    direction, triangles = ball(3)
     vertices = direction * [30, 29, 28] + [0, 0, 28]
     spot = np.exp(-((np.linalg.norm(direction - [0.96, 0.27, 0], axis=1) / 0.35) ** 2))
     seen = np.maximum(np.exp(-((np.arccos(abs(direction[:, 0]).clip(0, 1)) / 0.6) ** 2)) * 60, 0.1)
     return FruitMap(
         vertices_mm=vertices,
         triangles=triangles,
-        modulus_score=-9 * spot + rng.normal(0, 0.4, len(k)),
+        modulus_score=-9 * spot + rng.normal(0, 0.4, len(direction)),
         eigenstrain_score=3 * spot,
         law_error=4 * spot,
         visible=seen,

@@ -1,7 +1,6 @@
 """Folders of results as `drupe grade` leaves them, made of numbers alone."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
@@ -9,9 +8,9 @@ from pipeline.batch.provenance import write_provenance
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 
 
-def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:
-    """A fruit that is graded."""
-    return FruitRecord(
+def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), changes=None, **given):
+    """A fruit that is graded; `changes`: fields of its record."""
+    record = FruitRecord(
         fruit_id=fruit_id,
         outcome="graded",
         key="k",
@@ -19,11 +18,10 @@ def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), **given) -> FruitRecord:
         modulus=ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd * E_MPa),
         doubts=tuple(doubts),
     )
+    return record.model_copy(update=changes or {})
 
 
-def results_of(
-    out: Path, records, *, day="2026-08-10", status: int | None = 0, inputs=None, **settings
-) -> Path:
+def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **settings):
     """Results of one batch, graded at noon of `day`."""
     results = Results(out)
     results.claim()

@@ -43,7 +43,7 @@ stem_and_suture = { value = false, source = "own" }
 def made(tmp_path):
     """A batch of two ready fruit, balls of radius 20 mm, the first with a pit of 8 mm."""
 
-    def make(settings: str, **files: str) -> Path:
+    def make(settings, **files):
         for name in ("A", "B"):
             folder = tmp_path / "fruits" / name
             folder.mkdir(parents=True, exist_ok=True)

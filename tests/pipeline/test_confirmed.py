@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
@@ -34,23 +35,7 @@ OFFSET = ConfirmedEffect(
 )
 SIZE = ConfirmedEffect(effect="pit_size", parameters={"scale": 0.8}, sd={"scale": 0.02})
 SKIN = ConfirmedEffect(effect="skin", parameters={"Et_N_per_mm": 2.0}, sd={"Et_N_per_mm": 0.1})
-BOX = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-FACES = np.array(
-    [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-        [1, 5, 7],
-        [1, 7, 3],
-    ]
-)
+BOX = trimesh.creation.box([2.0, 2.0, 2.0])
 
 
 def settings(*effects, **rest):
@@ -74,9 +59,9 @@ def test_a_pit_that_was_found_narrows_the_error_budget():
 
 
 def test_a_pit_that_was_found_is_embedded_where_it_was_found(tmp_path):
-    write_mesh(tmp_path / "pit.ply", 5.0 * BOX + [0, 0, 1], FACES)
+    write_mesh(tmp_path / "pit.ply", 5.0 * BOX.vertices + [0, 0, 1], BOX.faces)
     folder = SimpleNamespace(pit_ply=tmp_path / "pit.ply")
-    shape = SimpleNamespace(vertices=20.0 * BOX, faces=FACES)
+    shape = SimpleNamespace(vertices=20.0 * BOX.vertices, faces=BOX.faces)
     plain = embedded_pit(SimpleNamespace(folder=folder, settings=settings(), prior=None), shape)
     moved = embedded_pit(SimpleNamespace(folder=folder, settings=settings(OFFSET, SIZE), prior=None), shape)
     assert np.subtract(moved.record.centre_mm, plain.record.centre_mm) == pytest.approx(

@@ -22,7 +22,7 @@ from pipeline.batch.control_chart import (
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.problem import BatchRefused
-from pipeline.ranking.reference_ratio import BodyFound, Ratio, ReferenceFinding, drift, own_points
+from pipeline.ranking.reference_ratio import Ratio, ReferenceFinding, drift, own_points
 from pipeline.run.checking import check
 from reports.charts_batch import control_chart
 from reports.entries import RatioPoint, ReferenceBodyEntry
@@ -32,9 +32,9 @@ START = datetime(2026, 8, 14, 9, 30, tzinfo=UTC)
 
 def finding(ratio, name="ball"):
     own = Ratio(ratio=ratio, ln_sd=0.02)
-    body = BodyFound(
+    body = ReferenceBodyEntry(
         fruit_id=name, E_known_MPa=0.5, E_known_sd_MPa=0.005, E_found_MPa=0.5 * ratio,
-        E_found_sd_MPa=0.01, own=own,
+        E_found_sd_MPa=0.01, ratio=own.ratio, ratio_sd=own.sd,
     )  # fmt: skip
     return ReferenceFinding(bodies=(body,), ratio=own, corrected=False, sentences=("read",))
 

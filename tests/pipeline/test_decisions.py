@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from graded_results import graded
 
 from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, SuspectedRecord
+from pipeline.batch.records import ScreenRecord, SuspectedRecord
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.ranking.decisions import decide, ship_probability
 from pipeline.ranking.maturity import class_probabilities, standings
@@ -25,8 +26,6 @@ def said(**ship):
 
 
 def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **changes):
-    modulus = ModulusRecord(E_MPa=E_MPa, E_sd_MPa=sd_MPa)
-    record = FruitRecord(fruit_id="A", outcome="graded", key="k", given=Given(), modulus=modulus)
     (place,) = standings(
         np.array([E_MPa]),
         np.array([sd_MPa]),
@@ -34,19 +33,14 @@ def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **
         classes=grading.classes,
         rng=np.random.default_rng(0),
     )
-    return decide(record.model_copy(update=changes), place, grading, mismatch=mismatch, explained=explained)
+    record = graded("A", E_MPa, sd=sd_MPa / E_MPa, changes=changes)
+    return decide(record, place, grading, mismatch=mismatch, explained=explained)
 
 
 def test_class_probabilities_are_shares_of_draws():
     draws = np.exp(np.random.default_rng(1).normal(np.log(0.6), 0.3, 400_000))
     counted = [(draws <= 0.2).mean(), ((draws > 0.2) & (draws <= 0.7)).mean(), (draws > 0.7).mean()]
     assert class_probabilities(np.log(0.6), 0.3, CLASSES) == pytest.approx(counted, abs=0.003)
-
-
-def test_without_a_word_all_but_the_firmest_are_shipped():
-    assert decided(0.4, 0.01).list_name == "ship"
-    assert decided(0.1, 0.002).list_name == "ship"
-    assert decided(1.2, 0.02).list_name == "hold"
 
 
 @pytest.mark.parametrize(
@@ -64,26 +58,27 @@ def test_without_a_word_all_but_the_firmest_are_shipped():
 )
 def test_what_a_class_says_is_done_to_its_own_fruit_alone(ship, lists):
     grading = said(**ship)
-    assert tuple(decided(E, E / 50, grading).list_name for E in (0.1, 0.4, 1.2)) == lists
+    assert tuple(decided(E, E / 50, grading).decision for E in (0.1, 0.4, 1.2)) == lists
 
 
 def test_a_fruit_at_the_limit_is_borderline_and_its_other_class_is_named():
     found = decided(0.69, 0.05)
-    assert found.list_name == "inspect"
-    assert found.why.startswith("borderline: ship with probability")
+    assert found.decision == "inspect"
+    assert found.decision_reason.startswith("borderline: ship with probability")
     assert found.other_class == "firm"
     firm = class_probabilities(np.log(0.69), 0.05 / 0.69, CLASSES)[2]
-    assert found.other_probability == pytest.approx(firm)
+    assert found.other_class_probability == pytest.approx(firm)
 
 
 def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back():
     found = decided(0.2, 0.01)
-    assert (found.list_name, found.other_class) == ("ship", "ripe")
+    assert (found.decision, found.other_class) == ("ship", "ripe")
 
 
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
+        ({"mismatch": "unknown"}, "no known effect explains its recordings"),
         ({"outcome": "never-touches"}, "not graded"),
         ({"doubts": ("grams",)}, "E is in doubt"),
         (
@@ -93,12 +88,8 @@ def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back(
     ],
 )
 def test_what_is_inspected_whatever_its_modulus(changes, why):
-    assert decided(0.4, 0.001, **changes).why == why
-    assert decided(0.4, 0.001, **changes).list_name == "inspect"
-
-
-def test_explained_by_nothing_is_inspected():
-    assert decided(0.4, 0.001, mismatch="unknown").list_name == "inspect"
+    assert decided(0.4, 0.001, **changes).decision_reason == why
+    assert decided(0.4, 0.001, **changes).decision == "inspect"
 
 
 SKIN = SuspectedRecord(effect="skin", E_ratio=0.513 / 0.416, added_sd=0.05)
@@ -123,13 +114,13 @@ def suspected(p_value, *moduli, names=("skin",)):
 def test_a_fruit_whose_screen_is_improbable_is_inspected(p_value, moduli, names, limits):
     grading = CERTAIN_SHIP.model_copy(update=limits)
     found = decided(0.416, 0.04, grading, **suspected(p_value, *moduli, names=names))
-    assert found.list_name == "inspect"
-    assert found.why.startswith("missing physics suspected: ")
-    assert decided(0.416, 0.04, Grading(**limits), **suspected(p_value)).list_name == "inspect"
+    assert found.decision == "inspect"
+    assert found.decision_reason.startswith("missing physics suspected: ")
+    assert decided(0.416, 0.04, Grading(**limits), **suspected(p_value)).decision == "inspect"
 
 
 def test_the_reason_names_the_effect_p_and_both_moduli():
-    why = decided(0.416, 0.04, CERTAIN_SHIP, **suspected(6e-41, SKIN)).why.replace("\u00a0", " ")
+    why = decided(0.416, 0.04, CERTAIN_SHIP, **suspected(6e-41, SKIN)).decision_reason.replace("\u00a0", " ")
     # sd with it: 0.513 * hypot(0.04 / 0.416, 0.05) = 0.0556
     assert why == (
         "missing physics suspected: skin (p = 6.0e-41), E is 0.416 ± 0.040 MPa (ripe) without it and "
@@ -139,9 +130,9 @@ def test_the_reason_names_the_effect_p_and_both_moduli():
 
 @pytest.mark.parametrize("p_value", [0.001, 0.02, 0.5])
 def test_a_fruit_is_not_inspected_for_a_likely_screen_that_leaves_its_class(p_value):
-    assert decided(0.416, 0.02, CERTAIN_SHIP, **suspected(p_value, SKIN)).list_name == "ship"
+    assert decided(0.416, 0.02, CERTAIN_SHIP, **suspected(p_value, SKIN)).decision == "ship"
     never = CERTAIN_SHIP.model_copy(update={"inspect_below_p": 0.0})
-    assert decided(0.416, 0.02, never, **suspected(1e-30, SKIN)).list_name == "ship"
+    assert decided(0.416, 0.02, never, **suspected(1e-30, SKIN)).decision == "ship"
 
 
 @pytest.mark.parametrize(
@@ -151,8 +142,10 @@ def test_a_fruit_whose_class_the_suspected_effect_changes_is_inspected(E_MPa, ra
     other = SuspectedRecord(effect=effect, E_ratio=ratio)
     same = SuspectedRecord(effect="drainage", E_ratio=1.01)
     found = decided(E_MPa, E_MPa / 50, CERTAIN_SHIP, **suspected(0.03, same, other))
-    assert found.list_name == "inspect"
-    assert found.why.startswith(f"the suspected effect changes its class: {effect_name(effect)} (p = 0.030)")
+    assert found.decision == "inspect"
+    assert found.decision_reason.startswith(
+        f"the suspected effect changes its class: {effect_name(effect)} (p = 0.030)"
+    )
     assert {found.suspicion.maturity, found.suspicion.maturity_with} == {"ripe", "firm"}
 
 
@@ -172,7 +165,7 @@ def explanation(after, verdict="skin"):
 def test_what_explain_found_counts_instead_of_what_the_screen_suspects(explained, list_name):
     changes = suspected(0.02, SuspectedRecord(effect="slip", E_ratio=2.0))
     found = decided(0.4, 0.01, CERTAIN_SHIP, explained=explained, **changes)
-    assert found.list_name == list_name
+    assert found.decision == list_name
 
 
 @pytest.mark.parametrize(("certainty", "list_name"), [(0.5, "ship"), (0.8, "ship"), (0.9, "inspect")])
@@ -180,13 +173,13 @@ def test_the_certainty_that_a_decision_needs_is_a_setting(certainty, list_name):
     """ln(0.6 / 0.55) / 0.08 = 1.088 sd below the limit: 86 % certain."""
     grading = CERTAIN_SHIP.model_copy(update={"certainty": certainty})
     found = decided(0.55, 0.55 * 0.08, grading)
-    assert found.list_name == list_name
+    assert found.decision == list_name
     assert (found.other_class is None) == (certainty < 0.86)
 
 
 def test_without_classes_and_for_a_reference_body_there_is_no_list():
-    assert decided(0.4, 0.01, Grading()).list_name == ""
-    assert decided(0.4, 0.01, given=Given(reference=True)).list_name == ""
+    assert decided(0.4, 0.01, Grading()).decision == ""
+    assert decided(0.4, 0.01, given=Given(reference=True)).decision == ""
 
 
 def test_one_class_parts_nothing_unless_it_says_so():

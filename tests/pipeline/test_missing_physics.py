@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from graded_results import graded as graded_fruit
 
 import pipeline.fruit.missing_physics as stage
 from fem.estimation.error_budget import ErrorBudget
@@ -17,8 +18,7 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.screen import Amount, Screened
-from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord
+from pipeline.batch.records import ScreenRecord
 from pipeline.batch.settings import Settings
 from pipeline.ranking.report_entries import _screen
 
@@ -145,14 +145,7 @@ def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place
 
 
 def graded_record(**screen):
-    return FruitRecord(
-        fruit_id="N01",
-        outcome="graded",
-        key="k",
-        given=Given(),
-        modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.01),
-        screen=ScreenRecord(**screen),
-    )
+    return graded_fruit("N01", 0.5, changes={"screen": ScreenRecord(**screen)})
 
 
 def test_large_deformation_is_said_as_what_it_is_and_suspected_of_nothing():

@@ -14,7 +14,7 @@ FORCE_N = np.array([0.0, 1.0, 5.0, 9.2, 10.0, 9.6, 4.0])
 USED = np.array([False, True, True, True, True, True, True])
 
 
-def pad(name: str, count: int) -> PadHistory:
+def pad(name, count):
     frames = len(FORCE_N)
     still = np.zeros((frames, count, 3))
     places = np.arange(3.0 * count).reshape(count, 3)
@@ -25,7 +25,7 @@ def pad(name: str, count: int) -> PadHistory:
     )  # fmt: skip
 
 
-def test_the_mean_at_full_load_along_each_pads_way_in_of_the_markers_that_touch() -> None:
+def test_the_mean_at_full_load_along_each_pads_way_in_of_the_markers_that_touch():
     history = GraspHistory(
         time_s=np.arange(len(FORCE_N)) / 10.0,
         phase=("load",) * len(FORCE_N),

@@ -20,7 +20,7 @@ RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     raw = tmp_path / "fruits" / "N01" / "grasps" / "grasp-1"
     (raw / "left").mkdir(parents=True)
     (raw / "grasp.toml").write_text('fruit_id = "N01"\nsensor = "sensor.toml"\n')
@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def readings(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+def readings(monkeypatch):
     """Every reading of frames, which gives the same recording each time."""
     seen: list[Path] = []
     monkeypatch.setattr(raw_grasps, "read_raw_grasp", lambda path: seen.append(path) or path)
@@ -113,7 +113,7 @@ def test_another_grasps_kept_recording_stays(folder, readings, tmp_path):
 
 
 def test_frames_that_cannot_be_read_leave_nothing_behind(folder, monkeypatch, tmp_path):
-    def refused(path: Path) -> None:
+    def refused(path):
         raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, "left: found no frames")
 
     monkeypatch.setattr(raw_grasps, "read_raw_grasp", refused)

@@ -26,7 +26,7 @@ DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 ADVICE = "reference = ... in grasp.toml"
 
 
-def bulged(px: float) -> np.ndarray:
+def bulged(px):
     """A gel into which a ball is pressed in the middle."""
     away = grid() - CENTRE
     places = grid() + px * away / 50.0 * np.exp(0.5 - (away**2).sum(axis=1, keepdims=True) / 2 / 50.0**2)
@@ -34,7 +34,7 @@ def bulged(px: float) -> np.ndarray:
 
 
 @pytest.fixture
-def batch(tmp_path: Path) -> Path:
+def batch(tmp_path):
     """One fruit with one raw grasp, and beside the fruit a clip of the empty gel."""
     folder = tmp_path / "fruits" / "f1"
     write_raw(folder / "grasps" / "grasp-1")
@@ -45,23 +45,23 @@ def batch(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def raw_of(batch: Path) -> Path:
+def raw_of(batch):
     return batch / "fruits" / "f1" / "grasps" / "grasp-1"
 
 
-def print_on_the_reference(batch: Path) -> None:
+def print_on_the_reference(batch):
     write_picture(raw_of(batch) / "left" / "reference.png", bulged(5.0))
 
 
-def about_references(batch: Path) -> list[str]:
+def about_references(batch):
     return [str(one) for one in check(batch) if "reference" in str(one)]
 
 
-def test_check_is_silent_on_empty_references(batch: Path) -> None:
+def test_check_is_silent_on_empty_references(batch):
     assert about_references(batch) == []
 
 
-def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_mends_it(batch: Path) -> None:
+def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_mends_it(batch):
     print_on_the_reference(batch)
     (said,) = about_references(batch)
     assert "grasp-1/left: the reference shows a contact imprint: its markers bulge" in said
@@ -71,16 +71,14 @@ def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_m
     assert about_references(batch) == []
 
 
-def test_check_refuses_a_reference_outside_the_batch(batch: Path) -> None:
+def test_check_refuses_a_reference_outside_the_batch(batch):
     new = 'sensor = "left.toml"\nreference = "../../../../../x.png"'
     replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
     (said,) = about_references(batch)
     assert "pads.left.reference: found ../../../../../x.png, which leads out of the batch" in said
 
 
-def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further(
-    batch: Path, tmp_path: Path
-) -> None:
+def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further(batch, tmp_path):
     """The left gel is loaded in its reference alone."""
     print_on_the_reference(batch)
     for t in range(FRAMES):
@@ -94,7 +92,7 @@ def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further
     )
 
 
-def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Path) -> None:
+def test_grade_refuses_the_recording_for_its_reference(batch, tmp_path):
     print_on_the_reference(batch)
     kept = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
     assert any("the reference shows a contact imprint" in note for note in kept.notes)
@@ -104,9 +102,7 @@ def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Pa
     assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
 
 
-def test_the_named_clip_is_in_the_key_of_what_is_kept(
-    batch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_named_clip_is_in_the_key_of_what_is_kept(batch, tmp_path, monkeypatch):
     """Whatever is made of the pictures."""
     made = SimpleNamespace(recording=read_recording(DATA / "grasp.h5"), notes=())
     monkeypatch.setattr(raw_grasps, "recording_of", lambda *_, **__: made)
@@ -117,7 +113,7 @@ def test_the_named_clip_is_in_the_key_of_what_is_kept(
     assert kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None).path != first.path
 
 
-def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(tmp_path: Path) -> None:
+def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(tmp_path):
     folder = tmp_path / "fruits" / "A"
     (folder / "grasps").mkdir(parents=True)
     shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")

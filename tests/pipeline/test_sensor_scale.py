@@ -14,7 +14,7 @@ from tactile.checks.finding import FindingKind
 from tactile.checks.gel_findings import gel_findings
 from tactile.checks.gel_gain import GAIN_SD, LAW_SD, gain_left
 from tactile.checks.of_recording import recording_findings
-from tactile.io.recording import GelPad, Recording, read_recording
+from tactile.io.recording import GelPad, read_recording
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "data" / "two-fruits" / "fruits" / "N01" / "grasps"
 
@@ -23,14 +23,14 @@ LAW = 1.1 * E_PER_GAIN * LAW_SD
 
 
 @pytest.fixture(scope="module")
-def sound() -> list[Recording]:
+def sound():
     return [read_recording(path) for path in sorted(SAMPLE.glob("*.h5"))]
 
 
-def changed(sound: list[Recording], *, only: str = "", **factors: float) -> list[Recording]:
+def changed(sound, *, only="", **factors):
     """Fields of the pads times factors."""
 
-    def pad(one: GelPad) -> GelPad:
+    def pad(one):
         return replace(one, **{name: getattr(one, name) * by for name, by in factors.items()})
 
     return [
@@ -41,7 +41,7 @@ def changed(sound: list[Recording], *, only: str = "", **factors: float) -> list
     ]
 
 
-def kinds(recordings: list[Recording], settings: SensorSettings | None = None) -> set[FindingKind]:
+def kinds(recordings, settings=None):
     """What is said of the gels by what is known of their sensor."""
     return {
         finding.kind
@@ -55,21 +55,19 @@ def kinds(recordings: list[Recording], settings: SensorSettings | None = None) -
     ("force", "only", "error"),
     [(1.0, "", 0.0), (1.065, "", 0.067), (0.935, "", 0.067), (1.065, "left", 0.034)],
 )
-def test_a_gain_below_the_checks_limit_is_in_the_error_bar(
-    sound: list[Recording], force: float, only: str, error: float
-) -> None:
+def test_a_gain_below_the_checks_limit_is_in_the_error_bar(sound, force, only, error):
     """`error`: what it does to E of this fruit (benchmarks/field_mistakes.py --grade)."""
     gain = sensor_scale(changed(sound, force_N=force, only=only), None).gain
     assert error / 2 < gain < 1.3 * error + LAW
 
 
-def test_a_gain_that_the_check_reports_is_the_findings(sound: list[Recording]) -> None:
+def test_a_gain_that_the_check_reports_is_the_findings(sound):
     assert sensor_scale(changed(sound, force_N=1.25), None).gain < LAW
 
 
 @pytest.mark.parametrize("n", [1, 2, 20])
 @pytest.mark.parametrize("noise", [0.002, 0.04])
-def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n: int, noise: float) -> None:
+def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n, noise):
     """Gains, biases and noise as assumed; a gain that is left has the root mean square that is given."""
     rng = np.random.default_rng(n)
     left = []
@@ -81,7 +79,7 @@ def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n: int, noise
     assert 0.9 < np.sqrt(np.mean(np.square(left))) < 1.1
 
 
-def test_only_the_noise_of_recordings_is_their_own() -> None:
+def test_only_the_noise_of_recordings_is_their_own():
     few, many = (gain_left(np.zeros(n), np.full(n, 0.01)) for n in (1, 100))
     assert few.own > 0.008
     assert many.own < few.own / 8
@@ -89,7 +87,7 @@ def test_only_the_noise_of_recordings_is_their_own() -> None:
     assert gain_left(np.full(9, 0.06), np.full(9, 0.01)).own == pytest.approx(few.own / 3, rel=0.1)
 
 
-def test_a_gain_that_no_recording_measures_has_its_prior_spread(sound: list[Recording]) -> None:
+def test_a_gain_that_no_recording_measures_has_its_prior_spread(sound):
     dead = changed(sound, displacement_mm=0.0, force_N=0.0)
     assert sensor_scale(dead, None).gain == pytest.approx(1.1 * 0.04)
 
@@ -97,8 +95,8 @@ def test_a_gain_that_no_recording_measures_has_its_prior_spread(sound: list[Reco
 @pytest.mark.parametrize("change", [{}, {"displacement_mm": 1.1, "force_N": 1.1}, {"rest_mm": 1.1}])
 @pytest.mark.parametrize("sensor", ["20x20 marker gel", "own gel"])
 def test_ten_per_cent_of_the_pictures_are_in_the_error_bar_whether_the_pitch_is_known_or_not(
-    sound: list[Recording], change: dict[str, float], sensor: str
-) -> None:
+    sound, change, sensor
+):
     """E is 14.8 % off where displacement and forces are 1.1 times too large, rest positions as designed. A
     pitch that is off has a doubt of its own, so that it makes this part no wider.
     """
@@ -111,22 +109,18 @@ def test_ten_per_cent_of_the_pictures_are_in_the_error_bar_whether_the_pitch_is_
 
 @pytest.mark.parametrize("by", ["displacement_scale_sd", "picture_scale_sd"])
 @pytest.mark.parametrize("sd", [0.01, 0.05, 0.1])
-def test_a_stated_picture_scale_has_the_share_of_the_forces_too(
-    sound: list[Recording], by: str, sd: float
-) -> None:
+def test_a_stated_picture_scale_has_the_share_of_the_forces_too(sound, by, sd):
     stated, settings = sound, SensorSettings(name="own", picture_scale_sd=sd)
     if by == "displacement_scale_sd":
         stated = [
-            replace(one, pads=tuple(replace(pad, displacement_scale_sd=sd) for pad in one.pads))  # type: ignore[type-var]
+            replace(one, pads=tuple(replace(pad, displacement_scale_sd=sd) for pad in one.pads))
             for one in sound
         ]
         settings = SensorSettings(name="own", picture_scale_sd=0.2)
     assert sensor_scale(stated, settings).pictures == pytest.approx(1.45 * sd)
 
 
-def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
-    sound: list[Recording], tmp_path: Path
-) -> None:
+def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(sound, tmp_path):
     assert sensor_scale(sound, None).common == COMMON_SD == 0.03
     batch = SensorSettings(name="gel", common_scale_sd=0.01)
     assert sensor_scale(sound, batch).common == pytest.approx(0.01)
@@ -141,9 +135,7 @@ def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5, 1.2, 1 / 1.2])
-def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(
-    sound: list[Recording], factor: float
-) -> None:
+def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(sound, factor):
     scaled = changed(sound, force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
     assert kinds(scaled) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
     assert kinds([replace(one, sensor="own gel") for one in scaled]) == set()
@@ -153,9 +145,7 @@ def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(
     }
 
 
-def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_together(
-    sound: list[Recording],
-) -> None:
+def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_together(sound):
     (scaled, _) = changed(sound, force_N=2.0, gel_kn_MPa_per_mm=2.0, gel_kt_MPa_per_mm=2.0)
     assert recording_findings(scaled, None, None) == []
     (found,) = recording_findings(scaled, None, None, gels=known_gels(scaled.sensor, None))
@@ -163,7 +153,7 @@ def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_togethe
     assert found.relative_sd > 0.25  # half of what E is off, over E as found
 
 
-def test_a_sound_gel_and_one_within_three_deviations_are_not_doubted(sound: list[Recording]) -> None:
+def test_a_sound_gel_and_one_within_three_deviations_are_not_doubted(sound):
     assert kinds(sound) == set()
     near = changed(sound, force_N=1.1, gel_kn_MPa_per_mm=1.1, gel_kt_MPa_per_mm=1.1)
     assert kinds(near) == set()
@@ -171,12 +161,12 @@ def test_a_sound_gel_and_one_within_three_deviations_are_not_doubted(sound: list
 
 
 @pytest.mark.parametrize("scale", [1.1, 0.9, 1.04])
-def test_a_pitch_that_is_not_the_sensors_is_doubted(sound: list[Recording], scale: float) -> None:
+def test_a_pitch_that_is_not_the_sensors_is_doubted(sound, scale):
     plane = np.array([scale, scale, 1.0])
     assert kinds(changed(sound, rest_mm=plane, force_N=scale**2)) == {FindingKind.PITCH_NOT_OF_SENSOR}
 
 
-def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial() -> None:
+def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
     sources = [
         [one.source for one in known_gels(name, None)]
         for name in (

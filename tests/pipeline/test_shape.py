@@ -23,14 +23,8 @@ def pit():
 
 
 def shape(views):
-    record = MeshRecord(
-        source="photos",
-        vertices=len(DIRECTIONS),
-        faces=len(FACES),
-        volume_mm3=1.0,
-        height_mm=60.0,
-        box_mm=BOX,
-    )
+    counts = {"vertices": len(DIRECTIONS), "faces": len(FACES), "volume_mm3": 1.0}
+    record = MeshRecord(source="photos", **counts, height_mm=60.0, box_mm=BOX)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
     return FruitShape(

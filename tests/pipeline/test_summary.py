@@ -17,9 +17,12 @@ NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 def lines(tmp_path):
     """The lines that the terminal shows of these fruit."""
 
-    def shown(*fruits):
+    def shown(*fruits, **known):
         batch = BatchEntry(
-            name="b", category="nectarine", fruits=fruits, started_utc=NOON, finished_utc=NOON, exit_status=4
+            **{"name": "b", "category": "nectarine", "exit_status": 4, **known},
+            fruits=fruits,
+            started_utc=NOON,
+            finished_utc=NOON,
         )
         text = io.StringIO()
         print_summary(batch, tmp_path, console=Console(file=text, width=80))
@@ -28,19 +31,9 @@ def lines(tmp_path):
     return shown
 
 
-def test_of_an_interrupted_run_it_says_how_many_are_done(tmp_path):
-    batch = BatchEntry(
-        name="b",
-        category="nectarine",
-        fruits=(fruit("N01"),),
-        started_utc=NOON,
-        finished_utc=NOON,
-        exit_status=None,
-        unfinished=Unfinished(done=1, total=3, interrupted=True),
-    )
-    text = io.StringIO()
-    print_summary(batch, tmp_path, console=Console(file=text, width=80))
-    assert "interrupted: 1 of 3 fruit done" in text.getvalue().splitlines()
+def test_of_an_interrupted_run_it_says_how_many_are_done(lines):
+    unfinished = Unfinished(done=1, total=3, interrupted=True)
+    assert "interrupted: 1 of 3 fruit done" in lines(fruit("N01"), exit_status=None, unfinished=unfinished)
 
 
 def fruit(fruit_id, *doubts, ok=True):
@@ -109,11 +102,6 @@ def test_what_the_screen_suspects_is_one_line_for_all_fruit_that_share_it(lines)
     assert not any("N03:" in one for one in said)
 
 
-def test_a_fault_of_the_whole_batch_is_said(tmp_path):
-    batch = BatchEntry(
-        name="b", category="nectarine", fruits=(fruit("N01"),), started_utc=NOON, finished_utc=NOON,
-        exit_status=0, faults=("The left pad reads 4 % too much force.",),
-    )  # fmt: skip
-    text = io.StringIO()
-    print_summary(batch, tmp_path, console=Console(file=text, width=80))
-    assert "fault of the whole batch: The left pad reads 4 % too much force." in text.getvalue()
+def test_a_fault_of_the_whole_batch_is_said(lines):
+    said = "The left pad reads 4 % too much force."
+    assert f"fault of the whole batch: {said}" in lines(fruit("N01"), faults=(said,))

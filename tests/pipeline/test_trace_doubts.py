@@ -1,7 +1,5 @@
 """`drupe convert` of a trace doubts a force that is noise, and an E that the category cannot have."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -26,12 +24,12 @@ LAWS = {
 """Force (N) at E = 1 MPa: Hertz, a flat punch of 3 mm, a cylinder under uniaxial stress."""
 
 
-def table(force_N: np.ndarray) -> str:
+def table(force_N):
     rows = zip(TIME_S, TRAVEL_MM, force_N, strict=True)
     return "time_s,travel_mm,force_N\n" + "".join(f"{t:.3f},{d:.6f},{F:.9f}\n" for t, d, F in rows)
 
 
-def converted(folder: Path, force_N: np.ndarray, tool: str, *options: str) -> tuple[int, str]:
+def converted(folder, force_N, tool, *options):
     (folder / "press.csv").write_text(table(force_N))
     words = ("convert", folder / "press.csv", folder / "out.h5", "--indenter", tool, *LAWS[tool][1], *options)
     done = CliRunner().invoke(app, list(map(str, words)))
@@ -40,7 +38,7 @@ def converted(folder: Path, force_N: np.ndarray, tool: str, *options: str) -> tu
 
 
 @pytest.mark.parametrize("tool", LAWS)
-def test_forces_a_thousand_times_too_small_are_doubted_where_the_category_is_known(tmp_path, tool) -> None:
+def test_forces_a_thousand_times_too_small_are_doubted_where_the_category_is_known(tmp_path, tool):
     force_N = LAWS[tool][0] + 0.002 * NOISE
     assert converted(tmp_path, force_N, tool, "--category", "peach")[0] == 0
     code, said = converted(tmp_path, force_N / 1e3, tool, "--category", "peach")
@@ -49,20 +47,20 @@ def test_forces_a_thousand_times_too_small_are_doubted_where_the_category_is_kno
     assert "expected 0.005 to 12 MPa for peach; check units and factors of forces" in said
 
 
-def test_without_a_category_nothing_is_said_of_e_but_a_force_of_noise_is_doubted(tmp_path) -> None:
+def test_without_a_category_nothing_is_said_of_e_but_a_force_of_noise_is_doubted(tmp_path):
     assert converted(tmp_path, LAWS["ball"][0] / 1e3 + 2e-6 * NOISE, "ball")[0] == 0
     code, said = converted(tmp_path, 0.002 * NOISE, "ball")
     assert code == 4
     assert "E will be in doubt: press.csv: indenter trace: found a largest force of" in said
 
 
-def test_inverted_forces_are_turned_with_a_note(tmp_path) -> None:
+def test_inverted_forces_are_turned_with_a_note(tmp_path):
     code, said = converted(tmp_path, -LAWS["ball"][0] - 0.002 * NOISE, "ball", "--category", "peach")
     assert code == 0
     assert "note: press.csv: the force is negative under load; drupe reversed its sign." in said
 
 
-def test_a_strangers_file_at_the_second_output_stops_before_the_first_is_written(tmp_path) -> None:
+def test_a_strangers_file_at_the_second_output_stops_before_the_first_is_written(tmp_path):
     run = table(LAWS["ball"][0] + 0.002 * NOISE)
     (tmp_path / "press.csv").write_text(run + "\n" + run)
     (tmp_path / "out-2.h5").write_bytes(b"a file of somebody else")

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,7 +17,7 @@ FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "
 E_MPA = 0.4
 
 
-def run(*words: str | Path) -> tuple[int, str]:
+def run(*words):
     done = CliRunner().invoke(app, [*map(str, words)])
     if isinstance(done.exception, BatchRefused):
         return done.exit_code, " ".join(map(str, done.exception.problems))
@@ -26,7 +25,7 @@ def run(*words: str | Path) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def pressed(path: Path, force_of: object, deepest_mm: float, *, noise: float = 1e-3) -> Path:
+def pressed(path, force_of, deepest_mm, *, noise=0.001):
     """A ramp after some frames in the air, and a hold; noise as a share of the peak."""
     travel = np.r_[np.zeros(30), np.linspace(0, deepest_mm + 0.1, 90), np.full(40, deepest_mm + 0.1)]
     force = force_of(np.maximum(travel - 0.1, 0.0))
@@ -36,13 +35,13 @@ def pressed(path: Path, force_of: object, deepest_mm: float, *, noise: float = 1
     return path
 
 
-def tip_of(path: Path) -> IndenterPad:
+def tip_of(path):
     pad = read_recording(path).pads[0]
     assert isinstance(pad, IndenterPad)
     return pad
 
 
-def explained(folder: Path, case: str, *sources: Path, options: tuple[str, ...]) -> dict:
+def explained(folder, case, *sources, options):
     made = folder / "case"
     made.mkdir()
     (made / "case.toml").write_text(case)

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from explain_runs import NO_MESH
+from graded_results import graded
 from raw_folder import write_raw
 
 import pipeline.fruit.grasped
-from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
+from pipeline.batch.records import ModulusRecord, ScreenRecord, write_record
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
@@ -89,19 +89,18 @@ REFUSED = (
 DOUBTED = 'attribute fruit_id: found "N77", expected "N02", and fruits.csv has no "N77"'
 
 
-def test_check_refuses_the_recording_of_another_fruit_of_the_batch(batch):
+def test_check_and_grading_and_explain_refuse_the_recording_of_another_fruit_of_the_batch(batch):
     relabel(recording(batch), fruit_id="N04")
     status, text = checked(batch)
     assert status == 2
     assert f"fruits/N02/grasps/grasp-1.h5: grasp-1.h5: {REFUSED}" in text
-
-
-def test_grading_refuses_it_too(batch):
-    relabel(recording(batch), fruit_id="N04")
     with pytest.raises(TactileFailure) as refused:
         prepared(batch)
     assert refused.value.problem is TactileProblem.FOREIGN_RECORDING
     assert refused.value.detail == f"grasp-1: {REFUSED}"
+    ran = CliRunner().invoke(app, ["explain", str(batch), "--fruit", "N02"])
+    assert ran.exit_code == 3
+    assert REFUSED in " ".join(ran.output.split())
 
 
 def test_a_refused_one_costs_no_other_recording(batch):
@@ -123,12 +122,6 @@ def test_an_id_that_the_batch_does_not_have_puts_E_in_doubt(batch):
     assert DOUBTED in doubt.sentence
     assert doubt.relative_sd == pytest.approx(0.35)
     assert log.warnings[0] == doubt.sentence
-
-
-def test_a_recording_that_names_none_is_not_doubted(batch):
-    relabel(recording(batch), fruit_id="unknown")
-    assert checked(batch)[0] == 0
-    assert prepared(batch)[0].doubts == ()
 
 
 @pytest.mark.parametrize("said", ["", "unknown", "N02", " n02", "N2", "n-02", "N 2", "n_002"])
@@ -189,21 +182,12 @@ def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
     task = fruit_task(open_batch(batch), "N02", Results(batch / "results"))
     task.results.claim()
     (batch / "results" / "fruits" / "N02" / "fruit.ply").write_text("made")
-    record = FruitRecord(
-        fruit_id="N02", outcome="graded", key=task.key, given=Given(), strangers={"N77": False},
-        modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.1), screen=ScreenRecord(p_value=0.5),
-    )  # fmt: skip
+    changes = {"key": task.key, "strangers": {"N77": False}, "screen": ScreenRecord(p_value=0.5)}
+    record = graded("N02", 0.5, changes=changes)
     write_record(task.results.record, record)
     assert dict(kept_records({"N02": task})) == {"N02": record}
     assert dict(kept_records({"N02": task, "N77": task})) == {}
     assert dict(kept_records({"N02": task, "n-77": task})) == {}
-
-
-def test_explain_says_it_of_a_batchs_fruit(batch):
-    relabel(recording(batch), fruit_id="N04")
-    ran = CliRunner().invoke(app, ["explain", str(batch), "--fruit", "N02"])
-    assert ran.exit_code == 3
-    assert REFUSED in " ".join(ran.output.split())
 
 
 def test_check_says_it_of_a_raw_grasp(batch):
@@ -254,25 +238,18 @@ def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
     assert second.startswith(f"fruits/N04/grasps/grasp-1.h5: {words.format('N02')}")
 
 
-def graded(name, *digests, outcome="graded"):
+def with_grasps(name, *digests, outcome="graded"):
     grasps = tuple(GraspRecord(grasp=f"grasp-{k}", digest=one) for k, one in enumerate(digests, 1))
     modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.03, common_sd_MPa=0.01, parts_sd_MPa={"noise": 0.03})
-    return FruitRecord(
-        fruit_id=name,
-        outcome=outcome,
-        key="k",
-        given=Given(),
-        grasps=grasps,
-        modulus=modulus,
-        warnings=("w",),
-    )
+    changes = {"outcome": outcome, "grasps": grasps, "modulus": modulus, "warnings": ("w",)}
+    return graded(name, 0.5, changes=changes)
 
 
 def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
     """One of two recordings is shared: half of E's 35 % is in doubt."""
-    sound, refused = graded("N05", "c"), graded("N06", "a", outcome="no-shape")
+    sound, refused = with_grasps("N05", "c"), with_grasps("N06", "a", outcome="no-shape")
     one, other, *rest = copies_doubted(
-        [graded("N02", "a", "b"), graded("N04", "a"), sound, refused], BatchFolder(batch)
+        [with_grasps("N02", "a", "b"), with_grasps("N04", "a"), sound, refused], BatchFolder(batch)
     )
     assert rest == [sound, refused]
     for record, there, sd in ((one, "N04", 0.5 * 0.35), (other, "N02", 0.35)):

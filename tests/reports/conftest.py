@@ -1,6 +1,5 @@
 """A batch with everything awkward in it: failures, hostile and long names, missing values."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, date, datetime
 
@@ -15,7 +14,7 @@ HOSTILE = "<script>alert('x')</script>&\"q\" {{ 7*7 }}"
 TINY_WEBP = cv2.imencode(".webp", np.full((8, 8, 3), 90, np.uint8))[1].tobytes()
 
 
-def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None = "ripe") -> FruitEntry:
+def graded_fruit(fruit_id, *, rank, E_MPa, maturity="ripe"):
     travel = np.linspace(0.0, 1.5, 30)
     force = 9.0 * E_MPa * travel**1.5
     return FruitEntry(
@@ -71,7 +70,7 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
 
 
 @pytest.fixture
-def awkward_batch() -> BatchEntry:
+def awkward_batch():
     soft, hostile = (
         graded_fruit("N-04", rank=1, E_MPa=0.21),
         graded_fruit(HOSTILE, rank=4, E_MPa=1.42, maturity="unripe"),
@@ -104,23 +103,23 @@ def awkward_batch() -> BatchEntry:
 
 
 @pytest.fixture
-def large_batch(awkward_batch: BatchEntry) -> BatchEntry:
+def large_batch(awkward_batch):
     fruits = tuple(graded_fruit(f"N-{k:03d}", rank=k + 1, E_MPa=0.2 + 0.02 * k) for k in range(60))
     return replace(awkward_batch, fruits=fruits, exit_status=0, shore=None)
 
 
 @pytest.fixture
-def graded() -> Callable[..., FruitEntry]:
+def graded():
     return graded_fruit
 
 
 @pytest.fixture
-def hostile() -> str:
+def hostile():
     return HOSTILE
 
 
 @pytest.fixture
-def empty_batch() -> BatchEntry:
+def empty_batch():
     return BatchEntry(
         name="nothing",
         category="plum",

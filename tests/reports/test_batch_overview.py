@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from reports.batch_overview import MOST_LISTED, class_counts, decision_lists, failures, numbered
-from reports.entries import BatchEntry, FruitEntry
+from reports.entries import FruitEntry
 from reports.page import MOST_ROWS, report_html
 
 
-def lost(fruit_id: str, reason: str, outcome: str = "never-touches") -> FruitEntry:
+def lost(fruit_id, reason, outcome="never-touches"):
     return FruitEntry(
         fruit_id=fruit_id,
         ok=False,
@@ -18,7 +18,7 @@ def lost(fruit_id: str, reason: str, outcome: str = "never-touches") -> FruitEnt
     )
 
 
-def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_batch: BatchEntry) -> None:
+def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_batch):
     fruits = (
         lost("A", "grasp-1 of A misses it by 3.2 mm."),
         lost("B", "grasp-1 of B misses it by 14 mm."),
@@ -36,7 +36,7 @@ def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_
     assert "One is black." in page
 
 
-def test_lists_name_their_fruit_and_why(empty_batch: BatchEntry, graded) -> None:
+def test_lists_name_their_fruit_and_why(empty_batch, graded):
     fruits = (
         replace(graded("S", rank=1, E_MPa=0.2), decision="ship"),
         replace(graded("H", rank=3, E_MPa=0.9, maturity="unripe"), decision="hold"),
@@ -59,15 +59,13 @@ def test_lists_name_their_fruit_and_why(empty_batch: BatchEntry, graded) -> None
     assert '<option value="hold">Hold</option>' in page
 
 
-def test_nothing_is_said_to_be_shipped_without_classes(empty_batch: BatchEntry, graded) -> None:
+def test_nothing_is_said_to_be_shipped_without_classes(empty_batch, graded):
     batch = replace(empty_batch, fruits=(replace(graded("S", rank=1, E_MPa=0.2)),))
     assert decision_lists(batch, numbered(batch)) == ()
     assert "What to ship" not in report_html(batch)
 
 
-def test_of_many_fruit_the_distribution_is_drawn_and_long_lists_are_folded(
-    large_batch: BatchEntry, graded
-) -> None:
+def test_of_many_fruit_the_distribution_is_drawn_and_long_lists_are_folded(large_batch, graded):
     count = MOST_LISTED + 10
     fruits = tuple(
         replace(graded(f"N-{k:03d}", rank=k + 1, E_MPa=0.2 + 0.002 * k), decision="ship")

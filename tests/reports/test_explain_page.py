@@ -3,40 +3,41 @@
 import io
 import json
 import re
+import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
+from fake_explanation import fake_explanation
+
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.result import (
+    Candidate,
+    FruitMap,
+    ModulusCell,
+    NextGraspPlan,
+    ProposedGrasp,
+    ProposedPad,
+    Where,
+)
+from pipeline.diagnosis.diagnosis import Diagnosis
+from pipeline.diagnosis.explain_entry import effect_entries, explain_entry
 from reports import explain_page
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
-from reports.explain_entries import (
-    CandidateEntry,
-    CellEntry,
-    CheckEntry,
-    EffectEntry,
-    ExplainEntry,
-    FitEntry,
-    MapEntry,
-    ModuliEntry,
-    ModulusEntry,
-    NextGraspPlanEntry,
-    ParameterEntry,
-    ProposedGraspEntry,
-    TraceEntry,
-    VarianceEntry,
-    WhereEntry,
-)
 from reports.explain_page import explain_html
 from reports.explain_scene import explained_scene
 from reports.fruit_scene import SceneSurface
 from reports.mesh_picture import FLESH
 from reports.next_grasp_picture import _painted, next_grasp_picture
 from reports.raycast import TracedSurface, Viewing
-from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
+from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 
 
 @pytest.fixture(autouse=True)
@@ -47,15 +48,6 @@ def _small_maps(monkeypatch):
     monkeypatch.setattr(explain_page, "sides_of", partial(sides_of, view_px=50))
 
 
-EFFECTS = {
-    name: EffectEntry(short=short, meaning=f"What {name} means.", advice=f"What to do about {name}.")
-    for name, short in {
-        "viscoelastic": "the flesh creeps",
-        "clock_lag": "the clocks are apart",
-        "pit_size": "the pit is larger or smaller than expected",
-        "sensor_gain": "one pad reads its force too high or too low",
-    }.items()
-}
 OCTAHEDRON = np.array(
     [[4, 0, 2], [4, 2, 1], [4, 1, 3], [4, 3, 0], [5, 2, 0], [5, 1, 2], [5, 3, 1], [5, 0, 3]]
 )
@@ -63,7 +55,7 @@ OCTAHEDRON = np.array(
 
 def bumpy_map():
     axes = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
-    return MapEntry(
+    return FruitMap(
         vertices_mm=25.0 * axes,
         triangles=OCTAHEDRON,
         modulus_score=np.array([-8.0, 1, 0, 0, 0, 0]),
@@ -74,65 +66,28 @@ def bumpy_map():
 
 
 def entry(**changes):
-    t = np.linspace(0, 9, 20)
-    made = ExplainEntry(
-        case="N-01",
-        category="nectarine",
-        detected=True,
-        p_value=1e-7,
-        verdict=("viscoelastic",),
-        where=WhereEntry(region="pad left"),
-        when="hold",
-        component="normal",
-        ranking=(
-            CandidateEntry(
-                effect="viscoelastic",
-                probability=0.97,
-                log_evidence=201.5,
-                chi2_gain=410.0,
-                heldout_gain=150.0,
-                parameters={
-                    "g": ParameterEntry(value=0.31, sd=0.02, unit="1", interval_90=(0.28, 0.34)),
-                    "tau_s": ParameterEntry(value=4.2, sd=None, unit="s"),
-                },
-                E_MPa=ModulusEntry(value=0.315, sd=0.006),
-            ),
-            CandidateEntry(effect="clock_lag", probability=0.03, log_evidence=2.0, chi2_gain=6.0),
+    answer = fake_explanation()
+    made = explain_entry(
+        Diagnosis(
+            explanation=answer,
+            grasps=("grasp-1",),
+            contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
         ),
-        E_MPa=ModuliEntry(
-            before=ModulusEntry(value=0.262, sd=0.011), after=ModulusEntry(value=0.315, sd=0.006)
-        ),
-        made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
-        effects=EFFECTS,
-        fit=FitEntry(heldout_rms_before=2.6, heldout_rms_after=1.04, noise_rms=1.0),
-        next_grasp="Hold one grasp for 30 s.",
-        cells=tuple(
-            CellEntry(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
-            for pad in ("left", "right")
-            for s in t
-        ),
-        variance=(VarianceEntry(factor="time", share=0.7, p_value=1e-9),),
-        traces=(
-            TraceEntry(
-                grasp="grasp-1",
-                time_s=t,
-                phase=("load",) * 10 + ("hold",) * 10,
-                force_N=t,
-                given_mm=0.1 * t,
-                before_mm=0.09 * t,
-                after_mm=0.1 * t,
-            ),
-        ),
-        checks=(
-            CheckEntry(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
-            CheckEntry(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
-        ),
-        maps=bumpy_map(),
-        contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
-        grasps=("grasp-1",),
-        notes=("Only one grasp.",),
+        **{"case": "N-01", "category": "nectarine", "seconds": {}, "inputs": {}, "versions": {}},
+        made=datetime(2026, 11, 20, 9, tzinfo=UTC),
     )
-    return made.model_copy(update=changes)
+    known = {
+        "cells": tuple(
+            ModulusCell(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
+            for pad in ("left", "right")
+            for s in range(20)
+        ),
+        "traces": answer.traces[:1],
+        "checks": (*answer.checks, replace(answer.checks[1], after=1.0)),
+        "maps": bumpy_map(),
+        "notes": ("Only one grasp.",),
+    }
+    return replace(made, **known | changes)
 
 
 def test_the_verdict_stands_first_and_the_sections_follow_in_order():
@@ -165,25 +120,25 @@ def test_the_page_is_whole_without_a_network_and_the_same_each_time():
     assert page == explain_html(entry())
 
 
-def planned_next() -> NextGraspPlanEntry:
+def planned_next():
     """Across, slowly, by far the best; then the same spots twice."""
 
-    def grasp(place: str, gain: float, **changes: object) -> ProposedGraspEntry:
-        pads = [
-            {
-                "pad": pad,
-                "centre_mm": centre,
-                "direction": [-x / 25.0 for x in centre],
-                "round_deg": turn,
-                "patch_mm": np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
-            }
-            for pad, centre, turn in (("left", [0.0, 25.0, 0.0], 91.2), ("right", [0.0, -25.0, 0.0], 271.0))
-        ]
+    def grasp(place, gain, **changes):
+        pads = tuple(
+            ProposedPad(
+                pad=pad,
+                centre_mm=centre,
+                direction=tuple(-x / 25.0 for x in centre),
+                round_deg=turn,
+                patch_mm=np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
+            )
+            for pad, centre, turn in (("left", (0.0, 25.0, 0.0), 91.2), ("right", (0.0, -25.0, 0.0), 271.0))
+        )
         plain = {"like": "grasp-1", "depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1, "turned": False}
         foreseen = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
-        return ProposedGraspEntry.model_validate(plain | foreseen | {"pads": pads} | changes)
+        return ProposedGrasp(**plain | foreseen | changes, pads=pads)
 
-    return NextGraspPlanEntry(
+    return NextGraspPlan(
         grasps=(grasp("across", 14.2, speed=0.1, hold_s=10.0), grasp("same spots", 3.1, cycles=2)), tried=33
     )
 
@@ -202,19 +157,17 @@ def test_the_next_grasp_is_drawn_and_listed_best_first():
 
 def test_the_picture_of_the_next_grasp_fills_its_patches_in_the_colours_of_its_key():
     maps = bumpy_map()
-    sides = sides_of(
-        maps.vertices_mm, maps.triangles, maps.visible, hatched_below=BLIND_BELOW, view_px=60, samples=1
-    )
-    at = next(k for k, side in enumerate(sides) if side.name == "right of the suture")
+    six = sides(maps, view_px=60)
+    side = next(side for side in six if side.name == "right of the suture")
     patch = np.array([[0.0, 25.0, 0.0], [1.0, 24.0, 0.0]])
     with_pad, without = (
-        _painted(sides[at], patches) for patches in ({"left": patch}, {"left": patch - [0.0, 50.0, 0.0]})
+        _painted(side, patches) for patches in ({"left": patch}, {"left": patch - [0.0, 50.0, 0.0]})
     )
     changed = np.abs(with_pad - without).max(axis=2) > 0.05
-    assert 0 < changed.sum() < 0.2 * sides[at].front_surface.hit.sum()
-    reach = np.linalg.norm(sides[at].front_surface.points_mm[changed] - patch[0], axis=1)
+    assert 0 < changed.sum() < 0.2 * side.front_surface.hit.sum()
+    reach = np.linalg.norm(side.front_surface.points_mm[changed] - patch[0], axis=1)
     assert reach.max() < 5.0
-    assert next_grasp_picture(sides, {"left": patch}, samples=1)[:4] == b"\x89PNG"
+    assert next_grasp_picture(six, {"left": patch}, samples=1)[:4] == b"\x89PNG"
 
 
 def test_a_plan_is_written_beside_the_sentence_and_only_where_there_is_one():
@@ -246,23 +199,12 @@ def test_hostile_text_stays_text(hostile):
     ],
 )
 def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
-    bare = entry(
-        verdict=verdict,
-        ranking=(),
-        cells=(),
-        variance=(),
-        traces=(),
-        checks=(),
-        maps=None,
-        fit=FitEntry(),
-        next_grasp=None,
-        notes=(),
-        contacts_mm={},
-    )
+    nothing = dict.fromkeys(("ranking", "cells", "variance", "traces", "checks", "notes"), ())
+    nothing |= {"maps": None, "heldout": None, "next_grasp": None, "contacts_mm": {}}
+    bare = entry(verdict=verdict, **nothing)
     assert explain_verdict(bare) in explain_html(bare).replace("&#39;", "'")
-    assert explain_verdict(entry(verdict=verdict)) in explain_html(entry(verdict=verdict)).replace(
-        "&#39;", "'"
-    )
+    full = entry(verdict=verdict)
+    assert explain_verdict(full) in explain_html(full).replace("&#39;", "'")
 
 
 def test_verdicts_that_are_no_effect_have_words_of_their_own():
@@ -273,13 +215,9 @@ def test_verdicts_that_are_no_effect_have_words_of_their_own():
 
 
 def test_an_effect_without_words_is_told_by_its_name():
-    assert "Pose error (pose error" in explain_verdict(
-        entry(
-            verdict=("pose_error",),
-            effects={},
-            ranking=(CandidateEntry(effect="pose_error", probability=1.0, log_evidence=9.0, chi2_gain=20.0),),
-        )
-    )
+    pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
+    found = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
+    assert "Pose error (pose error" in explain_verdict(found)
 
 
 def test_several_names_are_given_the_likeliest_first():
@@ -288,11 +226,13 @@ def test_several_names_are_given_the_likeliest_first():
 
 
 def test_a_pair_is_said_as_two():
-    assert "and one pad reads" in explain_verdict(entry(verdict=("pit_size+sensor_gain",)))
+    pair = "pit_size+sensor_gain"
+    said = explain_verdict(entry(verdict=(pair,), effects=effect_entries([pair])))
+    assert f", and {SPECS['sensor_gain'].words.short}" in said
 
 
 def test_a_spot_is_told_with_its_place_and_width():
-    spot = entry(where=WhereEntry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
+    spot = entry(where=Where(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
     assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
 
 
@@ -309,7 +249,7 @@ def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     assert np.isnan(seen[~front_surface.hit]).all()
 
 
-def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
+def sides(fruit, *, view_px):
     places = (fruit.vertices_mm, fruit.triangles, fruit.visible)
     return sides_of(*places, hatched_below=BLIND_BELOW, view_px=view_px, samples=1)
 
@@ -317,12 +257,10 @@ def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
 def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise():
     fruit = bumpy_map()
     front, *_ = sides(fruit, view_px=40)
+    hit = front.front_surface.hit
     seen = front.front_surface.of_vertices(fruit.visible)
-    assert (
-        front.blind[front.front_surface.hit].tolist()
-        == (seen[front.front_surface.hit] < BLIND_BELOW).tolist()
-    )
-    assert 0 < front.blind.sum() < front.front_surface.hit.sum()
+    assert (front.blind[hit] == (seen[hit] < BLIND_BELOW)).all()
+    assert 0 < front.blind.sum() < hit.sum()
 
 
 def test_a_map_of_nothing_still_is_a_picture():
@@ -335,18 +273,18 @@ def test_a_map_of_nothing_still_is_a_picture():
 
 
 def test_frames_that_say_nothing_of_E_are_not_drawn():
-    lost = entry().cells[0].model_copy(update={"E_sd_MPa": 0.3})
+    lost = replace(entry().cells[0], E_sd_MPa=0.3)
     assert modulus_over_time(entry(cells=(lost,)), with_effect=True) == []
     ((grasp, chart),) = modulus_over_time(entry(), with_effect=True)
     assert grasp == "grasp-1"
     assert chart.count("<circle") == 20 + 1
 
 
-def content(made: bytes) -> dict:
+def content(made):
     return json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
 
 
-def painted(made: bytes) -> np.ndarray:
+def painted(made):
     """RGBA of the skin's vertices by the map (COLOR_1), in the order of the file."""
     said = content(made)
     start = 28 + int.from_bytes(made[12:16], "little")
@@ -358,7 +296,6 @@ def painted(made: bytes) -> np.ndarray:
 
 def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen_is_bare():
     made = explained_scene(entry(), None)
-    assert made is not None
     assert content(made)["meshes"][0]["extras"]["map"] == {"name": "finder", "low": "-8 σ", "high": "8 σ"}
     places = np.array(trimesh.load(io.BytesIO(made), file_type="glb").geometry["skin"].vertices)
     colour = painted(made).astype(int)
@@ -369,18 +306,14 @@ def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen
 
 
 def test_in_three_dimensions_the_pit_is_inside():
-    tetrahedron = SceneSurface(
-        np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]]),
-        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-    )
-    made = explained_scene(entry(), tetrahedron)
-    assert made is not None
+    box = trimesh.creation.box([2.0, 2.0, 2.0])
+    made = explained_scene(entry(), SceneSurface(np.array(box.vertices), np.array(box.faces)))
     assert [mesh["name"] for mesh in content(made)["meshes"]] == ["pit", "skin"]
 
 
 def test_without_a_map_nothing_is_shown_in_three_dimensions():
     assert explained_scene(entry(maps=None), None) is None
-    unseen = bumpy_map().model_copy(update={"visible": np.zeros(6)})
+    unseen = replace(bumpy_map(), visible=np.zeros(6))
     assert explained_scene(entry(maps=unseen), None) is None
 
 

@@ -12,12 +12,12 @@ from reports.mesh_picture import FLESH, PADS
 from reports.skin_map import SkinLayer
 
 
-def ball(radius_mm: float, subdivisions: int) -> SceneSurface:
+def ball(radius_mm, subdivisions):
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius_mm)
     return SceneSurface(np.array(mesh.vertices), np.array(mesh.faces))
 
 
-def patch(radius_mm: float) -> np.ndarray:
+def patch(radius_mm):
     """Markers 1 mm apart on the ball's +x side."""
     line = np.arange(-4.0, 5.0)
     y, z = (one.ravel() for one in np.meshgrid(line, line))
@@ -25,7 +25,7 @@ def patch(radius_mm: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def opened() -> trimesh.Scene:
+def opened():
     made = fruit_scene(ball(30.0, 5), ball(12.0, 4), {"left": patch(30.0), "right": np.empty((0, 3))})
     assert len(made) < 60_000
     found = trimesh.load(io.BytesIO(made), file_type="glb")
@@ -33,7 +33,7 @@ def opened() -> trimesh.Scene:
     return found
 
 
-def test_skin_and_pit_keep_their_shape_and_close(opened: trimesh.Scene) -> None:
+def test_skin_and_pit_keep_their_shape_and_close(opened):
     for name, radius_mm, most in (("skin", 30.0, SKIN_TRIANGLES), ("pit", 12.0, PIT_TRIANGLES)):
         mesh = opened.geometry[name]
         assert len(mesh.faces) <= 1.02 * most
@@ -43,7 +43,7 @@ def test_skin_and_pit_keep_their_shape_and_close(opened: trimesh.Scene) -> None:
         assert mesh.volume == pytest.approx(4 / 3 * np.pi * radius_mm**3, rel=0.02)
 
 
-def test_the_skin_is_painted_where_a_pad_touched_and_lets_the_pit_show(opened: trimesh.Scene) -> None:
+def test_the_skin_is_painted_where_a_pad_touched_and_lets_the_pit_show(opened):
     skin = opened.geometry["skin"]
     colour = skin.visual.vertex_attributes["color"]
     away = np.linalg.norm(skin.vertices - [30.0, 0, 0], axis=1)
@@ -53,12 +53,12 @@ def test_the_skin_is_painted_where_a_pad_touched_and_lets_the_pit_show(opened: t
     assert (opened.geometry["pit"].visual.vertex_attributes["color"][:, 3] == 255).all()
 
 
-def test_a_fruit_without_a_pit_is_its_skin_alone() -> None:
+def test_a_fruit_without_a_pit_is_its_skin_alone():
     found = trimesh.load(io.BytesIO(fruit_scene(ball(30.0, 2), None, {})), file_type="glb")
     assert list(found.geometry) == ["skin"]
 
 
-def test_a_map_of_the_skin_is_a_second_set_of_colours() -> None:
+def test_a_map_of_the_skin_is_a_second_set_of_colours():
     """As another reader finds it; red is low, blue is high, skin that is not shown is flesh."""
     skin = ball(30.0, 5)
     x, _, z = skin.vertices.T

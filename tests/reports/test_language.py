@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from reports import batch_overview, kiosk_page, page, words
-from reports.entries import BatchEntry
 from reports.kiosk_page import KioskEntry, kiosk_html
 from reports.language import ENGLISH, LANGUAGES, say, spoken, words_of
 from reports.page import report_html
@@ -57,7 +56,7 @@ def test_every_sentence_and_no_other_is_in_the_words_file(language):
 
 
 @pytest.mark.parametrize(("language", "word"), [("de", "Rangliste"), ("es", "Clasificación")])
-def test_a_page_is_in_its_language(awkward_batch: BatchEntry, language, word):
+def test_a_page_is_in_its_language(awkward_batch, language, word):
     html = report_html(awkward_batch, language=language)
     assert f'<html lang="{language}">' in html
     assert word in html

@@ -1,10 +1,8 @@
 import re
 import zlib
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from jaxtyping import Bool, Float
 
 from reports.mat_sheet import mat_sheet_pdf, tag_outline
 
@@ -12,28 +10,28 @@ POINTS_PER_MM = 72.0 / 25.4
 SHEET_MM = (210.0, 297.0)
 
 
-def square(x: float, y: float, side: float) -> Float[np.ndarray, "4 3"]:
+def square(x, y, side):
     h = side / 2
     return np.array([(x - h, y + h, 0), (x + h, y + h, 0), (x + h, y - h, 0), (x - h, y - h, 0)], float)
 
 
 @pytest.fixture
-def corners() -> dict[int, np.ndarray]:
+def corners():
     centres = [(x, y) for y in (60.0, 0.0, -60.0) for x in (-60.0, 0.0, 60.0) if (x, y) != (0.0, 0.0)]
     return {tag: square(x, y, 20.0) for tag, (x, y) in enumerate(centres)}
 
 
 @pytest.fixture
-def bits(corners: Mapping[int, np.ndarray]) -> dict[int, Bool[np.ndarray, "8 8"]]:
+def bits(corners):
     rng = np.random.default_rng(7)
     return {tag: np.pad(rng.random((6, 6)) < 0.5, 1) for tag in corners}
 
 
-def made(corners: Mapping[int, np.ndarray], bits: Mapping[int, np.ndarray]) -> bytes:
+def made(corners, bits):
     return mat_sheet_pdf(corners, bits, sheet_mm=SHEET_MM, title="a mat")
 
 
-def drawn(pdf: bytes) -> str:
+def drawn(pdf):
     """The page's drawing operators."""
     for stream in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.DOTALL):
         try:
@@ -45,7 +43,7 @@ def drawn(pdf: bytes) -> str:
     raise AssertionError("no drawing found")
 
 
-def paths_mm(pdf: bytes) -> list[np.ndarray]:
+def paths_mm(pdf):
     """Corner points of each filled path, mm from the sheet's centre."""
     found = []
     for block in re.split(r"\n(?:f|b|B|S|s|n|f\*)\n", drawn(pdf)):
@@ -55,13 +53,12 @@ def paths_mm(pdf: bytes) -> list[np.ndarray]:
     return found
 
 
-def test_page_is_the_sheet_at_true_size(corners: dict, bits: dict) -> None:
+def test_page_is_the_sheet_at_true_size(corners, bits):
     box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", made(corners, bits))
-    assert box is not None
     assert np.array(box.groups(), float) / POINTS_PER_MM == pytest.approx(SHEET_MM, abs=1e-3)
 
 
-def test_tags_are_vectors_at_their_places(corners: dict, bits: dict) -> None:
+def test_tags_are_vectors_at_their_places(corners, bits):
     paths = paths_mm(made(corners, bits))
     for placed in corners.values():
         assert any(
@@ -71,22 +68,22 @@ def test_tags_are_vectors_at_their_places(corners: dict, bits: dict) -> None:
         )
 
 
-def test_bar_is_100_mm_long(corners: dict, bits: dict) -> None:
+def test_bar_is_100_mm_long(corners, bits):
     widths = [np.ptp(path[:, 0]) for path in paths_mm(made(corners, bits)) if path[:, 1].max() < -72.0]
     assert max(widths) == pytest.approx(100.0, abs=1e-3)
 
 
-def test_sheet_is_vectors_only(corners: dict, bits: dict) -> None:
+def test_sheet_is_vectors_only(corners, bits):
     assert b"/Subtype /Image" not in made(corners, bits)
 
 
-def test_same_mat_gives_the_same_bytes_without_a_date(corners: dict, bits: dict) -> None:
+def test_same_mat_gives_the_same_bytes_without_a_date(corners, bits):
     pdf = made(corners, bits)
     assert pdf == made(corners, bits)
     assert b"Date" not in pdf
 
 
-def test_outline_is_black_exactly_where_the_cells_are() -> None:
+def test_outline_is_black_exactly_where_the_cells_are():
     rng = np.random.default_rng(1)
     for _ in range(20):
         cells = rng.random((8, 8)) < 0.5
@@ -103,7 +100,7 @@ def test_outline_is_black_exactly_where_the_cells_are() -> None:
         assert (np.abs(black.reshape(8, 8)) == (~cells).astype(int)).all()
 
 
-def _inside(point: np.ndarray, loop: np.ndarray) -> bool:
+def _inside(point, loop):
     """Even-odd rule, along a ray to +x."""
     (x0, y0), (x1, y1) = loop[:-1].T, loop[1:].T
     crosses = (y0 > point[1]) != (y1 > point[1])
@@ -111,19 +108,19 @@ def _inside(point: np.ndarray, loop: np.ndarray) -> bool:
     return bool(np.count_nonzero(crosses & (at > point[0])) % 2)
 
 
-def test_outline_follows_a_turned_tag() -> None:
+def test_outline_follows_a_turned_tag():
     turned = square(0.0, 0.0, 8.0)[[1, 2, 3, 0]]
     cells = np.ones((8, 8), bool)
     cells[0, 0] = False
     assert tag_outline(turned, cells).get_extents().bounds == pytest.approx((3.0, 3.0, 1.0, 1.0))
 
 
-def test_sheet_too_small_is_refused_with_both_sizes(corners: dict, bits: dict) -> None:
+def test_sheet_too_small_is_refused_with_both_sizes(corners, bits):
     with pytest.raises(ValueError, match=r"needs a sheet of 140 x 178 mm .* is 150 x 150 mm"):
         mat_sheet_pdf(corners, bits, sheet_mm=(150.0, 150.0), title="")
 
 
-def test_tag_without_cells_and_mat_without_tags_are_refused(corners: dict, bits: dict) -> None:
+def test_tag_without_cells_and_mat_without_tags_are_refused(corners, bits):
     del bits[3]
     with pytest.raises(ValueError, match="tag 3"):
         made(corners, bits)

@@ -15,9 +15,7 @@ from reports.outlined_photos import (
 )
 
 
-def disc(
-    centre: tuple[float, float], radius: float, *, name: str = "a.jpg", size: tuple[int, int] = (900, 700)
-) -> OutlinedPhoto:
+def disc(centre, radius, *, name="a.jpg", size=(900, 700)):
     """A red disc on grey, and its circle."""
     turn = np.linspace(0, 2 * np.pi, 240, endpoint=False)
     circle = np.array(centre) + radius * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -26,7 +24,7 @@ def disc(
     return OutlinedPhoto(name, image, circle)
 
 
-def lined(jpeg: bytes) -> tuple[np.ndarray, np.ndarray]:
+def lined(jpeg):
     """The picture, and (column, row) of the pixels of its line."""
     image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     blue, _, red = np.moveaxis(image.astype(int), 2, 0)
@@ -34,7 +32,7 @@ def lined(jpeg: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("longest_px", [300, 560, 900])
-def test_the_line_lies_on_the_outline(longest_px: int) -> None:
+def test_the_line_lies_on_the_outline(longest_px):
     image, line = lined(outlined_photo_jpeg(disc((420.0, 310.0), 150.0), longest_px=longest_px))
     scale = longest_px / 900
     assert image.shape[1] == longest_px
@@ -44,7 +42,7 @@ def test_the_line_lies_on_the_outline(longest_px: int) -> None:
     assert abs(away.mean()) < 0.5
 
 
-def test_a_photo_is_not_drawn_upon() -> None:
+def test_a_photo_is_not_drawn_upon():
     photo = disc((420.0, 310.0), 150.0)
     before = photo.image.copy()
     outlined_photo_jpeg(photo, longest_px=2000)
@@ -56,7 +54,7 @@ def test_a_photo_is_not_drawn_upon() -> None:
     "centre", [(420.0, 310.0), (60.0, 640.0)], ids=["inside", "cut off by the photo's edge"]
 )
 @pytest.mark.parametrize("radius", [40.0, 150.0], ids=["enlarged", "shrunk"])
-def test_each_tile_shows_its_fruit_in_the_middle(centre: tuple[float, float], radius: float) -> None:
+def test_each_tile_shows_its_fruit_in_the_middle(centre, radius):
     photos = [disc((450.0, 350.0), 100.0)] * COLUMNS + [disc(centre, radius)]
     image, line = lined(outline_sheet_jpeg(photos))
     assert image.shape == (2 * (TILE_PX + NAME_PX), COLUMNS * TILE_PX, 3)
@@ -70,11 +68,11 @@ def test_each_tile_shows_its_fruit_in_the_middle(centre: tuple[float, float], ra
     assert tile[8, middle, 2] < tile[8, middle, 0] + 30
 
 
-def test_names_of_any_letters_are_written_and_long_ones_shortened() -> None:
+def test_names_of_any_letters_are_written_and_long_ones_shortened():
     for name in ("Pfirsich-äöü-№1.jpg", "桃.jpg", "a\x00\n\x1b[31m.jpg", "long" * 40 + ".jpg", ""):
         assert len(outline_sheet_jpeg([disc((450.0, 350.0), 100.0, name=name)])) > 1000
 
 
-def test_no_photo_is_refused() -> None:
+def test_no_photo_is_refused():
     with pytest.raises(ValueError, match="at least one photo"):
         outline_sheet_jpeg([])

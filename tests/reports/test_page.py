@@ -20,7 +20,7 @@ VOID = {"meta", "img", "br", "link", "input"}
 class Page(HTMLParser):
     """Elements with their attributes, all text, and whether every element was closed in order."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
         self.elements: list[tuple[str, dict[str, str | None]]] = []
         self.text: list[str] = []
@@ -29,32 +29,37 @@ class Page(HTMLParser):
         self.close()
         assert self.open == []
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         assert len({name for name, _ in attrs}) == len(attrs)
         self.elements.append((tag, dict(attrs)))
         if tag not in VOID:
             self.open.append(tag)
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         self.text.append(data)
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def all(self, tag):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
 Make = Callable[..., FruitEntry]
 
 
+def text_of(batch):
+    """What the page shows, without its breakless spaces."""
+    return "".join(Page(report_html(batch)).text).replace("\u00a0", " ")
+
+
 @pytest.fixture(params=["awkward_batch", "large_batch", "empty_batch"])
-def batch(request: pytest.FixtureRequest) -> BatchEntry:
+def batch(request):
     made: BatchEntry = request.getfixturevalue(request.param)
     return made
 
 
-def test_page_refers_to_nothing_outside_itself(batch: BatchEntry) -> None:
+def test_page_refers_to_nothing_outside_itself(batch):
     text = report_html(batch)
     page = Page(text)
     for tag, attributes in page.elements:
@@ -71,7 +76,7 @@ def test_page_refers_to_nothing_outside_itself(batch: BatchEntry) -> None:
     assert "https:" not in text
 
 
-def test_every_link_has_its_target_and_every_id_is_one_element(batch: BatchEntry) -> None:
+def test_every_link_has_its_target_and_every_id_is_one_element(batch):
     page = Page(report_html(batch))
     ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
     assert set(ids.values()) == {1}
@@ -82,13 +87,13 @@ def test_every_link_has_its_target_and_every_id_is_one_element(batch: BatchEntry
             assert attributes["aria-labelledby"] in ids
 
 
-def test_text_of_the_batch_is_shown_never_obeyed(awkward_batch: BatchEntry, hostile: str) -> None:
+def test_text_of_the_batch_is_shown_never_obeyed(awkward_batch, hostile):
     text = report_html(awkward_batch)
     shown = "".join(Page(text).text)
     assert shown.count(hostile) >= 5
 
 
-def test_the_only_script_is_the_page_s_own_by_its_hash(awkward_batch: BatchEntry) -> None:
+def test_the_only_script_is_the_page_s_own_by_its_hash(awkward_batch):
     text = report_html(awkward_batch)
     (script,) = re.findall(r"<script[^>]*>(.*?)</script>", text, re.DOTALL)
     assert text.count("<script") == 1
@@ -99,21 +104,21 @@ def test_the_only_script_is_the_page_s_own_by_its_hash(awkward_batch: BatchEntry
     assert "script-src 'unsafe" not in (policy or "")
 
 
-def test_failures_come_first_with_reason_and_what_to_do(awkward_batch: BatchEntry) -> None:
-    shown = "".join(Page(report_html(awkward_batch)).text)
+def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
+    shown = text_of(awkward_batch)
     order = ["4 of 6 fruits graded", "Not graded: 2 of 6", "were given, with, commas"]
     places = [shown.index(words) for words in [*order, "Ranking, softest first", "Fruit by fruit"]]
     assert places == sorted(places)
 
 
-def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch: BatchEntry) -> None:
+def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch):
     fruit = FruitEntry(fruit_id="a", ok=False, outcome="too-few-views", advice="Clean the lens.")
     shown = report_html(replace(awkward_batch, fruits=(fruit,)))
     assert "Clean the lens." in shown
     assert "Take more photos" not in shown
 
 
-def test_fruits_follow_by_rank_then_failures(awkward_batch: BatchEntry, hostile: str) -> None:
+def test_fruits_follow_by_rank_then_failures(awkward_batch, hostile):
     page = Page(report_html(awkward_batch))
     text = "".join(page.text)
     parts = text[text.index("Fruit by fruit") : text.index("Sources of these numbers")]
@@ -121,7 +126,7 @@ def test_fruits_follow_by_rank_then_failures(awkward_batch: BatchEntry, hostile:
     assert places == sorted(places)
 
 
-def test_page_can_be_read_without_eyes(awkward_batch: BatchEntry) -> None:
+def test_page_can_be_read_without_eyes(awkward_batch):
     page = Page(report_html(awkward_batch))
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
@@ -134,12 +139,12 @@ def test_page_can_be_read_without_eyes(awkward_batch: BatchEntry) -> None:
     assert all(cell.get("scope") for cell in page.all("th"))
 
 
-def test_same_records_give_the_same_page(awkward_batch: BatchEntry) -> None:
+def test_same_records_give_the_same_page(awkward_batch):
     assert report_html(awkward_batch) == report_html(awkward_batch)
 
 
-def test_provenance_is_all_there_and_in_utc(awkward_batch: BatchEntry) -> None:
-    shown = "".join(Page(report_html(awkward_batch)).text)
+def test_provenance_is_all_there_and_in_utc(awkward_batch):
+    shown = text_of(awkward_batch)
     for words in (
         "2026-08-15 09:01:02 UTC",
         "12 min 38 s",
@@ -151,50 +156,46 @@ def test_provenance_is_all_there_and_in_utc(awkward_batch: BatchEntry) -> None:
         assert words in shown
 
 
-def test_mismatch_and_warnings_are_told_beside_the_figure(awkward_batch: BatchEntry) -> None:
-    shown = "".join(Page(report_html(awkward_batch)).text)
+def test_mismatch_and_warnings_are_told_beside_the_figure(awkward_batch):
+    shown = text_of(awkward_batch)
     assert "pit offset with slip" in shown
     assert "Low light" in shown
 
 
-def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_batch: BatchEntry) -> None:
+def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_batch):
     fruits = tuple(
         FruitEntry(fruit_id=mismatch, ok=True, outcome="graded", rank=rank, E_MPa=0.3, mismatch=mismatch)
         for rank, mismatch in enumerate(("unknown", "skin|graded_modulus"), start=1)
     )
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits))).text)
+    shown = text_of(replace(empty_batch, fruits=fruits))
     assert "mismatch: unknown, do not trust E" in shown
     assert "no known effect explains it. Do not trust E." in shown
     assert "mismatch: skin or graded modulus" in shown
     assert "cannot distinguish skin or graded modulus. Use E with caution." in shown
 
 
-def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch: BatchEntry) -> None:
+def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch):
     bare = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3)
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=(bare,)))).text)
-    assert "The only fruit is graded: a has E = 0.300" in shown.replace("\u00a0", " ")
+    shown = text_of(replace(empty_batch, fruits=(bare,)))
+    assert "The only fruit is graded: a has E = 0.300" in shown
 
 
 @pytest.mark.parametrize(
     ("count", "words"), [(0, "holds no fruits"), (1, "The only fruit is not"), (2, "None of the 2")]
 )
-def test_verdict_of_a_batch_without_a_graded_fruit(count: int, words: str, empty_batch: BatchEntry) -> None:
+def test_verdict_of_a_batch_without_a_graded_fruit(count, words, empty_batch):
     lost = tuple(FruitEntry(fruit_id=str(k), ok=False, outcome="crashed") for k in range(count))
     assert words in report_html(replace(empty_batch, fruits=lost))
 
 
-def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
-    awkward_batch: BatchEntry, graded: Make
-) -> None:
+def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(awkward_batch, graded):
     bare = tuple(
         replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), pictures=FruitPictures()) for k in range(60)
     )
     assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000
 
 
-def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
-    graded: Callable[..., FruitEntry], empty_batch: BatchEntry
-) -> None:
+def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(graded, empty_batch):
     fruit = graded("N-1", rank=1, E_MPa=0.3)
     for words, picture in (
         ("coloured by the number of photos of each part", "coverage"),
@@ -208,7 +209,7 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
         assert words not in report_html(replace(empty_batch, fruits=(without,)))
 
 
-def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> None:
+def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
     pictures = FruitPictures(mesh=Picture(webp=b"webp"))
     fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, pictures=pictures)
     for has_pit in (False, True):
@@ -221,7 +222,7 @@ UNEXPLAINED = Suspect(name="unknown", short="something else", advice="Look at it
 SKIN = Suspect(name="skin", short="a stiff skin", advice="")
 
 
-def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch: BatchEntry) -> None:
+def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch):
     screens = (
         ScreenEntry(p_value=0.4, large_deformation=(0.91, 0.1)),
         ScreenEntry(p_value=0.0123, suspects=(UNEXPLAINED, SKIN)),
@@ -231,9 +232,7 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
         FruitEntry(fruit_id=f"f{k}", ok=True, outcome="graded", rank=k, E_MPa=0.3, screen=screen)
         for k, screen in enumerate(screens, start=1)
     )
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits, screened=True))).text).replace(
-        "\u00a0", " "
-    )
+    shown = text_of(replace(empty_batch, fruits=fruits, screened=True))
     assert "none found (p = 0.40)" in shown
     assert "unknown? (p = 0.012)" in shown
     assert "Missing physics suspected (p = 0.012): something else. The test cannot" in shown
@@ -245,21 +244,17 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
     assert 'scope="col">Missing physics' not in plain
 
 
-def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(
-    empty_batch: BatchEntry,
-) -> None:
+def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(empty_batch):
     fruit = FruitEntry(
         fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3,
         mismatch="viscoelastic", mismatch_taken=True, screen=ScreenEntry(p_value=0.4),
     )  # fmt: skip
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=(fruit,), screened=True))).text).replace(
-        "\u00a0", " "
-    )
+    shown = text_of(replace(empty_batch, fruits=(fruit,), screened=True))
     assert "Taken into account: viscoelastic" in shown
     assert "Missing physics: none found beyond that (p = 0.40)." in shown
 
 
-def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch: BatchEntry) -> None:
+def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch):
     """Before it is explained by what the screen suspects, afterwards by the answer."""
     screen = ScreenEntry(
         p_value=0.01, suspects=(Suspect(name="skin", short="a skin", advice="Look."),), why_not="", note="so"

@@ -13,13 +13,13 @@ SPHERE_MM = 25.0 * DIRECTIONS
 PITCH_MM = 1.5
 
 
-def patch() -> np.ndarray:
+def patch():
     """Markers on the sphere about +x, PITCH_MM apart."""
     y, z = (one.ravel() for one in np.meshgrid(*2 * [np.arange(-6, 6.1, PITCH_MM)]))
     return np.column_stack([np.sqrt(25.0**2 - y**2 - z**2), y, z])
 
 
-def test_a_constant_stays_and_a_slope_keeps_its_slope() -> None:
+def test_a_constant_stays_and_a_slope_keeps_its_slope():
     places = patch()
     values, near = on_skin(SPHERE_MM, places, np.full(len(places), 7.0))
     np.testing.assert_allclose(values, 7.0)
@@ -31,21 +31,20 @@ def test_a_constant_stays_and_a_slope_keeps_its_slope() -> None:
     assert slope == pytest.approx(10.0, rel=0.1)
 
 
-def _to_neighbour(places: np.ndarray) -> np.ndarray:
+def _to_neighbour(places):
     away = np.linalg.norm(places[:, None] - places, axis=2)
     return np.sort(away, axis=1)[:, 1]
 
 
-def picture(values: np.ndarray, *others: PatchResidual) -> np.ndarray:
+def picture(values, *others):
     """The map as BGR."""
     png = residual_map(
         SPHERE_MM, FACES, [PatchResidual(name="g, left", places_mm=patch(), residual_um=values), *others]
     )
-    assert png is not None
     return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
 
 
-def test_blue_where_the_skin_went_farther_in_red_where_less() -> None:
+def test_blue_where_the_skin_went_farther_in_red_where_less():
     view = picture(np.where(patch()[:, 1] > 0, 60.0, -60.0))[:VIEW_PX, :VIEW_PX]
     red, blue = (view[..., 2] - view[..., 0]) > 60, (view[..., 0] - view[..., 2]) > 60
     assert red.sum() > 3000
@@ -55,7 +54,7 @@ def test_blue_where_the_skin_went_farther_in_red_where_less() -> None:
     assert np.argwhere(blue)[:, 0].mean() == pytest.approx(VIEW_PX / 2, abs=4)
 
 
-def test_patches_at_one_place_keep_their_own_values() -> None:
+def test_patches_at_one_place_keep_their_own_values():
     other = PatchResidual(name="h, left", places_mm=patch(), residual_um=np.full(len(patch()), -60.0))
     both = picture(np.full(len(patch()), 60.0), other)
     middle = VIEW_PX // 2
@@ -64,25 +63,24 @@ def test_patches_at_one_place_keep_their_own_values() -> None:
     assert second[2] > second[0] + 60
 
 
-def test_noise_is_pale_on_a_bar_that_reaches_a_least_value() -> None:
+def test_noise_is_pale_on_a_bar_that_reaches_a_least_value():
     view = picture(np.random.default_rng(1).normal(0.0, 3.0, len(patch())))[:VIEW_PX, :VIEW_PX]
     assert np.abs(view[..., 2] - view[..., 0]).max() < 75
 
 
-def test_a_lone_marker_makes_no_map() -> None:
+def test_a_lone_marker_makes_no_map():
     lone = PatchResidual(name="g", places_mm=patch()[:1], residual_um=np.zeros(1))
     assert residual_map(SPHERE_MM, FACES, [lone]) is None
     assert residual_map(SPHERE_MM, FACES, []) is None
 
 
-def test_over_the_whole_skin_grasps_that_overlap_are_averaged() -> None:
+def test_over_the_whole_skin_grasps_that_overlap_are_averaged():
     places = patch()
     patches = [
         PatchResidual(name=name, places_mm=places, residual_um=np.full(len(places), value))
         for name, value in (("g, left", 60.0), ("h, left", 20.0))
     ]
     layer = residual_layer(SPHERE_MM, patches)
-    assert layer is not None
     assert layer.values[layer.shown] == pytest.approx(40.0)
     assert (layer.values[~layer.shown] == 0).all()
     assert layer.limit == pytest.approx(60.0)

@@ -9,24 +9,24 @@ from reports.words import number, percent, remarks, verdict, with_sd
 
 
 @given(st.floats(1e-6, 1e7))
-def test_a_figure_is_told_to_three_digits(value: float) -> None:
+def test_a_figure_is_told_to_three_digits(value):
     assert float(number(value)) == pytest.approx(value, rel=0.0051)
 
 
 @given(st.floats(0.01, 10.0), st.floats(1e-4, 1.0))
-def test_value_and_deviation_share_their_decimals_and_keep_the_deviation(value: float, share: float) -> None:
+def test_value_and_deviation_share_their_decimals_and_keep_the_deviation(value, share):
     printed, deviation = with_sd(value, share * value).split(" ± ")
     assert len(printed.partition(".")[2]) == len(deviation.partition(".")[2])
     assert float(printed) == pytest.approx(value, abs=0.5 * share * value + 1e-4 * value)
 
 
 @given(st.floats(0.0, 1.0))
-def test_no_probability_is_told_as_certain(probability: float) -> None:
+def test_no_probability_is_told_as_certain(probability):
     assert percent(probability).replace("\u00a0", " ") not in {"0 %", "100 %"}
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
-def test_what_is_not_known_is_a_dash(value: float | None) -> None:
+def test_what_is_not_known_is_a_dash(value):
     assert number(value) == percent(value) == with_sd(value, 0.1) == "–"
 
 

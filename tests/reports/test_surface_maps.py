@@ -5,24 +5,11 @@ import io
 import numpy as np
 from matplotlib.image import imread
 
-from reports.surface_sd_map import LEAST_MM, surface_sd_map
+from recon.silhouettes.hull import ball
+from reports.surface_maps import LEAST_MM, surface_sd_map
 
 SIDE_PX = 200
-SPHERE = np.random.default_rng(3).normal(size=(600, 3))
-SPHERE /= np.linalg.norm(SPHERE, axis=1, keepdims=True)
-
-
-def hull_faces():
-    from scipy.spatial import ConvexHull
-
-    faces = ConvexHull(SPHERE).simplices
-    a, b, c = (SPHERE[faces[:, k]] for k in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return faces
-
-
-FACES = hull_faces()
+SPHERE, FACES = ball(3)
 
 
 def side(png, column, row):
