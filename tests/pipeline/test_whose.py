@@ -19,14 +19,14 @@ import pipeline.fruit.grasped
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
+from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
-from pipeline.run.fruit_records import kept_records
+from pipeline.run.fruit_records import kept_record
 from reports.grasp_record import GraspRecord
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
@@ -187,16 +187,13 @@ def test_a_case_of_its_own_may_be_called_otherwise():
 
 def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
     task = fruit_task(open_batch(batch), "N02", Results(batch / "results"))
-    task.results.claim()
-    (batch / "results" / "fruits" / "N02" / "fruit.ply").write_text("made")
     record = FruitRecord(
         fruit_id="N02", outcome="graded", key=task.key, given=Given(), strangers={"N77": False},
         modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.1), screen=ScreenRecord(p_value=0.5),
     )  # fmt: skip
-    write_record(task.results.record, record)
-    assert dict(kept_records({"N02": task})) == {"N02": record}
-    assert dict(kept_records({"N02": task, "N77": task})) == {}
-    assert dict(kept_records({"N02": task, "n-77": task})) == {}
+    assert kept_record(task, record, ["N02"]) == record
+    assert kept_record(task, record, ["N02", "N77"]) is None
+    assert kept_record(task, record, ["N02", "n-77"]) is None
 
 
 def test_explain_says_it_of_a_batchs_fruit(batch):
