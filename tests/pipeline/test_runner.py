@@ -110,16 +110,6 @@ def sleeper(mark, report):
     time.sleep(600)
 
 
-def test_a_killed_run_leaves_no_process_behind(tmp_path):
-    script, mark = tmp_path / "parent.py", tmp_path / "mark"
-    script.write_text(PARENT.format(work="sleeper", tests=str(Path(__file__).parent), mark=str(mark)))
-    with subprocess.Popen([sys.executable, str(script)]) as parent:
-        wait_until(lambda: mark.exists() and mark.read_text())
-        parent.kill()
-    worker = int(mark.read_text())
-    wait_until(lambda: not psutil.pid_exists(worker) or psutil.Process(worker).status() == "zombie")
-
-
 def idle(seconds, report):
     report("idle")
     time.sleep(seconds)
@@ -155,10 +145,19 @@ def deaf(mark, report):
     ctypes.PyDLL(None).sleep(600)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
-def test_a_killed_run_leaves_no_process_behind_even_in_native_code(tmp_path):
+@pytest.mark.parametrize(
+    "work",
+    [
+        "sleeper",
+        pytest.param(
+            "deaf",
+            marks=pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends native code too"),
+        ),
+    ],
+)
+def test_a_killed_run_leaves_no_process_behind(tmp_path, work):
     script, mark = tmp_path / "parent.py", tmp_path / "mark"
-    script.write_text(PARENT.format(work="deaf", tests=str(Path(__file__).parent), mark=str(mark)))
+    script.write_text(PARENT.format(work=work, tests=str(Path(__file__).parent), mark=str(mark)))
     with subprocess.Popen([sys.executable, str(script)]) as parent:
         wait_until(lambda: mark.exists() and mark.read_text())
         parent.kill()
