@@ -44,7 +44,7 @@ class ResultPath:
 
     def __get__(self, folder: Any, kind: type) -> Path:
         """The path in the folder."""
-        return folder.root / self.name
+        return Path(folder.root, self.name)
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class CaseFolder(FruitFolder):
     """case.toml."""
 
     @property
-    def grasps(self) -> Path:
+    def grasps(self) -> Path:  # type: ignore[override]  # both are read alone
         """The recordings lie beside case.toml."""
         return self.root
 

@@ -10,14 +10,6 @@ from pipeline.commands.endings import said_when_interrupted, said_when_refused
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
-PRESSES: dict[str, Literal["ball", "flat", "plate"]] = {
-    "ball": "ball",
-    "flat": "flat",
-    "plate": "plate",
-    "plates": "plate",
-}
-"""What a recording says of each indenter; one plate against a rigid base is two plates."""
-
 
 def convert(
     source: Annotated[
@@ -188,7 +180,9 @@ def convert(
         sensor=sensor,
         fruit_id=fruit,
         category=category,
-        indenter=None if indenter is None else PRESSES[indenter],
+        indenter="plate"
+        if indenter == "plates"
+        else indenter,  # one plate against a rigid base is two plates
         radius_mm=radius_mm,
         specimen=PressedSpecimen(
             kind=specimen,
