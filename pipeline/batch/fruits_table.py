@@ -15,7 +15,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.files.plain_file import NotReadable, printable, read_text
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
@@ -154,14 +154,12 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     comma in a number is its decimal point.
     """
     if not path.is_symlink() and not path.exists():
-        raise BatchRefused(
-            [Problem(str(path), "is missing; it lists the fruit, one row per fruit: fruit_id,height_mm,...")]
-        )
+        raise refused(path, "is missing; it lists the fruit, one row per fruit: fruit_id,height_mm,...")
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as error:
         hint = "; save it as CSV UTF-8" if "text" in str(error) else ""
-        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+        raise refused(path, f"{error}{hint}.") from None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     text, separator = _separated(text)
     if separator != ",":
@@ -169,12 +167,12 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     columns = 1 + text.lstrip("\n").partition("\n")[0].rstrip(", ").count(",")
     if columns > MOST_COLUMNS:
         found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-        raise BatchRefused([Problem(str(path), found)])
+        raise refused(path, found)
     if wrong := _misread(text):
         raise BatchRefused([*problems, Problem(str(path), wrong)])
     rows = _rows(text)
     if not rows:
-        raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")])
+        raise refused(path, "is empty; the first line names the columns.")
     names = [name.strip() for name in rows[0][1]]
     while names and not names[-1]:
         names.pop()
@@ -187,7 +185,7 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
             raise BatchRefused([*problems, Problem(str(path), found)])
     if len(rows) - 1 > MOST_FRUIT:
         found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: split the batch."
-        raise BatchRefused([Problem(str(path), found)])
+        raise refused(path, found)
     return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
 
 

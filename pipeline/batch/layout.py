@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
 from pipeline.files.manifest import (
@@ -36,25 +37,37 @@ CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 
 
 @dataclass(frozen=True)
+class ResultPath:
+    """An attribute of a folder: the path of this name in its `root`."""
+
+    name: str
+
+    def __get__(self, folder: Any, kind: type) -> Path:
+        """The path in the folder."""
+        return Path(folder.root, self.name)
+
+
+@dataclass(frozen=True)
+class InputPath(ResultPath):
+    """The path of an input, which the user may spell in capitals."""
+
+    def __get__(self, folder: Any, kind: type) -> Path:
+        """The path in the folder, spelt as it stands there."""
+        return reserved(folder.root, self.name)
+
+
+@dataclass(frozen=True)
 class FruitFolder:
     """`fruits/<fruit_id>/`: photos or a ready mesh, and the grasps."""
 
     root: Path
 
-    @property
-    def photos(self) -> Path:
-        """The folder of multi-view photos."""
-        return reserved(self.root, "photos")
-
-    @property
-    def photos_flipped(self) -> Path:
-        """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
-        return reserved(self.root, "photos-flipped")
-
-    @property
-    def grasps(self) -> Path:
-        """The folder of recordings and raw grasps."""
-        return reserved(self.root, "grasps")
+    photos = InputPath("photos")
+    """The folder of multi-view photos."""
+    photos_flipped = InputPath("photos-flipped")
+    """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
+    grasps = InputPath("grasps")
+    """The folder of recordings and raw grasps."""
 
     @property
     def fruit_ply(self) -> Path:
@@ -158,13 +171,11 @@ def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
 class CaseFolder(FruitFolder):
     """A mismatch case: fruit.ply, pit.ply, case.toml and the recordings, side by side."""
 
-    @property
-    def settings(self) -> Path:
-        """case.toml."""
-        return reserved(self.root, "case.toml")
+    settings = InputPath("case.toml")
+    """case.toml."""
 
     @property
-    def grasps(self) -> Path:
+    def grasps(self) -> Path:  # type: ignore[override]  # both are read alone
         """The recordings lie beside case.toml."""
         return self.root
 
@@ -179,30 +190,20 @@ class BatchFolder:
 
     root: Path
 
-    @property
-    def settings(self) -> Path:
-        """batch.toml."""
-        return reserved(self.root, "batch.toml")
-
-    @property
-    def table(self) -> Path:
-        """fruits.csv."""
-        return reserved(self.root, "fruits.csv")
-
-    @property
-    def mat(self) -> Path:
-        """mat.json, where the fruit stood on a marker mat."""
-        return reserved(self.root, "mat.json")
+    settings = InputPath("batch.toml")
+    """batch.toml."""
+    table = InputPath("fruits.csv")
+    """fruits.csv."""
+    mat = InputPath("mat.json")
+    """mat.json, where the fruit stood on a marker mat."""
 
     @property
     def fruits(self) -> Path:
         """The folder of the fruit's own folders."""
         return reserved(self.root, "fruits")
 
-    @property
-    def default_results(self) -> Path:
-        """Where results go when no other place is asked for."""
-        return self.root / "results"
+    default_results = ResultPath("results")
+    """Where results go when no other place is asked for."""
 
     def fruit(self, fruit_id: str) -> FruitFolder:
         """The folder of one fruit; its name may be decomposed (NFD), as some systems write accents."""
@@ -217,75 +218,34 @@ class FruitResults:
 
     root: Path
 
-    @property
-    def record(self) -> Path:
-        """Everything known of the fruit."""
-        return self.root / "record.json"
-
-    @property
-    def fruit_ply(self) -> Path:
-        """The mesh in mm (with a mat: in the mat's frame)."""
-        return self.root / "fruit.ply"
-
-    @property
-    def pit_ply(self) -> Path:
-        """The embedded pit, in the frame of fruit.ply."""
-        return self.root / "pit.ply"
-
-    @property
-    def photo(self) -> Path:
-        """A small photo for the report, with the outline that was used."""
-        return self.root / "photo.jpg"
-
-    @property
-    def outlines(self) -> Path:
-        """All photos that were used, with their outlines."""
-        return self.root / "outlines.jpg"
-
-    @property
-    def picture(self) -> Path:
-        """The picture of mesh, pit and contact patches."""
-        return self.root / "mesh.png"
-
-    @property
-    def scene(self) -> Path:
-        """Skin, pit and contact patches in three dimensions (glTF)."""
-        return self.root / "fruit.glb"
-
-    @property
-    def coverage(self) -> Path:
-        """The map of how many photos show each part of the skin."""
-        return self.root / "coverage.png"
-
-    @property
-    def surface_sd(self) -> Path:
-        """The map of how well the place of the skin is known."""
-        return self.root / "surface-sd.png"
-
-    @property
-    def residual(self) -> Path:
-        """The map of where the fitted model and the recorded skin differ."""
-        return self.root / "residual.png"
-
-    @property
-    def views(self) -> Path:
-        """Where photos were taken and where more are needed, of a fruit that lacks them."""
-        return self.root / "views.png"
-
-    @property
-    def mismatch(self) -> Path:
-        """What `drupe explain` says of the fruit."""
-        return self.root / "mismatch.json"
-
-    @property
-    def mismatch_scene(self) -> Path:
-        """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
-        return self.root / "mismatch.glb"
-
-    @property
-    def traceback(self) -> Path:
-        """Where a fault of drupe's own happened."""
-        return self.root / "traceback.txt"
+    record = ResultPath("record.json")
+    """Everything known of the fruit."""
+    fruit_ply = ResultPath("fruit.ply")
+    """The mesh in mm (with a mat: in the mat's frame)."""
+    pit_ply = ResultPath("pit.ply")
+    """The embedded pit, in the frame of fruit.ply."""
+    photo = ResultPath("photo.jpg")
+    """A small photo for the report, with the outline that was used."""
+    outlines = ResultPath("outlines.jpg")
+    """All photos that were used, with their outlines."""
+    picture = ResultPath("mesh.png")
+    """The picture of mesh, pit and contact patches."""
+    scene = ResultPath("fruit.glb")
+    """Skin, pit and contact patches in three dimensions (glTF)."""
+    coverage = ResultPath("coverage.png")
+    """The map of how many photos show each part of the skin."""
+    surface_sd = ResultPath("surface-sd.png")
+    """The map of how well the place of the skin is known."""
+    residual = ResultPath("residual.png")
+    """The map of where the fitted model and the recorded skin differ."""
+    views = ResultPath("views.png")
+    """Where photos were taken and where more are needed, of a fruit that lacks them."""
+    mismatch = ResultPath("mismatch.json")
+    """What `drupe explain` says of the fruit."""
+    mismatch_scene = ResultPath("mismatch.glb")
+    """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
+    traceback = ResultPath("traceback.txt")
+    """Where a fault of drupe's own happened."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -359,45 +319,22 @@ class Results:
 
     root: Path
 
-    @property
-    def ranking(self) -> Path:
-        """ranking.csv."""
-        return self.root / "ranking.csv"
-
-    @property
-    def ranking_json(self) -> Path:
-        """ranking.json."""
-        return self.root / "ranking.json"
-
-    @property
-    def ranking_excel(self) -> Path:
-        """ranking-excel.csv, where one is asked for."""
-        return self.root / "ranking-excel.csv"
-
-    @property
-    def ranking_parquet(self) -> Path:
-        """ranking.parquet, where one is asked for."""
-        return self.root / "ranking.parquet"
-
-    @property
-    def report(self) -> Path:
-        """report.html."""
-        return self.root / "report.html"
-
-    @property
-    def provenance(self) -> Path:
-        """batch.json."""
-        return self.root / "batch.json"
-
-    @property
-    def run(self) -> Path:
-        """The fruit of the last run (pipeline.batch.batch_fruits)."""
-        return self.root / ".run.json"
-
-    @property
-    def lock(self) -> Path:
-        """Held while a run writes here."""
-        return self.root / ".lock"
+    ranking = ResultPath("ranking.csv")
+    """ranking.csv."""
+    ranking_json = ResultPath("ranking.json")
+    """ranking.json."""
+    ranking_excel = ResultPath("ranking-excel.csv")
+    """ranking-excel.csv, where one is asked for."""
+    ranking_parquet = ResultPath("ranking.parquet")
+    """ranking.parquet, where one is asked for."""
+    report = ResultPath("report.html")
+    """report.html."""
+    provenance = ResultPath("batch.json")
+    """batch.json."""
+    run = ResultPath(".run.json")
+    """The fruit of the last run (pipeline.batch.batch_fruits)."""
+    lock = ResultPath(".lock")
+    """Held while a run writes here."""
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.files.lock_file import holder_of, is_at, locked, open_lock
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 LOCK = ".lock"
 
@@ -21,12 +21,12 @@ def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
         lock = _locked_file(root)
     except OSError as error:
         sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
-        raise BatchRefused([Problem(str(root), sentence)]) from None
+        raise refused(root, sentence) from None
     if isinstance(lock, str):
         sentence = (
             f"another run is writing here{lock} and holds {LOCK}; wait for it, or choose another {option}."
         )
-        raise BatchRefused([Problem(str(root), sentence)])
+        raise refused(root, sentence)
     try:
         yield
     finally:

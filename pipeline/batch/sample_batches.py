@@ -6,7 +6,7 @@ from rich.console import Console
 
 from pipeline.batch.scratch import moved_in, scratch
 from pipeline.files.whole_file import NotWritten
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 
 def write_sample(
@@ -35,7 +35,7 @@ def write_sample(
                 )
             moved_in(unfinished / "batch", target)
         except SampleFailure as failure:
-            raise BatchRefused([Problem(str(folder), str(failure))]) from None
+            raise refused(folder, str(failure)) from None
         except OSError as error:
             raise NotWritten(folder, error) from error
 
@@ -46,5 +46,5 @@ def _copied(folder: Path, name: str) -> None:
     known = shipped_batches()
     if name not in known:
         sentence = f"drupe ships no such batch; known: {', '.join(known)}."
-        raise BatchRefused([Problem(f"--name {name}", sentence)])
+        raise refused(f"--name {name}", sentence)
     write_shipped(name, folder)

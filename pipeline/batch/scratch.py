@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pipeline.files.lock_file import locked_within, open_lock
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 PREFIX = "drupe-run-"
 _LOCK = ".lock"
@@ -35,7 +35,7 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
         where = "set TMPDIR to a folder that can be written" if near is None else "choose another place"
         sentence = f"no temporary folder can be made ({error.strerror}); free space there, or {where}."
         at = str(error.filename or "the temporary folder" if near is None else near.parent)
-        raise BatchRefused([Problem(at, sentence)]) from None
+        raise refused(at, sentence) from None
     try:
         yield folder
     finally:

@@ -21,7 +21,7 @@ from pydantic import (
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
@@ -295,9 +295,9 @@ def read_settings(path: Path) -> Settings:
 def require_folder(root: Path) -> None:
     """Raises BatchRefused where the batch's folder is not there, or is no folder."""
     if root.exists() and not root.is_dir():
-        raise BatchRefused([Problem(str(root), "is a file; give the batch folder.")])
+        raise refused(root, "is a file; give the batch folder.")
     if not root.is_dir():
-        raise BatchRefused([Problem(str(root), "does not exist; give an existing batch folder.")])
+        raise refused(root, "does not exist; give an existing batch folder.")
 
 
 def require_settings_file(path: Path) -> None:
@@ -308,7 +308,7 @@ def require_settings_file(path: Path) -> None:
     try:
         read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as error:
-        raise BatchRefused([Problem(str(path), f"{error}; put the batch's settings there.")]) from None
+        raise refused(path, f"{error}; put the batch's settings there.") from None
 
 
 def _folders(root: Path) -> list[Path]:
@@ -318,14 +318,14 @@ def _folders(root: Path) -> list[Path]:
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
     """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
     if not path.is_symlink() and not path.exists():
-        raise BatchRefused([Problem(str(path), missing)])
+        raise refused(path, missing)
     text = ""
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
         return model.model_validate(toml_of(text))
     except NotReadable as error:
         fault = _decimal_comma(text, str(error)) or f"{error}{_remedy(str(error))}"
-        raise BatchRefused([Problem(str(path), f"{fault}.")]) from None
+        raise refused(path, f"{fault}.") from None
     except ValidationError as error:
         said = dict.fromkeys(_sentence(e, model) for e in error.errors())
         raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None

@@ -1,23 +1,14 @@
 """`drupe calibrate`."""
 
 import datetime
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 
-from pipeline.commands.endings import about
-from pipeline.exit_status import INTERRUPTED, UNUSABLE
+from pipeline.commands.endings import said_when_interrupted, said_when_refused
 from pipeline.safe_start import elsewhere
-
-
-class RigidShape(StrEnum):
-    """What was squeezed to calibrate a rig."""
-
-    BALL = "ball"
-    BLOCK = "block"
 
 
 def calibrate(
@@ -51,7 +42,7 @@ def calibrate(
         ),
     ] = None,
     rigid: Annotated[
-        RigidShape | None,
+        Literal["ball", "block"] | None,
         typer.Option(help="Calibrate a rig instead of a sensor; this is the shape of the rigid object."),
     ] = None,
     size_mm: Annotated[
@@ -115,26 +106,18 @@ def calibrate(
 
     presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)
     report = StageLines(Console(stderr=True)).stage
-    try:
+    with said_when_interrupted("; drupe wrote no file"), said_when_refused(sensor, TactileFailure):
         if rigid is not None and size_mm is not None:
             said = calibrate_rig(
                 [sensor, *(squeeze or ())],
                 out,
-                RigidObject(
-                    name=rigid_object or f"a rigid {rigid.value}", shape=rigid.value, size_mm=size_mm
-                ),
+                RigidObject(name=rigid_object or f"a rigid {rigid}", shape=rigid, size_mm=size_mm),
                 words=trace_words(columns, units, sheet),
                 today=datetime.datetime.now(tz=datetime.UTC).date(),
                 report=report,
             )
         else:
             said = calibrate_sensor(sensor, out, presses, report=report)
-    except TactileFailure as reason:
-        typer.echo(f"drupe: {about(sensor, reason)}", err=True)
-        raise typer.Exit(UNUSABLE) from None
-    except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; drupe wrote no file", err=True)
-        raise typer.Exit(INTERRUPTED) from None
     for line in said:
         typer.echo(line)
     typer.echo(f"wrote {out}")

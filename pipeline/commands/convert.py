@@ -1,55 +1,14 @@
 """`drupe convert`."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
 
-from pipeline.commands.endings import about
-from pipeline.exit_status import DOUBTED, INTERRUPTED, UNUSABLE
+from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
-
-
-class Indenter(StrEnum):
-    """The tip of a bare press."""
-
-    BALL = "ball"
-    FLAT = "flat"
-    FLAT_PLATE = "plate"
-    FLAT_PLATES = "plates"
-
-
-class SpecimenChoice(StrEnum):
-    """What is between plates."""
-
-    CYLINDER = "cylinder"
-    FRUIT = "fruit"
-
-
-class EndsChoice(StrEnum):
-    """Of a cylinder."""
-
-    BONDED = "bonded"
-    LUBRICATED = "lubricated"
-
-
-class AxisChoice(StrEnum):
-    """Along which of its diameters a fruit is compressed."""
-
-    A = "a"
-    B = "b"
-    C = "c"
-
-
-PRESSES: dict[Indenter, Literal["ball", "flat", "plate"]] = {
-    Indenter.BALL: "ball",
-    Indenter.FLAT: "flat",
-    Indenter.FLAT_PLATE: "plate",
-    Indenter.FLAT_PLATES: "plate",
-}
-"""What a recording says of each; one plate against a rigid base is two plates."""
 
 
 def convert(
@@ -70,7 +29,8 @@ def convert(
     ] = "unknown",
     category: Annotated[str, typer.Option(help="Kind of fruit, if SOURCE does not state it.")] = "unknown",
     indenter: Annotated[
-        Indenter | None, typer.Option(help="Shape of the indenter of a bare load cell.")
+        Literal["ball", "flat", "plate", "plates"] | None,
+        typer.Option(help="Shape of the indenter of a bare load cell."),
     ] = None,
     radius_mm: Annotated[
         float | None, typer.Option(min=0.001, help="Radius of the ball or punch, in mm.")
@@ -84,7 +44,9 @@ def convert(
             "punch. Default: a thick specimen.",
         ),
     ] = None,
-    specimen: Annotated[SpecimenChoice | None, typer.Option(help="The specimen between the plates.")] = None,
+    specimen: Annotated[
+        Literal["cylinder", "fruit"] | None, typer.Option(help="The specimen between the plates.")
+    ] = None,
     height_mm: Annotated[
         float | None,
         typer.Option(min=0.1, max=500, help="Height in mm of the unloaded cylinder between plates."),
@@ -94,7 +56,7 @@ def convert(
         typer.Option(min=0.1, max=500, help="Diameter in mm of the unloaded cylinder between plates."),
     ] = None,
     ends: Annotated[
-        EndsChoice | None,
+        Literal["bonded", "lubricated"] | None,
         typer.Option(
             help="Ends of the cylinder: bonded (glued or rough plates) or lubricated (oiled plates). "
             "Without it drupe estimates them from the curve, and the error bar of E is wider."
@@ -105,7 +67,8 @@ def convert(
         typer.Option(metavar="A B C", help="The three diameters in mm of the fruit between plates."),
     ] = None,
     axis: Annotated[
-        AxisChoice | None, typer.Option(help="The diameter of the fruit that lies between the plates.")
+        Literal["a", "b", "c"] | None,
+        typer.Option(help="The diameter of the fruit that lies between the plates."),
     ] = None,
     pit_share: Annotated[
         float | None,
@@ -217,16 +180,18 @@ def convert(
         sensor=sensor,
         fruit_id=fruit,
         category=category,
-        indenter=None if indenter is None else PRESSES[indenter],
+        indenter="plate"
+        if indenter == "plates"
+        else indenter,  # one plate against a rigid base is two plates
         radius_mm=radius_mm,
         specimen=PressedSpecimen(
-            kind=None if specimen is None else specimen.value,
+            kind=specimen,
             thickness_mm=thickness_mm,
             height_mm=height_mm,
             diameter_mm=diameter_mm,
-            ends=None if ends is None else ends.value,
+            ends=ends,
             diameters_mm=diameters_mm,
-            axis=None if axis is None else axis.value,
+            axis=axis,
             pit_share=pit_share,
         ),
         trace=trace_words(columns, units, sheet, run),
@@ -240,14 +205,8 @@ def convert(
         if jaws_centre_mm is None
         else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
-    try:
+    with said_when_interrupted("; drupe wrote no file"), said_when_refused(source, TactileFailure):
         written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
-    except TactileFailure as reason:
-        typer.echo(f"drupe: {about(source, reason)}", err=True)
-        raise typer.Exit(UNUSABLE) from None
-    except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; drupe wrote no file", err=True)
-        raise typer.Exit(INTERRUPTED) from None
     for path, done in written:
         for note in done.notes:
             typer.echo(f"note: {note}")

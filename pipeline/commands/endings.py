@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from pipeline.exit_status import INTERRUPTED
+from pipeline.exit_status import INTERRUPTED, UNUSABLE
 
 
 @contextmanager
@@ -17,6 +17,16 @@ def said_when_interrupted(what_is_left: str) -> Iterator[None]:
     except KeyboardInterrupt:
         typer.echo(f"drupe: interrupted{what_is_left}", err=True)
         raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def said_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
+    """Inside the block a failure on the input at `path` is said, and is exit status 3."""
+    try:
+        yield
+    except failures as reason:
+        typer.echo(f"drupe: {about(path, reason)}", err=True)
+        raise typer.Exit(UNUSABLE) from None
 
 
 def about(path: Path, reason: Exception) -> str:

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
-from pipeline.exit_status import DOUBTED, INTERRUPTED, UNUSABLE
+from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere, load
 
 MOST_EXPLAINING = 4
@@ -87,19 +88,17 @@ def explain(
 
     console = Console(stderr=True)
     try:
-        found = explain_case(
-            case,
-            fruit_id=fruit,
-            wanted=ExplainOutputs(json=json, html=html, work=work, out=out, apply=apply),
-            report=StageLines(console).stage,
-            jobs=jobs or min(cores(), MOST_EXPLAINING),
-        )
+        with said_when_interrupted("; drupe wrote no answer"):
+            explanation = explain_case(
+                case,
+                fruit_id=fruit,
+                wanted=ExplainOutputs(json=json, html=html, work=work, out=out, apply=apply),
+                report=StageLines(console).stage,
+                jobs=jobs or min(cores(), MOST_EXPLAINING),
+            )
     except NotExplained as reason:
         typer.echo(f"drupe: {case}: {reason}", err=True)
         raise typer.Exit(UNUSABLE) from None
-    except KeyboardInterrupt:
-        typer.echo("drupe: interrupted; drupe wrote no answer", err=True)
-        raise typer.Exit(INTERRUPTED) from None
-    print_explanation(found, [path for path in (json, html) if path], console=Console())
-    if found.doubts:
+    print_explanation(explanation, [path for path in (json, html) if path], console=Console())
+    if explanation.doubts:
         raise typer.Exit(DOUBTED)

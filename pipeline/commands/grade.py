@@ -7,11 +7,11 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
 from pipeline.commands.table_options import ExcelOption, ParquetOption
-from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
 
 
@@ -85,7 +85,7 @@ def grade(
         from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
 
-    try:
+    with said_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
         status, entry = grade_batch(
             batch,
             out,
@@ -97,12 +97,6 @@ def grade(
             place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
             options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
         )
-    except KeyboardInterrupt:
-        typer.echo(
-            "drupe: interrupted; drupe kept the finished fruit. Run the same command again to continue.",
-            err=True,
-        )
-        raise typer.Exit(INTERRUPTED) from None
     if not quiet:
         print_summary(entry, out or batch / "results", console=Console())
     raise typer.Exit(status)

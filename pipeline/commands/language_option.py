@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from reports.language import LANGUAGES, of_environment
 
 LanguageOption = Annotated[
@@ -24,5 +24,5 @@ def chosen_language(asked: str | None) -> str:
         return of_environment()
     if asked not in LANGUAGES:
         sentence = f'found "{asked}", expected one of {", ".join(LANGUAGES)}.'
-        raise BatchRefused([Problem("--lang", sentence)])
+        raise refused("--lang", sentence)
     return asked

@@ -3,7 +3,7 @@
 import os
 
 from pipeline.address_space import GRADING_MIB, lacking, numerical_threads
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.system_libraries import missing_libraries
 
 
@@ -12,7 +12,7 @@ def require_libraries() -> None:
     library that native wheels load and that is missing.
     """
     if said := lacking(GRADING_MIB, threads=numerical_threads()):
-        raise BatchRefused([Problem("this machine", said)])
+        raise refused("this machine", said)
     if missing := missing_libraries():
         raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
 

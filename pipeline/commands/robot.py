@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.commands.endings import about, said_when_interrupted
-from pipeline.exit_status import UNUSABLE
+from pipeline.commands.endings import said_when_interrupted, said_when_refused
 from pipeline.safe_start import elsewhere
 
 
@@ -54,20 +53,19 @@ def robot(
         from recon.recon_failure import ReconFailure
         from tactile.tactile_failure import TactileFailure
 
-    with said_when_interrupted("; drupe wrote no file"):
-        try:
-            words = calibrate_robot(
-                poses,
-                out,
-                mat=mat,
-                gripper=gripper,
-                fixed_camera=fixed_camera,
-                today=datetime.datetime.now(tz=datetime.UTC).date(),
-                report=StageLines(Console(stderr=True)).stage,
-            )
-        except (TactileFailure, ReconFailure) as reason:
-            typer.echo(f"drupe: {about(poses, reason)}", err=True)
-            raise typer.Exit(UNUSABLE) from None
+    with (
+        said_when_interrupted("; drupe wrote no file"),
+        said_when_refused(poses, TactileFailure, ReconFailure),
+    ):
+        words = calibrate_robot(
+            poses,
+            out,
+            mat=mat,
+            gripper=gripper,
+            fixed_camera=fixed_camera,
+            today=datetime.datetime.now(tz=datetime.UTC).date(),
+            report=StageLines(Console(stderr=True)).stage,
+        )
     for line in words:
         typer.echo(line)
     typer.echo(f"wrote {out}")

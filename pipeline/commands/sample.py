@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import said_when_interrupted
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
 
 
@@ -38,11 +38,9 @@ def sample(
     Example: drupe sample demo --seed 7 --fruits 6
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BatchRefused([Problem(str(folder), "is not empty; give a new folder.")])
+        raise refused(folder, "is not empty; give a new folder.")
     if seed is None and (fruits is not None or not photos):
-        raise BatchRefused(
-            [Problem("sample", "--fruits and --no-photos apply to new fruit only; add --seed.")]
-        )
+        raise refused("sample", "--fruits and --no-photos apply to new fruit only; add --seed.")
     with elsewhere():
         from pipeline.batch.sample_batches import write_sample
     with said_when_interrupted("; drupe wrote no file"):

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.endings import about, said_when_interrupted
-from pipeline.exit_status import UNUSABLE
+from pipeline.commands.endings import said_when_interrupted, said_when_refused
 from pipeline.safe_start import elsewhere
 
 
@@ -76,19 +75,15 @@ def sensor(
         "E_MPa": None if gel_modulus_MPa is None else (gel_modulus_MPa,),
         "distance_mm": None if distance_mm is None else (distance_mm,),
     }
-    try:
-        with said_when_interrupted(""):
-            said = write_sensor(
-                name,
-                out,
-                picture=picture,
-                given={key: value for key, value in given.items() if value is not None},
-                known_to=known_to,
-                grid=(rows, columns),
-            )
-    except TactileFailure as reason:
-        typer.echo(f"drupe: {about(picture or Path(name), reason)}", err=True)
-        raise typer.Exit(UNUSABLE) from None
+    with said_when_interrupted(""), said_when_refused(picture or Path(name), TactileFailure):
+        said = write_sensor(
+            name,
+            out,
+            picture=picture,
+            given={key: value for key, value in given.items() if value is not None},
+            known_to=known_to,
+            grid=(rows, columns),
+        )
     for line in said:
         typer.echo(line)
     typer.echo(f"wrote {out}")

@@ -15,7 +15,7 @@ from pipeline.files.whole_file import put
 from pipeline.fruit.bare_traces import is_bare
 from pipeline.fruit.input_doubts import expected_E_MPa
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
@@ -224,9 +224,9 @@ def _read(
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
             "name the rig in batch.toml."
         )
-        raise BatchRefused([Problem(str(source), what)])
+        raise refused(source, what)
     if wanted.topics is not None and source.suffix.lower() != ".mcap":
-        raise BatchRefused([Problem(str(source), "is not a ROS 2 bag; --topics applies only to a .mcap.")])
+        raise refused(source, "is not a ROS 2 bag; --topics applies only to a .mcap.")
     return found, sensors
 
 
@@ -264,7 +264,7 @@ def _of_any_kind(
         recording = read_recording(source)
         if wanted.robot is not None:
             return Converted(recording=recording, notes=recording.notes), []
-        raise BatchRefused([Problem(str(source), "is a recording already and needs no conversion.")])
+        raise refused(source, "is a recording already and needs no conversion.")
     said = wanted.trace
     if kind in TABLES and (
         said.columns
@@ -284,16 +284,16 @@ def _of_any_kind(
         )
         return found, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
-        raise BatchRefused([Problem(str(source), FRAMES_ALONE)])
+        raise refused(source, FRAMES_ALONE)
     there = "is not a format that drupe converts" if source.exists() else "does not exist"
-    raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
+    raise refused(source, f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")
 
 
 def _require_table(source: Path) -> None:
     """Raises BatchRefused for what is no table, of which the options speak."""
     if not source.is_file() or source.suffix.lower() not in TABLES:
         what = "is not a load cell's table; --columns, --units, --sheet and --run apply only to such tables."
-        raise BatchRefused([Problem(str(source), what)])
+        raise refused(source, what)
 
 
 def _in_and_below(source: Path) -> list[Path]:
@@ -343,30 +343,28 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
         words=wanted.trace,
     )
     if wanted.indenter is None or (round_tip and wanted.radius_mm is None):
-        raise BatchRefused([Problem(str(source), WHAT_PRESSED)])
+        raise refused(source, WHAT_PRESSED)
     if not round_tip and wanted.radius_mm is not None:
         said = "--radius-mm is the radius of a ball or punch; remove it, or give --indenter flat for a punch."
-        raise BatchRefused([Problem(str(source), said)])
+        raise refused(source, said)
     try:
         known = geometry_of(
             wanted.indenter, wanted.radius_mm, wanted.specimen, source=str(source), name_of=OPTIONS
         )
         known.geometry.curve(thickness_mm=known.thickness_mm, poisson_ratio=ANY_RATIO)
     except FemFailure as failure:
-        raise BatchRefused([Problem(str(source), failure.detail)]) from None
+        raise refused(source, failure.detail) from None
     return found
 
 
 def _topics(source: Path, given: Path | None) -> Path:
     if given is None:
         sentence = "needs the names of its topics; give --topics topics.toml (docs/formats.md, A ROS 2 bag)."
-        raise BatchRefused([Problem(str(source), sentence)])
+        raise refused(source, sentence)
     return given
 
 
 def _needed(source: Path, given: Path | None, option: str) -> Path:
     if given is None:
-        raise BatchRefused(
-            [Problem(str(source), f"needs the sensor's description; give {option} sensor.toml.")]
-        )
+        raise refused(source, f"needs the sensor's description; give {option} sensor.toml.")
     return given

@@ -13,7 +13,7 @@ from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import read_bytes, text_or_empty
 from pipeline.files.whole_file import put
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.recordings.sensor_calibration import as_toml
 from tactile.from_frames import recording_of
 from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
@@ -60,12 +60,12 @@ def calibrate_rig(
     BatchRefused where `out` is one of the inputs or a file that drupe calibrate did not write.
     """
     if out.suffix.lower() != ".toml":
-        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
+        raise refused(out, "is TOML; give a name that ends in .toml.")
     require_file_apart(out, inputs=sources, folders=[path for path in sources if path.is_dir()])
     require_new_or_ours(out, _is_rig, "a rig that drupe calibrate wrote")
     twice = {path.resolve() for path in sources}
     if len(twice) < len(sources):
-        raise BatchRefused([Problem(str(sources[0]), "is named twice; name each recording once.")])
+        raise refused(sources[0], "is named twice; name each recording once.")
     squeezes: list[RigidPress] = []
     gels: set[bool] = set()
     said: list[str] = []
@@ -86,7 +86,7 @@ def calibrate_rig(
             "mixes two kinds of recordings: some have gel pads, others have none; calibrate each "
             "kind separately."
         )
-        raise BatchRefused([Problem(str(sources[0]), sentence)])
+        raise refused(sources[0], sentence)
     whole = fit_rig(squeezes)
     jaws = fit_rig(squeezes, own=False) if gels == {True} else None
     written = _described(whole, jaws, squeezes, rigid, sources, today)

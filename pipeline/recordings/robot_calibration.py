@@ -14,7 +14,7 @@ from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import read_bytes, text_or_empty
 from pipeline.files.whole_file import put
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.recordings.sensor_calibration import as_toml
 from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
 from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
@@ -49,7 +49,7 @@ def calibrate_robot(
     and poses that cannot be used; BatchRefused where `out` is an input or not a file of drupe robot.
     """
     if out.suffix.lower() != ".toml":
-        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
+        raise refused(out, "is TOML; give a name that ends in .toml.")
     require_file_apart(out, inputs=(poses, mat, gripper), folders=())
     require_new_or_ours(out, _is_robot, "a robot that drupe robot wrote")
     table, printed, hand = read_flange_table(poses), read_mat(mat), read_gripper(gripper)
@@ -61,7 +61,7 @@ def calibrate_robot(
         )
     photos = () if table.photo is None else _photos(poses, table, printed, report)
     if table.photo is None and fixed_camera:
-        raise BatchRefused([Problem(str(poses), "lists touches; remove --fixed-camera.")])
+        raise refused(poses, "lists touches; remove --fixed-camera.")
     fitted = (
         _touched(poses, table, printed)
         if table.photo is None

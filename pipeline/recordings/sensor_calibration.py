@@ -12,7 +12,7 @@ from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import NotReadable, read_text, text_or_empty, toml_of
 from pipeline.files.whole_file import put
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of
@@ -53,19 +53,13 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
     the look-up's digest, so that one of another run is noticed.
     """
     if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
-        raise BatchRefused(
-            [
-                Problem(
-                    str(sensor), "a ball calibration needs --ball-mm, --reference and at least one --press."
-                )
-            ]
-        )
+        raise refused(sensor, "a ball calibration needs --ball-mm, --reference and at least one --press.")
     if not presses.ball and presses.load_cell is None:
         what = (
             "there is nothing to calibrate with. For a sensor give --press or --load-cell. For a rig "
             "give --rigid and --size-mm."
         )
-        raise BatchRefused([Problem(str(sensor), what)])
+        raise refused(sensor, what)
     described = _described(sensor)
     kept = described.get("calibration_file") if not presses.ball else None
     look_up = None if kept is None else _look_up(sensor, kept)
@@ -97,10 +91,10 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
 def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: Presses) -> None:
     """What is read stays as it is, and so does what somebody else wrote."""
     if out.is_dir():
-        raise BatchRefused([Problem(str(out), "is a folder; give the name of a file that ends in .toml.")])
+        raise refused(out, "is a folder; give the name of a file that ends in .toml.")
     look_up = out.with_suffix(".npz")
     if out == look_up:
-        raise BatchRefused([Problem(str(out), "is TOML; give a name that ends in .toml.")])
+        raise refused(out, "is TOML; give a name that ends in .toml.")
     named = [sensor.parent / str(described["calibration_file"])] if "calibration_file" in described else []
     others = [path for path in (presses.reference, presses.load_cell) if path is not None]
     folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
@@ -131,32 +125,25 @@ def _look_up(sensor: Path, name: object) -> Path:
         said = (
             f"calibration_file: found no file {name} beside it; put it there, or press a ball with --press."
         )
-        raise BatchRefused([Problem(str(sensor), said)])
+        raise refused(sensor, said)
     return path
 
 
 def _described(sensor: Path) -> dict[str, Any]:
     """The description as it stands; a photometric one may lack lights and look-up until it is calibrated."""
     if not sensor.is_file():
-        raise BatchRefused([Problem(str(sensor), "does not exist; give the sensor's description.")])
+        raise refused(sensor, "does not exist; give the sensor's description.")
     try:
         return toml_of(read_text(sensor, most_bytes=MOST_BYTES))
     except NotReadable as cause:
-        raise BatchRefused([Problem(str(sensor), f"{cause}; correct the description.")]) from cause
+        raise refused(sensor, f"{cause}; correct the description.") from cause
 
 
 def _camera(sensor: Path, described: dict[str, Any]) -> tuple[GelCamera, float]:
     """The camera and its gamma, of a description that has no lights yet."""
     if described.get("kind") != "photometric":
-        raise BatchRefused(
-            [
-                Problem(
-                    str(sensor),
-                    f"has the kind {described.get('kind')}; a ball press calibrates only photometric "
-                    "sensors.",
-                )
-            ]
-        )
+        what = f"has the kind {described.get('kind')}; a ball press calibrates only photometric sensors."
+        raise refused(sensor, what)
     left_out = ("lights", "calibration_file", "calibration_sha256", "kind")
     bare = {"kind": "markers-mono"} | {k: v for k, v in described.items() if k not in left_out}
     with scratch() as folder:
@@ -164,7 +151,7 @@ def _camera(sensor: Path, described: dict[str, Any]) -> tuple[GelCamera, float]:
         stage.write_text(as_toml(bare), encoding="utf-8")
         read = read_sensor(stage)
     if read.camera is None:
-        raise BatchRefused([Problem(str(sensor), "has no [camera].")])
+        raise refused(sensor, "has no [camera].")
     return read.camera, read.gamma
 
 
@@ -210,7 +197,7 @@ def _stiffness(
     recording = recording_of(read_raw_grasp(press, sensor=path), progress=report_pad).recording
     pad = recording.pads[0]
     if recording.wrench_N is None or not isinstance(pad, GelPad):
-        raise BatchRefused([Problem(str(press), "has no load cell; log fx_N, fy_N and fz_N in log.csv.")])
+        raise refused(press, "has no load cell; log fx_N, fy_N and fz_N in log.csv.")
     normal = pad.pose[:, :3, 2]
     cell = np.einsum("ti,ti->t", recording.wrench_N[:, :3], normal)
     gain = gel_gain(cell, pad.force_N[:, :, 2].sum(axis=1), source=str(press))

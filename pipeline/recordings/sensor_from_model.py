@@ -8,7 +8,7 @@ from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.recordings.sensor_calibration import MOST_BYTES, as_toml
 from tactile.io.pictures import read_picture
 from tactile.io.sensor_file import read_sensor
@@ -39,7 +39,7 @@ def write_sensor(
     """
     if name not in model_names():
         known = ", ".join(model_names())
-        raise BatchRefused([Problem(name, f"is not a sensor that drupe knows; known: {known}.")])
+        raise refused(name, f"is not a sensor that drupe knows; known: {known}.")
     require_file_apart(out, inputs=[] if picture is None else [picture], folders=[])
     require_new_or_ours(out, _is_ours, "a description that drupe sensor wrote")
     model = with_given(read_model(name), {key: (value, known_to) for key, value in given.items()})

@@ -11,7 +11,7 @@ from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
 from pipeline.batch.write_guard import require_free
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.former_results import batch_folder, identity, require_same_batch
@@ -39,10 +39,10 @@ class ReportOptions:
         """Raises BatchRefused where what is asked for cannot be written here."""
         if self.excel is not None and self.excel not in EXCEL_DIALECTS:
             known = ", ".join(EXCEL_DIALECTS)
-            raise BatchRefused([Problem("--csv", f'found "{self.excel}", expected one of {known}.')])
+            raise refused("--csv", f'found "{self.excel}", expected one of {known}.')
         if self.parquet and importlib.util.find_spec("pyarrow") is None:
             sentence = "needs the package pyarrow; install it with: pip install 'drupe[parquet]'."
-            raise BatchRefused([Problem("--parquet", sentence)])
+            raise refused("--parquet", sentence)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -104,14 +104,6 @@ class ImplausibleNumbers:
         return " ".join(doubts)
 
 
-def implausible_fruit(batch: Batch) -> dict[str, str]:
-    """For each fruit whose own numbers no fruit of the category has, the sentence that says so: what was
-    measured of it, or the size of its ready mesh.
-    """
-    numbers = ImplausibleNumbers(batch)
-    return {row.fruit_id: said for row in batch.rows if (said := numbers.said(row))}
-
-
 def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     """For each fruit, the sentences on numbers of the whole batch that no fruit of the category has and that
     touch it: limits of classes, and columns in which it has a number.

@@ -11,7 +11,7 @@ from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import is_lock_file
 from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours, json_in
 from pipeline.files.whole_file import MARK
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
     said = json_in(results.provenance)
     if out.is_symlink() or not (is_claimed(out) or isinstance(said, dict)):
         sentence = "is not a results folder of drupe grade; give the folder from --out."
-        raise BatchRefused([Problem(str(out), sentence)])
+        raise refused(out, sentence)
     with nullcontext() if dry else results_lock(out):
         fruits = [FruitResults(path) for path in _folders(out / "fruits")]
         stages = [path for fruit in fruits for path in _stages(fruit.cache)]

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.library_output import hand_over_native, tell_to
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 HEAD = "# log of drupe"
 """First line of a log: a file that begins otherwise is somebody else's, and nothing is added to it."""
@@ -86,7 +86,7 @@ def _require_log(path: Path) -> None:
                 file.write(f"{HEAD}\n")
             elif first.rstrip("\n") != HEAD:
                 sentence = f'is not a log of drupe (its first line is not "{HEAD}"); name another file.'
-                raise BatchRefused([Problem(str(path), sentence)])
+                raise refused(path, sentence)
     except OSError as error:
         sentence = f"cannot be written ({error.strerror}); name another file with --log."
-        raise BatchRefused([Problem(str(path), sentence)]) from None
+        raise refused(path, sentence) from None

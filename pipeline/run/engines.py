@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 
 from pipeline.batch.cache import ROOMS, code_version, file_hash
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Engine
@@ -42,24 +42,24 @@ class WorkPlace:
         option = "--slurm" if self.slurm else "--scheduler"
         if self.slurm and self.scheduler is not None:
             sentence = "conflicts with --scheduler; give only one of them."
-            raise BatchRefused([Problem("--slurm", sentence)])
+            raise refused("--slurm", sentence)
         if self.slurm and self.jobs is None:
-            raise BatchRefused([Problem("--slurm", "needs --jobs, the number of Slurm jobs.")])
+            raise refused("--slurm", "needs --jobs, the number of Slurm jobs.")
         if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
             sentence = (
                 f'found "{self.scheduler}"; expected the address that `dask scheduler` prints, with its port.'
             )
-            raise BatchRefused([Problem("--scheduler", sentence)])
+            raise refused("--scheduler", sentence)
         wanted = () if self.here else ("distributed", *(("dask_jobqueue",) if self.slurm else ()))
         if any(importlib.util.find_spec(name) is None for name in wanted):
             sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
-            raise BatchRefused([Problem(option, sentence)])
+            raise refused(option, sentence)
         if self.slurm and self.tls and importlib.util.find_spec("cryptography") is None:
             sentence = (
                 "needs the package cryptography for TLS; install it with: pip install 'drupe[cluster]', or "
                 "choose plain TCP with --no-tls."
             )
-            raise BatchRefused([Problem(option, sentence)])
+            raise refused(option, sentence)
 
 
 def local_pool(jobs: int, *, time_limit_s: float, most_MiB: float | None = None) -> Engine:

@@ -15,7 +15,7 @@ from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.files.manifest import json_in
 from pipeline.files.plain_file import printable
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 
 LABEL = ("lot", "harvest_date", "cultivar", "category")
 """Settings by which people tell batches apart."""
@@ -64,7 +64,7 @@ def require_same_batch(results: Results, batch: BatchIdentity, option: str) -> N
         f"holds the results of another batch{where} ({_listed(former.fruit)}): {why}. They are not "
         f"replaced; choose another folder with {option}, or move this one away."
     )
-    raise BatchRefused([Problem(str(results.root), sentence)])
+    raise refused(results.root, sentence)
 
 
 def former_batch(results: Results) -> BatchIdentity | None:

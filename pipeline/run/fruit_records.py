@@ -1,6 +1,6 @@
 """Records of fruit that this run does not grade: kept from an earlier one, refused, or ended without one."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 
 from pipeline.batch.layout import Results
@@ -84,19 +84,6 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
     return record
 
 
-def kept_records(
-    tasks: Mapping[str, FruitTask], *, retried: Collection[str] | None = None
-) -> Iterator[tuple[str, FruitRecord]]:
-    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date.
-
-    `retried`: fruit whose ending of RETRIED does not hold; None: of all.
-    """
-    for fruit_id, task in tasks.items():
-        before = read_record(task.results.record)
-        if before is not None and (kept := kept_record(task, before, tasks, retried=retried)) is not None:
-            yield fruit_id, kept
-
-
 def kept_record(
     task: FruitTask,
     before: FruitRecord,
@@ -105,7 +92,8 @@ def kept_record(
     retried: Collection[str] | None = None,
 ) -> FruitRecord | None:
     """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
-    it does not hold. `batch_fruits`: every fruit_id of the batch; `retried` as in `kept_records`.
+    it does not hold. `batch_fruits`: every fruit_id of the batch; `retried`: fruit whose ending of RETRIED
+    does not hold (None: of all).
     """
     if before.key != task.key:
         return None

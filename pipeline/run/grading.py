@@ -25,7 +25,7 @@ from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.console import utc_now
@@ -314,7 +314,7 @@ def _processes(todo: Sequence[WaitingFruit], jobs: int, *, time_limit_s: float, 
     """
     need_MiB = _per_fruit_MiB(todo)
     if said := lacking(need_MiB + MAPPED_MIB, threads=1):
-        raise BatchRefused([Problem("this machine", said)])
+        raise refused("this machine", said)
     fit = _jobs(todo, jobs, console)
     free_MiB = free_memory_MiB()
     most_MiB = None if free_MiB is None else share_MiB(min(fit, len(todo)), need_MiB, free_MiB=free_MiB)
@@ -332,7 +332,7 @@ def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
             f"has {free_MiB:.0f} MiB of free memory, but one fruit needs about {need_MiB:.0f} MiB; "
             "close other programs, or raise the container's limit."
         )
-        raise BatchRefused([Problem("this machine", sentence)])
+        raise refused("this machine", sentence)
     wanted = min(jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:

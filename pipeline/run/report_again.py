@@ -15,7 +15,7 @@ from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
 from pipeline.files.manifest import json_in
 from pipeline.files.plain_file import printable
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import report_of_records
 from reports.entries import BatchEntry
@@ -33,13 +33,13 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
     if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
         inside = Results(out / "results").provenance.is_file()
         hint = f"; did you mean {out / 'results'}?" if inside else "; give the folder from --out."
-        raise BatchRefused([Problem(str(out), f"contains no results of drupe grade (batch.json){hint}")])
+        raise refused(out, f"contains no results of drupe grade (batch.json){hint}")
     root = batch or Path(str(said.get("batch", "")))
     if not BatchFolder(root).settings.is_file():
         sentence = (
             f"belongs to the batch {printable(str(root))}, which does not exist; give the batch with --batch."
         )
-        raise BatchRefused([Problem(str(results.provenance), sentence)])
+        raise refused(results.provenance, sentence)
     opened = open_batch(root, force=True, choose=partial(_with_records, results))
     started, ended = _times(said, results)
     run = BatchRun(
@@ -61,7 +61,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
             if record is not None:
                 records[row.fruit_id] = record
         if not records:
-            raise BatchRefused([Problem(str(out), "contains no fruit's record; run `drupe grade` first.")])
+            raise refused(out, "contains no fruit's record; run `drupe grade` first.")
         status, entry = report_of_records(run, records)
         return None if status == INTERRUPTED else entry
 
@@ -80,7 +80,7 @@ def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetim
         return started, datetime.fromisoformat(said.get("finished_utc") or said["started_utc"])
     except (KeyError, TypeError, ValueError):
         sentence = "contains no readable times; run `drupe grade` again."
-        raise BatchRefused([Problem(str(results.provenance), sentence)]) from None
+        raise refused(results.provenance, sentence) from None
 
 
 def _hashes(said: Mapping[str, Any]) -> dict[str, str]:

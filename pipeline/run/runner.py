@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -32,8 +32,6 @@ from pipeline.run.scheduling import (
     Noted,
     Progressed,
     TimedOut,
-    Work,
-    run_on,
 )
 from pipeline.safe_start import library_path, python_path, uncollected
 
@@ -53,17 +51,6 @@ LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
 LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
 """The last line that is passed on of a fruit's libraries, in place of all that follow."""
-
-
-def run_fruits(
-    work: Work,
-    tasks: Iterable[tuple[str, Any]],
-    *,
-    jobs: int,
-    time_limit_s: float,
-) -> Generator[Event, None, None]:
-    """`work` on each (fruit_id, task) on this machine, `jobs` at a time (run_on, LocalPool)."""
-    return run_on(LocalPool(jobs=jobs, time_limit_s=time_limit_s), work, tasks)
 
 
 class LocalPool:

@@ -25,7 +25,7 @@ from starlette.routing import Route
 
 from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.watch.connections import BACKLOG, QUEUE, connections_at_once, limited_http
 
 LOOPBACK = "127.0.0.1"
@@ -95,7 +95,7 @@ class PageServer:
         except OSError as error:
             self._socket.close()
             sentence = f"is not available ({error.strerror}); choose another port, or 0 for any free one."
-            raise BatchRefused([Problem(f"--port {port}", sentence)]) from None
+            raise refused(f"--port {port}", sentence) from None
         self._server = self._new_server()
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
@@ -153,7 +153,7 @@ class PageServer:
                 f"did not start within {STARTS_WITHIN_S:g} s; run the command again, or name another port "
                 "with --port."
             )
-            raise BatchRefused([Problem("the page of drupe watch", sentence)])
+            raise refused("the page of drupe watch", sentence)
         return self
 
     def __exit__(

@@ -5,8 +5,8 @@ from cluster_work import needs_of
 
 from pipeline.run import runner
 from pipeline.run.cluster_worker import FruitOrder, fruit_here, unfit
-from pipeline.run.runner import run_fruits
-from pipeline.run.scheduling import Died
+from pipeline.run.runner import LocalPool
+from pipeline.run.scheduling import Died, run_on
 
 
 def said(needs, *, threads=1, most_MiB=None):
@@ -67,4 +67,4 @@ def test_a_fruit_whose_process_cannot_be_made_ends_alike_here_and_on_a_worker(tm
     order = FruitOrder(fruit_id="a", packed=b"", time_limit_s=9.0, needs=needs_of(tmp_path))
     ended = Died("a", None, "its process did not start: Resource temporarily unavailable")
     assert fruit_here(order, tell=print, wanted=lambda: True, most_MiB=None) == ended
-    assert list(run_fruits(print, [("a", 1)], jobs=1, time_limit_s=9.0)) == [ended]
+    assert list(run_on(LocalPool(jobs=1, time_limit_s=9.0), print, [("a", 1)])) == [ended]

@@ -16,8 +16,8 @@ import psutil
 import pytest
 
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.run.runner import Died, Finished, LocalPool, Noted, Progressed, TimedOut, run_fruits
-from pipeline.run.scheduling import run_on
+from pipeline.run.runner import LocalPool
+from pipeline.run.scheduling import Died, Finished, Noted, Progressed, TimedOut, run_on
 
 
 def work(task, report):
@@ -32,8 +32,8 @@ def work(task, report):
 
 
 def endings(tasks, **options):
-    found = list(run_fruits(work, [(t, t) for t in tasks], **options))
-    return found, {e.fruit_id: e for e in found if not isinstance(e, Progressed)}
+    events = list(run_on(LocalPool(**options), work, [(t, t) for t in tasks]))
+    return events, {e.fruit_id: e for e in events if not isinstance(e, Progressed)}
 
 
 def test_each_fruit_ends_in_its_own_way():
@@ -87,7 +87,7 @@ def name_a_file(task, report):
 
 def test_a_file_whose_name_is_not_utf_8_is_told_and_costs_no_fruit():
     tasks = [("a", os.fsdecode(b"gr\xffasp")), ("b", "Grün")]
-    events = list(run_fruits(name_a_file, tasks, jobs=1, time_limit_s=60))
+    events = list(run_on(LocalPool(jobs=1, time_limit_s=60), name_a_file, tasks))
     assert [event.result for event in events if isinstance(event, Finished)] == ["done", "done"]
     stages = [event.stage for event in events if isinstance(event, Progressed)]
     assert stages == ["photos: gr\\udcffasp", "photos: Grün"]
@@ -97,9 +97,10 @@ PARENT = """
 import sys
 sys.path.insert(0, {tests!r})
 from test_runner import {work}
-from pipeline.run.runner import run_fruits
+from pipeline.run.runner import LocalPool
+from pipeline.run.scheduling import run_on
 if __name__ == "__main__":
-    for event in run_fruits({work}, [("a", {mark!r})], jobs=1, time_limit_s=600):
+    for event in run_on(LocalPool(jobs=1, time_limit_s=600), {work}, [("a", {mark!r})]):
         pass
 """
 
@@ -107,16 +108,6 @@ if __name__ == "__main__":
 def sleeper(mark, report):
     Path(mark).write_text(str(os.getpid()))
     time.sleep(600)
-
-
-def test_a_killed_run_leaves_no_process_behind(tmp_path):
-    script, mark = tmp_path / "parent.py", tmp_path / "mark"
-    script.write_text(PARENT.format(work="sleeper", tests=str(Path(__file__).parent), mark=str(mark)))
-    with subprocess.Popen([sys.executable, str(script)]) as parent:
-        wait_until(lambda: mark.exists() and mark.read_text())
-        parent.kill()
-    worker = int(mark.read_text())
-    wait_until(lambda: not psutil.pid_exists(worker) or psutil.Process(worker).status() == "zombie")
 
 
 def idle(seconds, report):
@@ -129,7 +120,7 @@ def test_a_clock_set_forward_costs_no_fruit_and_one_set_back_lets_none_hang(monk
     """The time of day is set while the fruit is worked on."""
     real = time.time
     for seconds, step_s, limit_s, kind in ((2, 1e6, 60, Finished), (600, -1e6, 4, TimedOut)):
-        for event in run_fruits(idle, [("a", seconds)], jobs=1, time_limit_s=limit_s):
+        for event in run_on(LocalPool(jobs=1, time_limit_s=limit_s), idle, [("a", seconds)]):
             if isinstance(event, Progressed):
                 monkeypatch.setattr(time, "time", lambda step_s=step_s: real() + step_s)
             else:
@@ -137,7 +128,7 @@ def test_a_clock_set_forward_costs_no_fruit_and_one_set_back_lets_none_hang(monk
 
 
 def test_a_fruits_process_has_an_empty_folder_and_its_files_are_gone_afterwards():
-    (ended,) = (e for e in run_fruits(idle, [("a", 0)], jobs=1, time_limit_s=60) if isinstance(e, Finished))
+    *_, ended = run_on(LocalPool(jobs=1, time_limit_s=60), idle, [("a", 0)])
     folder, temporary, path = ended.result
     assert folder != str(Path.cwd())
     assert not Path(folder).exists()
@@ -154,10 +145,19 @@ def deaf(mark, report):
     ctypes.PyDLL(None).sleep(600)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
-def test_a_killed_run_leaves_no_process_behind_even_in_native_code(tmp_path):
+@pytest.mark.parametrize(
+    "work",
+    [
+        "sleeper",
+        pytest.param(
+            "deaf",
+            marks=pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends native code too"),
+        ),
+    ],
+)
+def test_a_killed_run_leaves_no_process_behind(tmp_path, work):
     script, mark = tmp_path / "parent.py", tmp_path / "mark"
-    script.write_text(PARENT.format(work="deaf", tests=str(Path(__file__).parent), mark=str(mark)))
+    script.write_text(PARENT.format(work=work, tests=str(Path(__file__).parent), mark=str(mark)))
     with subprocess.Popen([sys.executable, str(script)]) as parent:
         wait_until(lambda: mark.exists() and mark.read_text())
         parent.kill()
@@ -192,7 +192,7 @@ def like_metis(mark, report):
 @pytest.mark.parametrize("limit_s", [1, 600], ids=["out of time", "left early"])
 def test_work_that_was_stopped_writes_nothing_more(tmp_path, limit_s):
     mark = tmp_path / "mark"
-    events = run_fruits(like_metis, [("a", str(mark))], jobs=1, time_limit_s=limit_s)
+    events = run_on(LocalPool(jobs=1, time_limit_s=limit_s), like_metis, [("a", str(mark))])
     assert next(events) == Progressed("a", "ordering")
     if limit_s == 1:
         assert list(events) == [TimedOut("a")]
@@ -263,7 +263,7 @@ def test_a_lack_of_memory_ends_the_fruit_as_that_in_whatever_way_it_shows():
 def test_a_lack_of_memory_long_before_is_not_the_cause_of_a_crash():
     (ended,) = (
         event
-        for event in run_fruits(without_memory, [("a", "long before")], jobs=1, time_limit_s=60)
+        for event in run_on(LocalPool(jobs=1, time_limit_s=60), without_memory, [("a", "long before")])
         if not isinstance(event, Progressed | Noted)
     )
     assert ended == Died("a", -signal.SIGSEGV)
@@ -308,9 +308,8 @@ def talkative(how, report):
 
 
 def test_what_libraries_log_warn_and_print_is_told_of_their_fruit_and_not_shown(capfd):
-    events = list(
-        run_fruits(talkative, [(how, how) for how in ("logs", "warns", "native")], jobs=3, time_limit_s=60)
-    )
+    tasks = [(how, how) for how in ("logs", "warns", "native")]
+    events = list(run_on(LocalPool(jobs=3, time_limit_s=60), talkative, tasks))
     assert capfd.readouterr() == ("", "")
     lines = {
         how: [e.line for e in events if isinstance(e, Noted) and e.fruit_id == how]

@@ -26,9 +26,10 @@ import sys
 def work(task, report):
     return sys.path
 if __name__ == "__main__":
-    from pipeline.run.runner import run_fruits
+    from pipeline.run.runner import LocalPool
+    from pipeline.run.scheduling import run_on
     print(*sys.path, sep="|")
-    (event,) = run_fruits(work, [("a", None)], jobs=1, time_limit_s=100)
+    (event,) = run_on(LocalPool(jobs=1, time_limit_s=100), work, [("a", None)])
     print(*event.result, sep="|")
 """
 LIBRARIES = ("libEGL.so.1", "libtbb.so.12", "libtbbmalloc.so.2", "libm.so.6", "libstdc++.so.6", "libz.so.1")

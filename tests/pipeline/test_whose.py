@@ -19,14 +19,14 @@ from raw_folder import write_raw
 import pipeline.fruit.grasped
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import ModulusRecord, ScreenRecord, write_record
+from pipeline.batch.records import ModulusRecord, ScreenRecord
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
-from pipeline.run.fruit_records import kept_records
+from pipeline.run.fruit_records import kept_record
 from reports.grasp_record import GraspRecord
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
@@ -180,14 +180,11 @@ def test_a_case_of_its_own_may_be_called_otherwise():
 
 def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
     task = fruit_task(open_batch(batch), "N02", Results(batch / "results"))
-    task.results.claim()
-    (batch / "results" / "fruits" / "N02" / "fruit.ply").write_text("made")
     changes = {"key": task.key, "strangers": {"N77": False}, "screen": ScreenRecord(p_value=0.5)}
     record = graded("N02", 0.5, changes=changes)
-    write_record(task.results.record, record)
-    assert dict(kept_records({"N02": task})) == {"N02": record}
-    assert dict(kept_records({"N02": task, "N77": task})) == {}
-    assert dict(kept_records({"N02": task, "n-77": task})) == {}
+    assert kept_record(task, record, ["N02"]) == record
+    assert kept_record(task, record, ["N02", "N77"]) is None
+    assert kept_record(task, record, ["N02", "n-77"]) is None
 
 
 def test_check_says_it_of_a_raw_grasp(batch):

@@ -105,14 +105,19 @@ def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeyp
     assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
 
 
-def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, monkeypatch):
-    reports_take(monkeypatch, watched, 1000.0)
+def correct_by_a_body(batch, fruit):
+    """Lists the fruit and a reference body, by which the batch corrects E."""
     (batch / "fruits.csv").write_text(
         "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
-        "body,true,0.5,0.005,0.48\nA,,,,\nB,,,,\nC,,,,\n"
+        "body,true,0.5,0.005,0.48\n" + "".join(f"{name},,,,\n" for name in fruit)
     )
     with (batch / "batch.toml").open("a") as settings:
         settings.write("[reference]\ncorrect = true\n")
+
+
+def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, monkeypatch):
+    reports_take(monkeypatch, watched, 1000.0)
+    correct_by_a_body(batch, "ABC")
     watched(*one_by_one(batch, "body", "C", "A", "B"))
     for name in "ABC":
         assert shown_first(watched, name).E_MPa == pytest.approx(modulus_of(name) / 1.2)
@@ -123,12 +128,7 @@ def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, 
 def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, monkeypatch):
     """C of 0.3 / 1.2 = 0.25 MPa ranks among A of 0.1 / 1.2 and E of 0.5 / 1.2 before any other report."""
     reports_take(monkeypatch, watched, 1000.0)
-    (batch / "fruits.csv").write_text(
-        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
-        "body,true,0.5,0.005,0.48\nA,,,,\nC,,,,\nE,,,,\n"
-    )
-    with (batch / "batch.toml").open("a") as settings:
-        settings.write("[reference]\ncorrect = true\n")
+    correct_by_a_body(batch, "ACE")
     watched(*one_by_one(batch, "A", "E", "body", "C"))
     first = next(entry for entry in watched.shown if entry.recent[:1] == ("C",))
     E_MPa = {fruit.fruit_id: fruit.E_MPa for fruit in first.batch.fruits if not fruit.reference}
