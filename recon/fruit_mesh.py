@@ -17,7 +17,14 @@ from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo, require_enough
 from recon.cameras.printed_mat import Mat
 from recon.checks.ground_check import rim_evidence
-from recon.checks.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
+from recon.checks.quality import (
+    NOTHING_KNOWN,
+    ReconQuality,
+    depth_doubts,
+    outline_rms_mm,
+    warnings_of,
+    widest_gap_deg,
+)
 from recon.checks.surface_error import SurfaceError, surface_error
 from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
@@ -195,7 +202,8 @@ def _reconstructed(
         warnings=poses.warnings
         + scaled.warnings
         + warnings_of(quality, largest_mm=float(np.ptp(scaled.vertices, axis=0).max()))
-        + checked.doubts,
+        + checked.doubts
+        + depth_doubts(skin.edge_depth_mm * scaled.per_mm),
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
         cameras=tuple(scaled.cameras),
@@ -209,13 +217,14 @@ def _reconstructed(
 @dataclass(frozen=True, kw_only=True)
 class _Skin:
     """The hull after the search for relief: its vertices; the share of them, and of the top, that relief has
-    measured; how far the hull bridges a hollow where it has not, at each vertex.
+    measured; how far the hull bridges a hollow where it has not, at each vertex; `Relief.edge_depth_mm`.
     """
 
     vertices: Float[np.ndarray, "n 3"]
     relief_share: float
     top_measured: float
     bridged: Float[np.ndarray, " n"]
+    edge_depth_mm: float = 0.0
 
 
 def _skin(
@@ -236,18 +245,22 @@ def _skin(
         relief_share=float(found.measured.mean()),
         top_measured=top_share(found.vertices, found.measured),
         bridged=np.where(found.measured, 0.0, found.bridged),
+        edge_depth_mm=found.edge_depth_mm,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Scaled:
-    """Mesh and cameras in mm: vertices, cameras, deviation from the outlines, the scale's relative error."""
+    """Mesh and cameras in mm: vertices, cameras, deviation from the outlines, the scale's relative error, mm
+    per unit before.
+    """
 
     vertices: Float[np.ndarray, "n 3"]
     cameras: Sequence[Camera]
     outline_mm: float
     sd: float
     warnings: tuple[str, ...]
+    per_mm: float = 1.0
 
 
 def _scaled(
@@ -278,6 +291,7 @@ def _scaled(
         outline_mm=outline_mm * factor,
         sd=scale.sd,
         warnings=scale.warnings,
+        per_mm=factor,
     )
 
 

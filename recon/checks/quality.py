@@ -134,3 +134,17 @@ def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
         return ()
     share = f"Only {100 * quality.seen_share:.0f} % of the surface is visible to two or more cameras"
     return (f"{share}; take photos from more heights.",)
+
+
+def depth_doubts(edge_depth_mm: float) -> tuple[str, ...]:
+    """What is said of a hollow as deep as the search looks (`Relief.edge_depth_mm`; 0: none).
+
+    >>> depth_doubts(0.0)
+    ()
+    """
+    if not edge_depth_mm > 0:
+        return ()
+    return (
+        f"A hollow of the mesh is {edge_depth_mm:.1f} mm deep, about as deep as drupe searches; the true "
+        "hollow may be deeper. Compare the mesh with the fruit.",
+    )

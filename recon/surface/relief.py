@@ -11,8 +11,15 @@ from jaxtyping import Bool, Float, Int, UInt8
 from recon.cameras.camera import Camera
 from recon.silhouettes.hull import split
 from recon.surface.photo_consistency import FEWEST_VIEWS, GreyView, grey_views, views_facing
-from recon.surface.relief_mesh import OutlineMesh, grown, outline_mesh, roundness, vertices_per_patch
-from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, refined, searched
+from recon.surface.relief_mesh import (
+    OutlineMesh,
+    grown,
+    heights_mm,
+    outline_mesh,
+    roundness,
+    vertices_per_patch,
+)
+from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, at_edge, refined, searched
 from recon.surface.relief_verdict import Region, judged, mean_gain
 
 COARSE, FINE = 4, 5
@@ -41,13 +48,15 @@ class Relief:
 
     `measured`: placed by photos that agree, in a region that held-out views confirm. `bridged`: 1 where the
     outline surface is so flat that outlines may bridge a hollow, 0 where it is round; where it is high and
-    `measured` is not, the skin may lie deeper by more than the outlines' error tells.
+    `measured` is not, the skin may lie deeper by more than the outlines' error tells. `edge_depth_mm`: depth
+    under the outlines of the deepest vertex at the edge of the search, 0 where none is at the edge.
     """
 
     vertices: Float[np.ndarray, "n 3"]
     measured: Bool[np.ndarray, " n"]
     bridged: Float[np.ndarray, " n"]
     regions: tuple[Region, ...]
+    edge_depth_mm: float = 0.0
 
 
 def relief(
@@ -117,7 +126,13 @@ def relief(
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
         bridged=bridged,
         regions=regions,
+        edge_depth_mm=_edge_depth_mm(fine, surface),
     )
+
+
+def _edge_depth_mm(mesh: OutlineMesh, surface: Float[np.ndarray, "m 3"]) -> float:
+    """Depth of the deepest vertex at the edge of the search, 0 where none is."""
+    return float(np.max(-heights_mm(mesh, surface)[at_edge(mesh, surface)], initial=0.0))
 
 
 def _finer(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from recon.surface.photo_consistency import GreyView, Patches, agreement, best_offsets
+from recon.surface.photo_consistency import DISTINCT_STEPS, GreyView, Patches, agreement, best_offsets
 from recon.surface.relief_mesh import OutlineMesh, grown, heights_mm, mean_curvature, patches_of
 from recon.triangle_mesh import neighbour_mean, vertex_normals
 
@@ -137,6 +137,19 @@ def refined(
     pull = np.full(len(weight), FINE_PULL)
     step = _membrane(offset, weight, pull, zone, mesh.faces, FINE_STIFFNESS)
     return surface + step[:, None] * patches.normals, weight > 0
+
+
+def at_edge(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Vertices about as deep under the outlines as `searched` looks, so that the skin may lie deeper.
+
+    A peak is distinct only if scores more than DISTINCT_STEPS steps away are lower, so the deepest steps hold
+    no distinct peak. On sides, deeper scores count as 0, and only the last step is at the edge.
+    """
+    whole = COARSE_SEARCHES[0]
+    step = (whole.highest - whole.lowest) / (whole.steps - 1)
+    side = np.abs(mesh.outline.normals[:, 2]) < STEM_COSINE
+    edge = np.where(side, SHALLOW_SHARE - step, -whole.lowest - (DISTINCT_STEPS + 1) * step)
+    return np.asarray(heights_mm(mesh, surface) < -edge * mesh.radius_mm)
 
 
 def _spread_scores(

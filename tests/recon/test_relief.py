@@ -10,12 +10,15 @@ import pytest
 from mat_scene import ring
 
 from recon.cameras.camera import Camera
+from recon.checks.quality import depth_doubts
 from recon.native import open3d
 from recon.silhouettes.hull import ball
 from recon.surface import relief as module
 from recon.surface import relief_verdict
 from recon.surface.photo_consistency import Patches, agreement, best_offsets, grey_views
 from recon.surface.relief import Relief, relief
+from recon.surface.relief_mesh import outline_mesh
+from recon.surface.relief_search import at_edge
 
 RADIUS_MM = 22.0
 RIM_RAD = 0.5
@@ -113,6 +116,28 @@ def test_cavity_that_outlines_bridge_is_found_on_textured_skin():
     assert after < 0.2 * before
     assert [r.accepted for r in got.regions] == [True]
     assert got.regions[0].depth_mm == pytest.approx(3.0, abs=0.5)
+
+
+def test_hollow_as_deep_as_the_search_looks_is_reported():
+    """Such a hollow (0.27 radii, as a scanned peach has) comes out too shallow."""
+    deep_mm = 0.27 * RADIUS_MM
+    s, got = scene(deep_mm, 12.0, 0.0), found(deep_mm, 12.0, 0.0)
+    assert misses_mm(got.vertices[s.bridged], deep_mm).max() > 0.05 * RADIUS_MM
+    assert got.edge_depth_mm > 0.16 * RADIUS_MM
+    assert f"{got.edge_depth_mm:.1f} mm deep" in depth_doubts(got.edge_depth_mm)[0]
+    assert found(3.0, 12.0, 0.0).edge_depth_mm == 0.0
+
+
+@pytest.mark.parametrize("share", [0.071, 0.02])
+@pytest.mark.parametrize("upright", [True, False])
+def test_depth_at_the_edge_depends_on_whether_skin_is_a_side(share: float, upright: bool):
+    """A groove of 0.071 radii is beyond what is searched on a side, and harmless at the top."""
+    directions, faces = ball(4)
+    mesh = outline_mesh(RADIUS_MM * directions + CENTRE, faces, 4)
+    groove = directions[:, 2 if upright else 0] > 0.97
+    moved = mesh.outline.points - share * RADIUS_MM * groove[:, None] * mesh.outline.normals
+    expected = groove & (not upright and share == 0.071)
+    np.testing.assert_array_equal(at_edge(mesh, moved), expected)
 
 
 def test_what_was_measured_and_what_may_be_bridged_is_told_by_vertex():
