@@ -15,10 +15,10 @@ from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.thresholds import EQUAL_PROBABILITY, TEMPERATURE
+from fem.mismatch.selection.posterior import CREDIBLE, TEMPERATURE
 from fem.parallel_map import parallel_map
 
-ENOUGH = TEMPERATURE * float(np.log(1 / EQUAL_PROBABILITY))
+ENOUGH = TEMPERATURE * float(np.log(1 / (1 - CREDIBLE)))
 """ln evidence by which one explanation must lead to stand alone: odds of 20 to 1."""
 
 

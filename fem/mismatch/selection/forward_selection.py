@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fem.mismatch.effect import Effect, SeenDirectly
+from fem.mismatch.evidence.effect_error import effect_error_columns
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit
@@ -11,7 +12,8 @@ from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,
-    modulus_spread_of,
+    log_positive,
+    modulus_change,
     violates_sign_constraint,
 )
 
@@ -65,16 +67,19 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     """Signatures of other effects, linearised about the refitted model: ln evidence added, and the fit.
 
     Greatest first, without those that violate a sign constraint. The refitted effect's own parameters stay
-    free along their slopes; `modulus_spread` of the fit is that of E beside the refitted effect.
+    free along their slopes; `modulus_change` of the fit is that of E beside the refitted effect.
     """
     mine = {effect.spec.name for effect in known.effects}
     others = [one for one in linear.linear_fits if one.effect.spec.name not in mine]
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
     plain = retained_columns(known.effects, linear.products.columns, linear.nuisances)
-    products, chosen = linear.products.about(known.forward, known.response, [*plain, *columns], slopes)
+    errors = effect_error_columns(known.forward, linear.recorded, known.response)
+    products, chosen = linear.products.about(
+        known.forward, known.response, [*plain, *columns], [*errors, *slopes]
+    )
     place = dict(zip([*plain, *columns], chosen, strict=False))
-    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
+    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) - len(errors) :]]
     before = products.fit(free)
     shown = direct_evidence(known.forward, known.effects)
     conditional = {
@@ -88,6 +93,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
             gain = fit.log_evidence - before.log_evidence + conditional.get(one.name, 0.0)
-            spread = modulus_spread_of(before, fit)
-            found.append((gain, replace(one, amounts=amounts, modulus_spread=spread)))
+            gain += log_positive(products, own, fit)
+            change = modulus_change(before, fit)
+            found.append((gain, replace(one, amounts=amounts, modulus_change=change)))
     return sorted(found, key=lambda pair: -pair[0])

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
-from fem.mismatch.evidence.discrepancy_prior import trades_with_modulus
+from fem.mismatch.evidence.effect_error import effect_error_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
@@ -303,17 +303,20 @@ class _Search:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
         Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
-        jaws that seem to give way stand for each other: those are left out of that fit.
+        the model's own error stand for each other: its columns are left out of that fit.
         """
         if not self.power.any():
             return now, False
-        firm = [j for j in now.chosen if not trades_with_modulus(now.products.columns[j])]
+        firm = [j for j in now.chosen if not now.products.columns[j].combines]
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False
         self.forward = replace(self.forward, compliance=self.forward.compliance * share)
         self.known = {}
         return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
+
+    def _errors(self, response: Response) -> list[Regressor]:
+        return effect_error_columns(self.forward, self.linear.recorded, response)
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
@@ -327,7 +330,7 @@ class _Search:
         if key not in self.known:
             response = self.respond(at)
             products, chosen = self.linear.products.about(
-                self.forward, response, self.nuisances, signatures=self.signatures
+                self.forward, response, self.nuisances, self._errors(response), signatures=self.signatures
             )
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
@@ -356,7 +359,11 @@ class _Search:
                 )
             )
         products, chosen = self.linear.products.about(
-            self.forward, response, self.nuisances, slopes, signatures=self.signatures
+            self.forward,
+            response,
+            self.nuisances,
+            [*self._errors(response), *slopes],
+            signatures=self.signatures,
         )
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
