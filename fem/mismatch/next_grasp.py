@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.catalogue import EFFECTS, SEPARATORS, SPECS
+from fem.mismatch.catalogue import SEPARATORS, SPECS
 from fem.mismatch.design.candidate_grasps import PlaceKind
 from fem.mismatch.design.compared_candidates import ComparedCandidate, compared_candidates
 from fem.mismatch.design.predictions import Explained
@@ -66,7 +66,7 @@ def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelect
     if len(left) < 2 or any(FOLLOWS_RECORDED_BALANCE in one.name.split("+") for one in left):
         return None
     try:
-        compared = compared_candidates(forward, left, EFFECTS)
+        compared = compared_candidates(forward, left)
     except (FemFailure, np.linalg.LinAlgError):
         return None
     if not compared:

@@ -13,6 +13,7 @@ from fem.mismatch.effect import Placed, Remarked
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
@@ -274,9 +275,7 @@ def _tested(linear: LinearRound, kept: float) -> CaseDetection:
     for fit in linear.linear_fits:
         signatures.setdefault(fit.name, []).append(fit.columns)
     p_value, each = p_values(
-        linear.products,
-        linear.nuisances,
-        signatures,
+        SignatureEquations.of(linear.products, linear.nuisances, signatures),
         misfit=kept * linear.null.chi2 / linear.numbers,
         direct=max((fit.direct for fit in linear.linear_fits), default=0.0),
         rng=np.random.default_rng(0),

@@ -111,7 +111,6 @@ def candidate_set(
     courses: Sequence[PlacedCourse],
     chosen: Sequence[tuple[Protocol, int]],
     *,
-    effects: Sequence[Effect],
     names: Collection[str],
 ) -> CandidateSet:
     """Candidates by protocol and number of their course. `names`: of the nuisances that matter."""
@@ -193,9 +192,7 @@ def _inner_changes(paths: ForwardModel) -> tuple[list[str], list[list[Float[np.n
     return causes, found
 
 
-def _nuisance_columns(
-    candidates: CandidateSet, names: Collection[str]
-) -> dict[str, list[Regressor]]:
+def _nuisance_columns(candidates: CandidateSet, names: Collection[str]) -> dict[str, list[Regressor]]:
     """Columns of the nuisances that all recordings share, those of these names, of the candidates.
 
     Large deformation is left out where flesh is too soft for it.

@@ -101,7 +101,8 @@ class GramMatrix:
         if not len(noise):
             self.bias = np.zeros((len(recorded), len(self.columns)))
         for j, column in enumerate(self.columns):
-            self.bias[:, j] += sum(weight * self.bias[:, part] for part, weight in column.combines)
+            if column.same_as is not None:
+                self.bias[:, j] = self.bias[:, column.same_as]
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
@@ -110,11 +111,15 @@ class GramMatrix:
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
-            return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
+            new = [j for j in known if self.columns[j].same_as is None]
+            plain, heavy = recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in new)])
+            place = {j: at for at, j in enumerate(new, 1)}
+            at = [0, *(place[j if (same := self.columns[j].same_as) is None else same] for j in known)]
+            return known, (heavy @ plain.T)[np.ix_(at, at)], heavy[at]
 
-        for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
+        for known, products, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
             self.rows.append(np.array(known, dtype=np.int64))
-            self.products.append(_corrected(heavy @ plain.T, self.bias[len(self.rows) - 1, known]))
+            self.products.append(_corrected(products, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
         self._recorded = recorded
 

@@ -1,92 +1,62 @@
-"""The model's own error, as fruit without mismatch show it in the coordinates of the effects.
+"""The model's own error, in the coordinates of the effects.
 
-No model is exact: with every effect absent its residual still resembles small amounts of several effects at
-once. These vectors of apparent amounts, one for each simulated recording set without mismatch, are samples of
-the model's error (Kaipio and Somersalo 2007, Statistical and Computational Inverse Problems, section 7). Each
-is one column of the plain model with a standard deviation of one over the root of their number, so that the
-error's covariance is that of the samples. An effect counts for what it explains beyond them.
+No model is exact: with every effect absent its residual still resembles small amounts of some effects. Each
+signature is therefore also a column of the plain model, with mean zero and a standard deviation that
+simulated fruit without mismatch show. An effect counts only for what exceeds it. This is the Bayesian
+approximation error approach (Kaipio and Somersalo 2007, Inverse Problems 23, section 4) with a diagonal
+covariance: the full one of few fruit has directions in which errors cancel that other fruit do not have.
 
-`model_error.csv` holds the vectors; `benchmarks/model_error.py` makes it. Amounts grow as the flesh's
-compliance over the gel's to the power GROWTH: they are stored for a ratio of one.
+`model_error.csv` has one share for each effect: the root mean square of its apparent amount over fruit
+without mismatch, over the prior standard deviation of the amount and the compliance ratio of flesh to gel,
+with which apparent amounts grow. `benchmarks/model_error.py` measures it.
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Signature
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.observation_delta import Regressor
 
 FILE = "model_error.csv"
-GROWTH = 2.0
-"""Power of the compliance ratio with which apparent amounts grow."""
-
-
-def signature_keys(signatures: Iterable[tuple[Effect, Signature]]) -> list[str]:
-    """A key for every column of the signatures: effect, number of the signature among its own, component.
-
-    The labels of some signatures follow the fruit; their order in an effect does not.
-    """
-    count: dict[str, int] = {}
-    keys = []
-    for effect, signature in signatures:
-        name = effect.spec.name
-        number = count.get(name, 0)
-        count[name] = number + 1
-        keys += [f"{name} {number} {k}" for k in range(len(signature.columns))]
-    return keys
 
 
 @cache
-def known_vectors() -> Mapping[str, Float[np.ndarray, " v"]]:
-    """The vectors that are shipped: of each key its amount in every one, for a compliance ratio of one."""
+def model_error_shares() -> Mapping[str, float]:
+    """The shipped share of each effect."""
     text = (files("fem.mismatch.evidence") / FILE).read_text("utf-8")
-    rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
-    return {row[0]: np.array(row[1:], dtype=float) for row in rows[1:]}
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return {row["effect"]: float(row["share"]) for row in rows}
 
 
 def model_error_columns(
-    columns: Sequence[Regressor],
-    keys: Mapping[str, int],
+    signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     compliance_ratio: float,
-    known: Mapping[str, Float[np.ndarray, " v"]] | None = None,
+    shares: Mapping[str, float] | None = None,
 ) -> list[Regressor]:
-    """One column for each vector, a sum of the signatures' columns.
+    """One column for each of the signatures', with its fields; alternatives of one effect share its error.
 
-    `columns`: of the case, counted from one as GramMatrix does; `keys`: which of them has which key.
+    `signatures`: of a case, with the numbers of their columns.
     """
-    vectors = known_vectors() if known is None else known
-    here = {key: at for key, at in keys.items() if key in vectors}
-    if not here:
-        return []
-    amounts = np.stack([vectors[key] for key in here]) * compliance_ratio**GROWTH
-    count = amounts.shape[1]
+    known = model_error_shares() if shares is None else shares
+    count = Counter(effect.spec.name for effect, _, _ in signatures)
     return [
-        Regressor(
-            name=f"model error {v}",
-            sd=1 / np.sqrt(count),
-            fields=_summed([columns[at - 1] for at in here.values()], amounts[:, v]),
-            combines=tuple(zip(here.values(), amounts[:, v].tolist(), strict=True)),
+        replace(
+            column,
+            name=f"model error {effect.spec.name}",
+            mean=0.0,
+            sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name]),
+            positive=False,
+            of_forces=None,
+            same_as=number,
         )
-        for v in range(count)
+        for effect, signature, numbers in signatures
+        if (share := known.get(effect.spec.name, 0.0)) > 0
+        for column, number in zip(signature.columns, numbers, strict=True)
     ]
-
-
-def _summed(columns: Sequence[Regressor], amounts: Float[np.ndarray, " c"]) -> list[ObservationDelta | None]:
-    """The sum of the columns' fields in these amounts, recording by recording and channel by channel."""
-    fields: list[ObservationDelta | None] = []
-    for k in range(len(columns[0].fields)):
-        totals: dict[str, np.ndarray] = {}
-        for column, amount in zip(columns, amounts, strict=True):
-            field = column.fields[k]
-            for channel in ("markers", "balance", "rest"):
-                part = None if field is None else getattr(field, channel)
-                if part is not None:
-                    totals[channel] = totals.get(channel, 0.0) + amount * part
-        fields.append(ObservationDelta(**totals) if totals else None)
-    return fields

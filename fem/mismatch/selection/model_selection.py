@@ -93,11 +93,13 @@ class _Candidate:
         return any(fit.effect.spec.always_refitted for fit in self.linear_fits)
 
     def weighed(self, linear: LinearRound) -> Weighed:
-        """With the chi-square per number that it leaves."""
+        """With the chi-square per number that it leaves, and its direct marks."""
         chi2 = linear.null.chi2 - sum(fit.chi2_drop for fit in self.linear_fits)
+        direct = sum(fit.direct for fit in self.linear_fits)
         if self.refit is not None:
             chi2 = self.refit.fit.chi2
-        return Weighed(name=self.name, gain=self.gain, misfit=chi2 / linear.numbers)
+            direct = direct_evidence(self.refit.forward, self.refit.effects)
+        return Weighed(name=self.name, gain=self.gain, misfit=chi2 / linear.numbers, direct=direct)
 
 
 def select_likelier_model(

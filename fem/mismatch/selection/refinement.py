@@ -307,7 +307,7 @@ class _Search:
         """
         if not self.power.any():
             return now, False
-        firm = [j for j in now.chosen if not now.products.columns[j].combines]
+        firm = [j for j in now.chosen if now.products.columns[j].same_as is None]
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False

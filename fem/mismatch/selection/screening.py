@@ -21,7 +21,7 @@ from fem.mismatch.evidence.large_deformation import (
     large_deformation,
 )
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
-from fem.mismatch.evidence.model_error import model_error_columns, signature_keys
+from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
 from fem.mismatch.gel_fault import GelFault, faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
@@ -64,7 +64,8 @@ class LinearRound:
     `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
     largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
-    `other` of the other. `gel_faults`: all those of the catalogue. `recorded`: the recordings' equations.
+    `other` of the other. `gel_faults`: all those of the catalogue. `recorded`: the recordings' equations, of
+    so many `numbers`.
     """
 
     products: GramMatrix
@@ -78,6 +79,7 @@ class LinearRound:
     other: "LinearRound | None" = None
     gel_faults: tuple[GelFault, ...] = ()
     recorded: tuple[GraspEquations, ...] = ()
+    numbers: int = 0
 
     @property
     def deforms_largely(self) -> bool:
@@ -95,11 +97,6 @@ class LinearRound:
         if large.null.log_evidence - little.null.log_evidence < CLEAR:
             return None
         return large.products.amount_of(LARGE_DEFORMATION, large.null)
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers all recordings have."""
-        return sum(equations.own.shape[1] for equations in self.recorded)
 
     @property
     def evidence(self) -> float:
@@ -137,8 +134,7 @@ def screened(
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    keys = dict(zip(signature_keys(recording), (j for *_, own in found for j in own), strict=True))
-    errors = model_error_columns(columns, keys, compliance_ratio=forward.compliance_ratio)
+    errors = model_error_columns(found, compliance_ratio=forward.compliance_ratio)
     of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
     nuisances = (*range(1, len(known) + 1), *of_errors)
     columns += errors
@@ -154,7 +150,8 @@ def screened(
             without=without,
         )
         faults = tuple(effect for effect in effects if isinstance(effect, GelFault))
-        return replace(of_products, gel_faults=faults, recorded=tuple(recorded))
+        numbers = sum(equations.own.shape[1] for equations in recorded)
+        return replace(of_products, gel_faults=faults, recorded=tuple(recorded), numbers=numbers)
 
     if not isinstance(large, list):
         return round_of(products)
