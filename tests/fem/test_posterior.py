@@ -132,7 +132,7 @@ def test_a_pair_needs_more_than_a_single_effect():
     """By the number of pairs: at equal gain the single is likelier by the ratio of the priors."""
     found = weighed((NONE, 0.0, 3.0), ("skin", 40.0, 1.0), ("skin+slip", 40.0, 1.0))
     assert found["skin"] / found["skin+slip"] == pytest.approx(
-        np.exp(log_prior("skin") - log_prior("skin+slip"))
+        np.exp(log_prior("skin", effects=1) - log_prior("skin+slip", effects=1))
     )
 
 

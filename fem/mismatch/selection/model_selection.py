@@ -267,7 +267,8 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
     of_gels = [(fault.evidence, _without_signature(fault)) for fault in second.values()]
     for gain, other in [*list(best_of.values())[:MOST_PAIRS], *of_gels]:
         name = "+".join(sorted((best.name, other.name)))
-        if gain / TEMPERATURE + log_prior(name) - log_prior(best.name) < np.log(NEGLIGIBLE):
+        odds = log_prior(name, effects=len(linear.best)) - log_prior(best.name, effects=len(linear.best))
+        if gain / TEMPERATURE + odds < np.log(NEGLIGIBLE):
             continue
         tried, failed = [], ""
         fault = second.get(other.name)

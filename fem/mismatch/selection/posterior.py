@@ -24,7 +24,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaincc, gammaln, logsumexp
 
-from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.result import NONE
 
@@ -65,18 +64,17 @@ class Weighed:
     direct: float = 0.0
 
 
-def log_prior(name: str) -> float:
-    """ln of the prior probability of an explanation; effects of a pair are joined by "+".
+def log_prior(name: str, *, effects: int) -> float:
+    """ln of the prior probability of an explanation among so many effects; those of a pair are joined by "+".
 
-    >>> round(float(np.exp(log_prior("none"))), 3)
+    >>> round(float(np.exp(log_prior("none", effects=26))), 3)
     0.5
     """
     if name == NONE:
         return float(np.log(PRIOR[NONE]))
-    count = len(EFFECTS)
     if "+" in name:
-        return float(np.log(PRIOR["pair"] / (count * (count - 1) / 2)))
-    return float(np.log(PRIOR["single"] / count))
+        return float(np.log(PRIOR["pair"] / max(effects * (effects - 1) / 2, 1)))
+    return float(np.log(PRIOR["single"] / effects))
 
 
 def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " h"], float]:
@@ -88,13 +86,15 @@ def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " 
     scatter = MISFIT * np.sqrt(2 / FREEDOM)
     excess = max(before - MISFIT, scatter)
     mean = min(REMAINING + scatter / excess, 1.0)
+    effects = sum(one.name != NONE and "+" not in one.name for one in explanations)
     named, resembled = [], []
     for one in explanations:
         gain = one.gain / TEMPERATURE
         remaining = max(one.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
-        named.append(log_prior(one.name) + gain + (usual if one.name == NONE else present + left))
-        resembled.append(log_prior(one.name) + gain - one.direct / TEMPERATURE + present)
+        prior = log_prior(one.name, effects=effects)
+        named.append(prior + gain + (usual if one.name == NONE else present + left))
+        resembled.append(prior + gain - one.direct / TEMPERATURE + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])
     return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))
