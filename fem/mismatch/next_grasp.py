@@ -22,7 +22,7 @@ LISTED = 5
 """Candidates that an answer lists. Set by hand, to be read at a glance."""
 LEAST_PROBABILITY = 0.01
 """Of another explanation, from which a single recording leaves it to be told apart. Set by hand: a fifth of
-what a verdict may lack (fem.mismatch.selection.posterior), as nothing else checks a single recording."""
+what a verdict may lack (fem.mismatch.selection.decision), as nothing else checks a single recording."""
 FOLLOWS_RECORDED_BALANCE = "third_contact"
 """An effect whose force is taken from the recorded pads' balance, which no candidate has."""
 MOST_EXPLAINED = 4

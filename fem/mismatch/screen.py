@@ -50,7 +50,7 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detected, plain_fits
-from fem.mismatch.selection.posterior import Weighed, credible_set, probabilities
+from fem.mismatch.selection.decision import Weighed, credible_set, probabilities
 from fem.mismatch.selection.screening import LinearFit, LinearRound, modulus_change, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.solid.linear_solid import Support, UnitModulusSolid

@@ -1,6 +1,6 @@
 """Limits of the search and of the maps: they bound the time of a case, or say what a map shows.
 
-What decides on a mismatch and its name stands in fem.mismatch.selection.posterior.
+What decides on a mismatch and its name stands in fem.mismatch.selection.decision.
 """
 
 MOST_SINGLES, MOST_PAIRS = 5, 2

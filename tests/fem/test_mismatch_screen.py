@@ -16,7 +16,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model import baseline
 from fem.mismatch.screen import UNKNOWN, Screened, screen, suggested
-from fem.mismatch.selection.posterior import MISFIT
+from fem.mismatch.selection.decision import MISFIT
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 

@@ -29,6 +29,7 @@ class Recording:
             unit_displacement=unit,
             place_mm=np.random.default_rng(8).normal(size=SHAPE[1:]),
             position_mm=position_mm,
+            episode=np.zeros(SHAPE[:2], dtype=int),
         )
         self.recording = SimpleNamespace(
             tracks=tracks,

@@ -14,7 +14,7 @@ from fem.mismatch.design.predictions import Explained, Predicted, candidate_set,
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.selection.posterior import CREDIBLE, TEMPERATURE
+from fem.mismatch.selection.decision import CREDIBLE, TEMPERATURE
 from fem.parallel_map import parallel_map
 
 ENOUGH = TEMPERATURE * float(np.log(1 / (1 - CREDIBLE)))

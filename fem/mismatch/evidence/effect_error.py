@@ -2,8 +2,9 @@
 
 An effect's change of the observations is right to a share of itself only. That share may differ from
 recording to recording, grow with the load, and vary over the patch: one column for each, the change times
-that factor, with mean zero and a standard deviation of EFFECT_ERROR. Without them a second effect stands for
-what the first one's model misses.
+that factor, with mean zero and a standard deviation of EFFECT_ERROR. What is proportional to the plain
+response is no part of it: 1/E takes that up. Without these columns a second effect stands for what the
+first one's model misses.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ def effect_error_columns(
     forward: ForwardModel, recorded: Sequence[GraspEquations], response: Response
 ) -> list[Regressor]:
     """Columns of a model with this response."""
-    changes = changes_by(forward, response)
+    changes = _without_modulus(forward, changes_by(forward, response))
     count = len(changes)
     columns = []
     for k, change in enumerate(changes):
@@ -38,6 +39,22 @@ def effect_error_columns(
         fields = [_times(change, factor) for change, factor in zip(changes, factors, strict=True)]
         columns.append(Regressor(name=f"effect error, {name}", sd=EFFECT_ERROR, fields=fields))
     return columns
+
+
+def _without_modulus(forward: ForwardModel, changes: Sequence[ObservationDelta]) -> list[ObservationDelta]:
+    """The changes less their least-squares multiple of the plain response."""
+    along, square = 0.0, 0.0
+    for recording, change in zip(forward.base.grasps, changes, strict=True):
+        touching = recording.tracks.episode >= 0
+        plain = recording.tracks.unit_displacement[touching]
+        along += 0.0 if change.markers is None else float((change.markers[touching] * plain).sum())
+        square += float((plain**2).sum())
+    return [
+        change
+        if change.markers is None
+        else replace(change, markers=change.markers - along / square * recording.tracks.unit_displacement)
+        for recording, change in zip(forward.base.grasps, changes, strict=True)
+    ]
 
 
 def _factors(recorded: Sequence[GraspEquations]) -> dict[str, list[Float[np.ndarray, "_f _n"]]]:

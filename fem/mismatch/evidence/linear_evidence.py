@@ -267,7 +267,7 @@ class GramMatrix:
             covariance=np.linalg.inv(normal),
         )
 
-    def beside(
+    def marginal(
         self, nuisances: Sequence[int], columns: Sequence[int]
     ) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, " c"]]:
         """N and b of the columns after 1/E and the nuisances are integrated out (Schur complement).

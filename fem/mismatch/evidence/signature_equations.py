@@ -1,6 +1,6 @@
 """The normal equations of all signatures of a case, everything else integrated out.
 
-N = phi.W' phi and b = phi.W' y with W' the weight after 1/E and the nuisances (GramMatrix.beside). Some
+N = phi.W' phi and b = phi.W' y with W' the weight after 1/E and the nuisances (GramMatrix.marginal). Some
 hundred numbers stand for the recordings: every linear explanation is tried with them alone.
 """
 
@@ -36,7 +36,7 @@ class SignatureEquations:
         """From the products of a case; `signatures` by the columns of `products`."""
         columns = sorted({j for ways in signatures.values() for own in ways for j in own})
         place = {j: k for k, j in enumerate(columns)}
-        normal, right = products.beside(nuisances, columns)
+        normal, right = products.marginal(nuisances, columns)
         return cls(
             normal=normal,
             right=right,

@@ -1,6 +1,6 @@
 """Model selection: the promising effects and pairs refitted with full models, and the verdict.
 
-What each explanation is worth, and which of them the verdict holds: fem.mismatch.selection.posterior.
+What each explanation is worth, and which of them the verdict holds: fem.mismatch.selection.decision.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from fem.mismatch.selection.forward_selection import (
     direct_evidence,
     second_faults,
 )
-from fem.mismatch.selection.posterior import (
+from fem.mismatch.selection.decision import (
     TEMPERATURE,
     Weighed,
     credible_set,
@@ -267,8 +267,10 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
     of_gels = [(fault.evidence, _without_signature(fault)) for fault in second.values()]
     for gain, other in [*list(best_of.values())[:MOST_PAIRS], *of_gels]:
         name = "+".join(sorted((best.name, other.name)))
-        odds = log_prior(name, effects=len(linear.best)) - log_prior(best.name, effects=len(linear.best))
-        if gain / TEMPERATURE + odds < np.log(NEGLIGIBLE):
+        prior_ratio = log_prior(name, effects=len(linear.best)) - log_prior(
+            best.name, effects=len(linear.best)
+        )
+        if gain / TEMPERATURE + prior_ratio < np.log(NEGLIGIBLE):
             continue
         tried, failed = [], ""
         fault = second.get(other.name)

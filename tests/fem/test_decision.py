@@ -1,5 +1,8 @@
 """The finder's decision: Bayes factors against quadrature, p-values without a bank, verdict sets."""
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -7,7 +10,8 @@ from scipy.stats import kstest, norm
 
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.result import NONE
-from fem.mismatch.selection.posterior import (
+from fem.mismatch.selection import decision
+from fem.mismatch.selection.decision import (
     FREEDOM,
     MISFIT,
     Weighed,
@@ -18,11 +22,11 @@ from fem.mismatch.selection.posterior import (
 )
 
 
-def equations(rng: np.random.Generator, *, planted: float = 0.0) -> SignatureEquations:
-    """Six signature columns of four effects in 400 numbers with unit noise; `planted` of the first."""
+def equations(rng: np.random.Generator, *, injected: float = 0.0) -> SignatureEquations:
+    """Six signature columns of four effects in 400 numbers with unit noise; `injected` of the first."""
     fields = rng.normal(size=(400, 6))
     fields[:, 1] = 0.8 * fields[:, 0] + 0.6 * fields[:, 1]
-    data = planted * fields[:, 0] + rng.normal(size=400)
+    data = injected * fields[:, 0] + rng.normal(size=400)
     return SignatureEquations(
         normal=fields.T @ fields,
         right=fields.T @ data,
@@ -41,7 +45,7 @@ def equations(rng: np.random.Generator, *, planted: float = 0.0) -> SignatureEqu
 @pytest.mark.parametrize(("name", "column"), [("skin", 0), ("damage", 4)])
 def test_a_bayes_factor_is_that_of_quadrature(name, column):
     """Integral of likelihood over prior, half a normal one where the amount is positive."""
-    case = equations(np.random.default_rng(3), planted=0.1)
+    case = equations(np.random.default_rng(3), injected=0.1)
     normal, right, sd = case.normal[column, column], case.right[column], case.sd[column]
 
     def integrand(amount: float) -> float:
@@ -55,7 +59,7 @@ def test_a_bayes_factor_is_that_of_quadrature(name, column):
 
 
 def test_alternatives_of_one_effect_share_its_prior():
-    case = equations(np.random.default_rng(4), planted=0.3)
+    case = equations(np.random.default_rng(4), injected=0.3)
     both = case.log_bayes_factors(case.right[None])["slip"][0]
     alone = [
         SignatureEquations(
@@ -84,10 +88,10 @@ def test_p_values_of_recordings_without_mismatch_are_even():
     assert abs((p < 0.05).mean() - 0.05) < 3 * np.sqrt(0.05 * 0.95 / len(p))
 
 
-def test_a_planted_effect_a_large_misfit_and_direct_marks_are_each_detected():
+def test_a_injected_effect_a_large_misfit_and_direct_marks_are_each_detected():
     rng = np.random.default_rng(6)
     usual = {"misfit": MISFIT, "direct": 0.0}
-    assert p_values(equations(rng, planted=0.5), **usual, rng=rng)[1]["effects"] < 0.005
+    assert p_values(equations(rng, injected=0.5), **usual, rng=rng)[1]["effects"] < 0.005
     assert p_values(equations(rng), misfit=3 * MISFIT, direct=0.0, rng=rng)[0] < 1e-4
     p, each = p_values(equations(rng), misfit=MISFIT, direct=10.0, rng=rng)
     assert each["gel"] == pytest.approx(np.exp(-10.0))
@@ -107,8 +111,8 @@ def weighed(*explanations: tuple[str, float, float], direct: float = 0.0) -> dic
 
 
 def test_without_gain_and_with_the_usual_misfit_there_is_most_likely_no_mismatch():
-    found = weighed((NONE, 0.0, 1.0), ("skin", -1.0, 1.0), ("slip", 0.5, 1.0))
-    assert found[NONE] > 0.9
+    found = weighed((NONE, 0.0, 1.0), *((f"effect {k}", -1.0 + 0.1 * k, 1.0) for k in range(20)))
+    assert found[NONE] > max(probability for name, probability in found.items() if name != NONE) * 5
 
 
 def test_an_effect_that_gains_and_leaves_little_is_named():
@@ -140,3 +144,17 @@ def test_the_verdict_is_the_smallest_set_that_holds_the_probability():
     assert credible_set(["a", "b", "c"], [0.96, 0.03, 0.01]) == ("a",)
     assert credible_set(["a", "b", "c"], [0.1, 0.6, 0.3]) == ("b", "c", "a")
     assert credible_set(["a", "b"], [0.5, 0.45]) == ("a", "b")
+
+
+def test_at_most_twelve_numbers_decide():
+    """Numbers of the module's constants; draws bound the time, not the answer."""
+    tree = ast.parse(Path(decision.__file__).read_text("utf-8"))
+    constants = [node for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign)]
+    decide = [node for node in constants if "DRAWS" not in ast.unparse(node)]
+    numbers = [
+        leaf
+        for node in decide
+        for leaf in ast.walk(node)
+        if isinstance(leaf, ast.Constant) and isinstance(leaf.value, int | float)
+    ]
+    assert 8 <= len(numbers) <= 12
