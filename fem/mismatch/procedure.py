@@ -24,9 +24,9 @@ from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
+from fem.mismatch.selection.decision import DETECTION_P, p_values
 from fem.mismatch.selection.model_selection import Hypothesis, select_likelier_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.decision import DETECTION_P, p_values
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_modulus import (

@@ -100,6 +100,7 @@ def test_an_effects_model_that_is_off_by_its_stated_share_leaves_nothing_to_a_se
     """The truth is the model's change times 1 + 0.03 x load: the second column is that product."""
     rng = np.random.default_rng(5)
     unit, change = rng.normal(size=SHAPE), 20 * NOISE_MM * rng.normal(size=SHAPE)
+    change -= (change * unit).sum() / (unit**2).sum() * unit  # what 1/E takes up is no error of the effect
     place = np.random.default_rng(8).normal(size=SHAPE[1:])
     factor = 2 * np.linspace(0.2, 1.0, SHAPE[0])[:, None, None] - 1
     truth = 10 * change * (1 + 2 * EFFECT_ERROR * factor)

@@ -14,18 +14,18 @@ from fem.mismatch.effect import AuxiliaryLikelihood, Signature
 from fem.mismatch.gel_fault import faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.forward_selection import (
-    SecondFault,
-    added_gains,
-    direct_evidence,
-    second_faults,
-)
 from fem.mismatch.selection.decision import (
     TEMPERATURE,
     Weighed,
     credible_set,
     log_prior,
     probabilities,
+)
+from fem.mismatch.selection.forward_selection import (
+    SecondFault,
+    added_gains,
+    direct_evidence,
+    second_faults,
 )
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
