@@ -8,7 +8,7 @@ import pytest
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect import Response, Signature
-from fem.mismatch.evidence.effect_error import EFFECT_ERROR, effect_error_columns
+from fem.mismatch.evidence.effect_error import MODEL_ERROR, effect_error_columns
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -97,20 +97,21 @@ def test_the_shipped_shares_are_of_known_effects():
 
 
 def test_an_effects_model_that_is_off_by_its_stated_share_leaves_nothing_to_a_second_effect():
-    """The truth is the model's change times 1 + 0.03 x load: the second column is that product."""
+    """The truth is the model's change times a factor of the load: the second column is that product."""
     rng = np.random.default_rng(5)
     unit, change = rng.normal(size=SHAPE), 20 * NOISE_MM * rng.normal(size=SHAPE)
     change -= (change * unit).sum() / (unit**2).sum() * unit  # what 1/E takes up is no error of the effect
     place = np.random.default_rng(8).normal(size=SHAPE[1:])
     factor = 2 * np.linspace(0.2, 1.0, SHAPE[0])[:, None, None] - 1
-    truth = 10 * change * (1 + 2 * EFFECT_ERROR * factor)
+    share = MODEL_ERROR["object"]
+    truth = 10 * change * (1 + 2 * share * factor)
     position = place + COMPLIANCE * unit + truth + NOISE_MM * rng.normal(size=SHAPE)
     recording = Recording(position, unit)
     forward = SimpleNamespace(
         compliance=COMPLIANCE, workers=1, base=SimpleNamespace(grasps=[recording.recording])
     )
     response = Response(unit=[unit + 10 * change / COMPLIANCE])
-    errors = effect_error_columns(forward, [recording], response)
+    errors = effect_error_columns(forward, [recording], response, share=share)
     effect = Regressor(name="first", sd=4.0, fields=[ObservationDelta(markers=10 * change)])
     second = Regressor(name="second", sd=4.0, fields=[ObservationDelta(markers=change * factor)])
     found = GramMatrix(forward, [recording], [effect, second, *errors])

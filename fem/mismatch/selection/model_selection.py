@@ -273,6 +273,7 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
         if gain / TEMPERATURE + prior_ratio < np.log(NEGLIGIBLE):
             continue
         tried, failed = [], ""
+        gain_with = {id(fit): added_gain for added_gain, fit in gains} | {id(other): gain}
         fault = second.get(other.name)
         starts = [*single.parameters, None] if fault is None else fault.starts
         for added in _pads_that_may_be(gains, other):
@@ -284,7 +285,7 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
                 continue
             disagrees = fault is not None and again.log_evidence <= single.log_evidence
             if not again.at_an_end[-1] and not disagrees:
-                tried.append((_gain(linear, again), again, both))
+                tried.append((best.gain + gain_with[id(added)], again, both))
         if not tried:
             if failed:
                 found.append(_Candidate(name, -np.inf, failed=failed))

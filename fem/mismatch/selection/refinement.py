@@ -16,7 +16,6 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
-from fem.mismatch.evidence.effect_error import effect_error_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
@@ -315,9 +314,6 @@ class _Search:
         self.known = {}
         return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
 
-    def _errors(self, response: Response) -> list[Regressor]:
-        return effect_error_columns(self.forward, self.linear.recorded, response)
-
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
         try:
@@ -330,7 +326,7 @@ class _Search:
         if key not in self.known:
             response = self.respond(at)
             products, chosen = self.linear.products.about(
-                self.forward, response, self.nuisances, self._errors(response), signatures=self.signatures
+                self.forward, response, self.nuisances, signatures=self.signatures
             )
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
@@ -359,11 +355,7 @@ class _Search:
                 )
             )
         products, chosen = self.linear.products.about(
-            self.forward,
-            response,
-            self.nuisances,
-            [*self._errors(response), *slopes],
-            signatures=self.signatures,
+            self.forward, response, self.nuisances, slopes, signatures=self.signatures
         )
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
