@@ -1,4 +1,4 @@
-"""Stored linear problems replay through the selection code to the verdict of when they were written.
+"""Stored linear problems replay through the selection code to the gains they had, and to the truth.
 
 Cases are the first labelled cases of an external contact simulation. `git show
 4ce97fb9:benchmarks/sealed/bank_features.py` wrote them.
@@ -17,6 +17,7 @@ from reduced_case import OF_MODEL_ERROR, gains_of, store, stored  # noqa: E402
 from fem.mismatch.evidence.model_error import model_error_shares  # noqa: E402
 from fem.mismatch.result import NONE, UNKNOWN  # noqa: E402
 from fem.mismatch.selection.posterior import Weighed, credible_set, probabilities  # noqa: E402
+from fem.mismatch.selection.screening import log_positive, violates_sign_constraint  # noqa: E402
 
 CASES = sorted((Path(__file__).parent / "cases").glob("*.npz"))
 LARGEST_BYTES = 300_000
@@ -26,10 +27,24 @@ def test_there_are_cases():
     assert len(CASES) >= 12
 
 
+def gains_of_symmetric_priors(linear):
+    """Gains as these files have them, greatest first: an amount of the wrong sign gains nothing, and no other
+    evidence is of its sign.
+    """
+    gains = {}
+    for fit in linear.linear_fits:
+        among_nuisances = linear.products.fit([*linear.nuisances, *fit.columns])
+        gain = fit.gain - log_positive(linear.products, fit.columns, among_nuisances)
+        if violates_sign_constraint(linear.products, fit.columns, fit.amounts):
+            gain = min(gain, 0.0)
+        gains[fit.name] = max(gain, gains.get(fit.name, -np.inf))
+    return dict(sorted(gains.items(), key=lambda pair: -pair[1]))
+
+
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_a_case_replays_to_the_gains_it_had(path):
     case = stored(path)
-    found = gains_of(case.linear())
+    found = gains_of_symmetric_priors(case.linear())
     assert found.keys() == case.facts["gains"].keys()
     assert list(found) == list(case.facts["gains"])
     assert np.array(list(found.values())) == pytest.approx(
@@ -38,12 +53,20 @@ def test_a_case_replays_to_the_gains_it_had(path):
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_a_case_replays_to_the_verdict_of_its_linear_round(path):
-    """With the model error of its time, and with that of today's file."""
+def test_the_linear_round_names_the_truth_but_for_known_misses(path):
+    """With the model error of its time, and with that of today's file. Skin and pit offset come second in the
+    linear round, and first once every law is fitted in full.
+    """
     case = stored(path)
-    today = case.with_shipped_model_error()
-    assert case.linear_verdict(case.linear()) == case.facts["verdict"]
-    assert today.linear_verdict(today.linear()) == case.facts["verdict"]
+    truth = case.facts["truth"]
+    for replayed in (case, case.with_shipped_model_error()):
+        linear = replayed.linear()
+        verdict = replayed.linear_verdict(linear)
+        if truth in ("skin", "pit_offset"):
+            assert verdict != NONE
+            assert linear.best[1].name == truth
+        else:
+            assert verdict == truth
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
@@ -63,13 +86,6 @@ def test_the_credible_set_of_the_linear_round_holds_the_truth(path):
     shares, unknown = probabilities(weighed)
     names = [*(explanation.name for explanation in weighed), UNKNOWN]
     assert case.facts["truth"] in credible_set(names, [*shares, unknown])
-
-
-def test_the_stored_verdicts_are_those_of_the_truth_but_for_known_misses():
-    """Skin and pit offset come second in the linear round, and first once every law is fitted in full."""
-    missed = {"skin", "pit_offset"}
-    facts = [stored(path).facts for path in CASES]
-    assert all(one["verdict"] == one["truth"] for one in facts if one["truth"] not in missed)
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
