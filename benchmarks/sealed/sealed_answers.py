@@ -23,7 +23,7 @@ from reduced_case import ReducedCase, gains_of, reduced
 from fem.fem_failure import FemFailure
 from fem.mismatch import procedure
 from fem.mismatch.result import Candidate, Explanation, Modulus
-from fem.mismatch.selection.posterior import MISFIT
+from fem.mismatch.selection.decision import MISFIT
 from pipeline.batch.cache import code_version
 from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case

@@ -16,7 +16,7 @@ from reduced_case import OF_MODEL_ERROR, gains_of, store, stored  # noqa: E402
 
 from fem.mismatch.evidence.model_error import model_error_shares  # noqa: E402
 from fem.mismatch.result import NONE, UNKNOWN  # noqa: E402
-from fem.mismatch.selection.posterior import Weighed, credible_set, probabilities  # noqa: E402
+from fem.mismatch.selection.decision import Weighed, credible_set, probabilities  # noqa: E402
 from fem.mismatch.selection.screening import log_positive, violates_sign_constraint  # noqa: E402
 
 CASES = sorted((Path(__file__).parent / "cases").glob("*.npz"))
@@ -119,8 +119,8 @@ def test_model_error_enters_as_copies_of_signature_columns_with_the_shipped_spre
     assert copy["sd"] == pytest.approx(3.0 * model_error_shares()["skin"])
     others = [1, *(j for j, column in enumerate(again.columns) if column in errors and column is not copy)]
     skin, copied = again.columns[copy["same_as"]], again.columns.index(copy)
-    information, _ = again.gram().beside(others, [again.columns.index(skin)])
-    widened, _ = again.gram().beside([*others, copied], [again.columns.index(skin)])
+    information, _ = again.gram().marginal(others, [again.columns.index(skin)])
+    widened, _ = again.gram().marginal([*others, copied], [again.columns.index(skin)])
     assert widened[0, 0] == pytest.approx(information[0, 0] / (1 + information[0, 0] * copy["sd"] ** 2))
 
 

@@ -1,6 +1,6 @@
 """Measures the model's own error on fruit without mismatch, and the p-values of held-out fruit.
 
-    python benchmarks/model_error.py FOLDER... --rows JSONL [--write | --held-out]
+    python benchmarks/model_error_shares.py FOLDER... --rows JSONL [--write | --held-out]
 
 FOLDER holds cases without mismatch (`benchmarks/mismatch_bank.py draw`), named null-FRUIT-RECORD. Each case
 adds one line to JSONL: compliance ratio, misfit (chi-square per number), p-value, the p-value of each
@@ -33,7 +33,7 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.model_error import FILE
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.procedure import detected, plain_forward_model
-from fem.mismatch.selection.posterior import DETECTION_P
+from fem.mismatch.selection.decision import DETECTION_P
 from fem.mismatch.selection.screening import LinearRound, screened
 from pipeline.batch.cache import code_version
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -47,7 +47,7 @@ LEAST_SHARE = 0.001
 ORIGIN = """\
 # Apparent amount of each effect without mismatch: root mean square over the prior standard deviation and the
 # compliance ratio. {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
-# Written by: python benchmarks/model_error.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
+# Written by: python benchmarks/model_error_shares.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
 """
 
 

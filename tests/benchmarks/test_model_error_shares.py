@@ -1,4 +1,4 @@
-"""The model error's shares against planted amounts and closed forms."""
+"""The model error's shares against known amounts and closed forms."""
 
 import csv
 import json
@@ -12,7 +12,7 @@ from sealed_truths import put_on_path
 from synthetic_problem import problem
 
 put_on_path()
-from model_error import (  # noqa: E402
+from model_error_shares import (  # noqa: E402
     equations_without_model_error,
     file_text,
     held_out_lines,
@@ -21,7 +21,7 @@ from model_error import (  # noqa: E402
 )
 
 from fem.mismatch.evidence.signature_equations import SignatureEquations  # noqa: E402
-from fem.mismatch.selection.posterior import FREEDOM, MISFIT  # noqa: E402
+from fem.mismatch.selection.decision import FREEDOM, MISFIT  # noqa: E402
 
 RATIO, SD = 2.5, 0.4
 ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "null_rows.jsonl"
@@ -49,13 +49,13 @@ def rows_of_amounts(amounts, information):
         yield {"case": f"cases/null-{number}-1", "squared_shares": squares}
 
 
-def test_a_planted_share_is_measured_noise_removed():
+def test_a_known_share_is_measured_noise_removed():
     """Noise is a third of the amounts: left in, the share would be 5 % too large."""
-    planted = 0.05
-    amounts = planted * SD * RATIO * np.random.default_rng(3).normal(size=4000)
-    information = (3 / (planted * SD * RATIO)) ** 2
+    injected = 0.05
+    amounts = injected * SD * RATIO * np.random.default_rng(3).normal(size=4000)
+    information = (3 / (injected * SD * RATIO)) ** 2
     assert model_error_of(list(rows_of_amounts(amounts, information)))["skin"] == pytest.approx(
-        planted, rel=0.03
+        injected, rel=0.03
     )
 
 
