@@ -21,7 +21,7 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.response_changes import changes_by
 
 MODEL_ERROR: Mapping[Family, float] = {"object": 0.1, "interaction": 0.1, "measurement": 0.01}
-"""Standard deviation of each factor, as a share of the effect's change, by family. Set by hand: a law of the
+"""Standard deviation of each factor, as a share of the effect's change, by family. Set by hand: a law of
 flesh at small strain is off by a tenth in a grasp that strains it by a fifth; a sensor's fault has one law."""
 
 

@@ -31,7 +31,7 @@ DETECTION_P = 0.05
 """p-value below which there is a mismatch: the usual level."""
 CREDIBLE = 0.95
 """Probability of the verdict's set."""
-PRIOR: Mapping[str, float] = {NONE: 0.5, "single": 0.4, "pair": 0.1}
+PRIOR: Mapping[str, float] = {NONE: 0.5, "single": 0.45, "pair": 0.05}
 """Probabilities before the data; equal for all effects and for all pairs. Set by hand: half of all fruit have
 no mismatch."""
 OUTSIDE = 0.05
@@ -39,7 +39,7 @@ OUTSIDE = 0.05
 TEMPERATURE = 1.5
 """Divisor of log Bayes factors. Set by hand."""
 MISFIT, FREEDOM = 0.0375, 22.8
-"""Mean and degrees of freedom of the chi-square per number that the plain model leaves of recordings without
+"""Geometric mean and degrees of freedom of the chi-square per number that the plain model leaves of recordings without
 mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`)."""
 MOST_MISFIT = 1000.0
 """Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
