@@ -1,28 +1,12 @@
 """What responses change of the plain model: their slopes along a parameter, and the sum of several."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from fem.mismatch.effect import Response
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta
-
-
-def changes_by(forward: ForwardModel, response: Response) -> list[ObservationDelta]:
-    """What a model with this response adds to the plain one's observations, recording by recording."""
-    plain = Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
-    changes = slope_fields(forward, plain, response, 1.0)
-    return [
-        replace(
-            change,
-            markers=change.markers if response.shift_mm is None else change.markers + response.shift_mm[k],
-            balance=None if response.balance is None else response.balance[k],
-            rest=None if response.rest is None else response.rest[k],
-        )
-        for k, change in enumerate(changes)
-    ]
 
 
 def slope_fields(

@@ -1,4 +1,4 @@
-"""The model's own error: so much of an effect is no finding, more is; an effect's model has its share."""
+"""The model's own error: so much of an effect is no finding, more is."""
 
 from types import SimpleNamespace
 
@@ -7,8 +7,7 @@ import pytest
 
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.effect import Response, Signature
-from fem.mismatch.evidence.effect_error import MODEL_ERROR, effect_error_columns
+from fem.mismatch.effect import Signature
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -94,30 +93,3 @@ def test_a_column_of_the_error_has_the_products_of_its_signature():
 def test_the_shipped_shares_are_of_known_effects():
     assert model_error_shares().keys() <= SPECS.keys()
     assert all(0 < share < 0.5 for share in model_error_shares().values())
-
-
-def test_an_effects_model_that_is_off_by_its_stated_share_leaves_nothing_to_a_second_effect():
-    """The truth is the model's change times a factor of the load: the second column is that product."""
-    rng = np.random.default_rng(5)
-    unit, change = rng.normal(size=SHAPE), 20 * NOISE_MM * rng.normal(size=SHAPE)
-    change -= (change * unit).sum() / (unit**2).sum() * unit  # what 1/E takes up is no error of the effect
-    place = np.random.default_rng(8).normal(size=SHAPE[1:])
-    factor = 2 * np.linspace(0.2, 1.0, SHAPE[0])[:, None, None] - 1
-    share = MODEL_ERROR["object"]
-    truth = 10 * change * (1 + 2 * share * factor)
-    position = place + COMPLIANCE * unit + truth + NOISE_MM * rng.normal(size=SHAPE)
-    recording = Recording(position, unit)
-    forward = SimpleNamespace(
-        compliance=COMPLIANCE, workers=1, base=SimpleNamespace(grasps=[recording.recording])
-    )
-    response = Response(unit=[unit + 10 * change / COMPLIANCE])
-    errors = effect_error_columns(forward, [recording], response, share=share)
-    effect = Regressor(name="first", sd=4.0, fields=[ObservationDelta(markers=10 * change)])
-    second = Regressor(name="second", sd=4.0, fields=[ObservationDelta(markers=change * factor)])
-    found = GramMatrix(forward, [recording], [effect, second, *errors])
-
-    def added(kept: tuple[int, ...]) -> float:
-        return found.fit((1, *kept, 2)).log_evidence - found.fit((1, *kept)).log_evidence
-
-    assert added(()) > 30
-    assert added(tuple(range(3, len(found.columns)))) < 3

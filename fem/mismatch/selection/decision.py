@@ -80,7 +80,7 @@ def log_prior(name: str, *, effects: int) -> float:
 def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " h"], float]:
     """Of each of the explanations, "none" among them, and of "unknown"."""
     before = next(one.misfit for one in explanations if one.name == NONE)
-    usual = _log_usual(before)
+    usual = log_usual(before)
     uniform = -float(np.log(np.log(MOST_MISFIT))) if before > MISFIT else -np.inf
     present = float(np.logaddexp(usual, uniform) - np.log(2.0))
     scatter = MISFIT * np.sqrt(2 / FREEDOM)
@@ -100,7 +100,7 @@ def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " 
     return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))
 
 
-def _log_usual(misfit: float) -> float:
+def log_usual(misfit: float) -> float:
     """ln density of ln x without a mismatch: a scaled chi-square."""
     half, ratio = FREEDOM / 2, max(misfit / MISFIT, 1e-9)
     return float(half * np.log(half) - gammaln(half) + half * (np.log(ratio) - ratio))

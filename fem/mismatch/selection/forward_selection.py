@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fem.mismatch.effect import Effect, SeenDirectly
-from fem.mismatch.evidence.effect_error import MODEL_ERROR, effect_error_columns
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit
@@ -74,17 +73,9 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
     plain = retained_columns(known.effects, linear.products.columns, linear.nuisances)
-    errors = effect_error_columns(
-        known.forward,
-        linear.recorded,
-        known.response,
-        share=max(MODEL_ERROR[effect.spec.family] for effect in known.effects),
-    )
-    products, chosen = linear.products.about(
-        known.forward, known.response, [*plain, *columns], [*errors, *slopes]
-    )
+    products, chosen = linear.products.about(known.forward, known.response, [*plain, *columns], slopes)
     place = dict(zip([*plain, *columns], chosen, strict=False))
-    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) - len(errors) :]]
+    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free)
     shown = direct_evidence(known.forward, known.effects)
     conditional = {

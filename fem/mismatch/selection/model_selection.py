@@ -19,6 +19,7 @@ from fem.mismatch.selection.decision import (
     Weighed,
     credible_set,
     log_prior,
+    log_usual,
     probabilities,
 )
 from fem.mismatch.selection.forward_selection import (
@@ -254,7 +255,16 @@ def _gain(linear: LinearRound, again: Refit) -> float:
 def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single: Refit) -> list[_Candidate]:
     """The best single beside each of the effects that add most to it, refitted, where the pair's probability
     is not negligible beside the single's; a pair whose model cannot be computed has no refit.
+
+    The model error does not hold that of the first effect's own law, which grows with the effect. A second
+    effect therefore counts for no more than the misfit itself says: the usual one of the pair against the
+    unusual one of the single.
     """
+
+    def log_misfit_ratio(first: Refit, both: Refit) -> float:
+        before, after = (log_usual(refitted.fit.chi2 / linear.numbers) for refitted in (first, both))
+        return max(after - before, 0.0)
+
     found = []
     gains = added_gains(linear, single)
     best_of: dict[str, tuple[float, LinearFit]] = {}
@@ -285,7 +295,8 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
                 continue
             disagrees = fault is not None and again.log_evidence <= single.log_evidence
             if not again.at_an_end[-1] and not disagrees:
-                tried.append((best.gain + gain_with[id(added)], again, both))
+                added_gain = min(gain_with[id(added)], log_misfit_ratio(single, again))
+                tried.append((best.gain + added_gain, again, both))
         if not tried:
             if failed:
                 found.append(_Candidate(name, -np.inf, failed=failed))

@@ -64,8 +64,8 @@ class LinearRound:
     `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
     largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
-    `other` of the other. `gel_faults`: all those of the catalogue. `recorded`: the recordings' equations, of
-    so many `numbers`.
+    `other` of the other. `gel_faults`: all those of the catalogue. `numbers`: how
+    many all recordings have.
     """
 
     products: GramMatrix
@@ -78,7 +78,6 @@ class LinearRound:
     largely: float = 0.0
     other: "LinearRound | None" = None
     gel_faults: tuple[GelFault, ...] = ()
-    recorded: tuple[GraspEquations, ...] = ()
     numbers: int = 0
 
     @property
@@ -151,7 +150,7 @@ def screened(
         )
         faults = tuple(effect for effect in effects if isinstance(effect, GelFault))
         numbers = sum(equations.own.shape[1] for equations in recorded)
-        return replace(of_products, gel_faults=faults, recorded=tuple(recorded), numbers=numbers)
+        return replace(of_products, gel_faults=faults, numbers=numbers)
 
     if not isinstance(large, list):
         return round_of(products)
