@@ -39,8 +39,8 @@ OUTSIDE = 0.05
 TEMPERATURE = 1.5
 """Divisor of log Bayes factors. Set by hand."""
 MISFIT, FREEDOM = 0.0375, 22.8
-"""Geometric mean and degrees of freedom of the chi-square per number that the plain model leaves of recordings without
-mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`)."""
+"""Geometric mean and degrees of freedom of the chi-square per number that the plain model leaves of
+recordings without mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`)."""
 MOST_MISFIT = 1000.0
 """Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
 REMAINING = 0.12
