@@ -1,7 +1,7 @@
 """Cramer-Rao bound of each effect's amplitude from noise alone.
 
 Fisher information N of the linear signature with every sample counting as one, with 1/E (no prior) and the
-plain model's nuisances (their priors; not the model's own seeming amounts of effects) eliminated:
+plain model's nuisances (their priors; not the model error) eliminated:
 
     sd^2 = [(N + L)^-1] of the signature,      L = 0 for 1/E and for the signature
 
@@ -65,8 +65,8 @@ def amplitude_bounds(information: np.ndarray, case: ReducedCase, *, E_MPa: float
 def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
     """N over all columns of a linear round, every sample counting as one.
 
-    The round's own products count so many of the markers' numbers as one (DESIGN_EFFECT), and those of the
-    forces' balance in full, so that equations are formed anew.
+    Columns of the model error have none. The round's own products count so many of the markers' numbers as
+    one (DESIGN_EFFECT), and those of the forces' balance in full, so that equations are formed anew.
     """
     columns = linear.products.columns
     total = np.zeros((len(columns),) * 2)
@@ -78,7 +78,9 @@ def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
             design_effect=1.0,
         )
         equations = GraspEquations.of(forward, recording, markers=markers)
-        known = [j for j, column in enumerate(columns) if column.fields[k] is not None]
+        known = [
+            j for j, column in enumerate(columns) if column.fields[k] is not None and column.same_as is None
+        ]
         plain, weighed = equations.rows([columns[j].fields[k] for j in known])
         total[np.ix_(known, known)] += weighed @ plain.T
     return total

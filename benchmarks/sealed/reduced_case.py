@@ -6,7 +6,7 @@ It is taken while a case is explained, and replays the linear round without the 
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +17,27 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.procedure import detected
 from fem.mismatch.result import NONE
-from fem.mismatch.selection.detection import best_beyond_quantile, null_gain, p_values
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.mismatch.thresholds import DETECTION_P
 
 FORMAT = 2
 """Of the file; a reader refuses another."""
+OF_MODEL_ERROR = ("model error", "discrepancy")
+"""Roles of columns that stand for the model's own error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
-    `columns`: dicts of name, sd, mean, positive, least and role ("plain", "nuisance", "discrepancy",
-    "stand-in", "signature").
+    `columns`: dicts of name, sd, mean, positive, least, same_as (Regressor) and role ("plain", "nuisance",
+    "model error", "stand-in", "signature"). Older files lack same_as and have "discrepancy" for the model
+    error of their time.
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
@@ -49,7 +52,9 @@ class ReducedCase:
     @property
     def nuisances(self) -> tuple[int, ...]:
         """Numbers of the plain model's columns but 1/E."""
-        return tuple(j for j, one in enumerate(self.columns) if one["role"] in ("nuisance", "discrepancy"))
+        return tuple(
+            j for j, column in enumerate(self.columns) if column["role"] in ("nuisance", *OF_MODEL_ERROR)
+        )
 
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
@@ -60,6 +65,7 @@ class ReducedCase:
                 mean=one["mean"],
                 positive=one["positive"],
                 least=one["least"],
+                same_as=one.get("same_as"),
                 fields=(),
             )
             for one in self.columns
@@ -68,42 +74,60 @@ class ReducedCase:
 
     def linear(self) -> LinearRound:
         """The linear round, by the product's own selection code."""
-        effects = {effect.spec.name: effect for effect in EFFECTS}
-        found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
-        stored: dict[int, dict[str, Any]] = {}
         gram = self.gram()
-        for one in self.signatures:
-            signature = Signature(variant=ONE_WAY, columns=tuple(gram.columns[j] for j in one["columns"]))
-            stored[id(signature)] = one
-            found.append((effects[one["effect"]], signature, tuple(one["columns"])))
-        return linear_round(
+        signatures = self._signatures(gram)
+        stored = {
+            id(signature): words for (_, signature, _), words in zip(signatures, self.signatures, strict=True)
+        }
+        linear = linear_round(
             gram,
             self.nuisances,
-            found,
+            signatures,
             auxiliary=lambda _, signature, __: (
                 float(stored[id(signature)]["said"]),
                 float(stored[id(signature)]["direct"]),
             ),
             without={},
         )
+        return replace(linear, numbers=self.count)
 
-    def statistics(self, linear: LinearRound) -> dict[str, float]:
-        """Those of fem.mismatch.procedure.detection_statistics."""
-        ratio = float(self.facts["compliance_ratio"])
-        gains = ((one.name, one.gain) for one in linear.linear_fits)
-        return {
-            "best single": best_beyond_quantile(gains, ratio),
-            "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / ratio**2,
-            "what is left": linear.null.chi2 / self.count,
-        }
+    def _signatures(self, gram: GramMatrix) -> list[tuple[Effect, Signature, tuple[int, ...]]]:
+        effects = {effect.spec.name: effect for effect in EFFECTS}
+        return [
+            (
+                effects[words["effect"]],
+                Signature(variant=ONE_WAY, columns=tuple(gram.columns[j] for j in words["columns"])),
+                tuple(words["columns"]),
+            )
+            for words in self.signatures
+        ]
+
+    def with_shipped_model_error(self) -> "ReducedCase":
+        """The same with the model error of today's file (fem.mismatch.evidence.model_error) for its own."""
+        errors = model_error_columns(
+            self._signatures(self.gram()), compliance_ratio=float(self.facts["compliance_ratio"])
+        )
+        kept = [j for j, column in enumerate(self.columns) if column["role"] not in OF_MODEL_ERROR]
+        renumbered = {j: k for k, j in enumerate(kept)}
+        sources = [*kept, *(error.same_as for error in errors)]
+        rows, products = [], []
+        for known, own in zip(self.rows, self.products, strict=True):
+            place = {int(j): at for at, j in enumerate(known, 1)}
+            rows.append(np.array([k for k, j in enumerate(sources) if j in place], dtype=np.int64))
+            at = [0, *(place[j] for j in sources if j in place)]
+            products.append(own[np.ix_(at, at)])
+        columns = [self.columns[j] for j in kept]
+        for error in errors:
+            source = renumbered[error.same_as]
+            columns.append({**column_words(error, "model error"), "same_as": source})
+        signatures = [
+            {**words, "columns": [renumbered[j] for j in words["columns"]]} for words in self.signatures
+        ]
+        return replace(self, columns=columns, signatures=signatures, rows=rows, products=products)
 
     def linear_verdict(self, linear: LinearRound) -> str:
-        """Before any refit: "none", or the effect that gains most beyond its null quantile."""
-        if p_values(self.statistics(linear))[0] >= DETECTION_P:
-            return NONE
-        ratio = float(self.facts["compliance_ratio"])
-        best = max(linear.linear_fits, key=lambda one: one.gain - null_gain(one.name, ratio))
-        return str(best.effect.spec.name)
+        """Before any refit: "none", or the effect that gains most."""
+        return linear.best[0].name if detected(linear).mismatch else NONE
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:
@@ -115,20 +139,12 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     """A case as it stands after its linear round."""
     roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
     for j in linear.nuisances:
-        roles[j] = "nuisance" if linear.products.columns[j].discrepancy_of is None else "discrepancy"
+        roles[j] = "nuisance" if linear.products.columns[j].same_as is None else "model error"
     for j, column in enumerate(linear.products.columns):
         if column.stands_in:
             roles[j] = "stand-in"
     columns = [
-        {
-            "name": one.name,
-            "sd": one.sd,
-            "mean": one.mean,
-            "positive": one.positive,
-            "least": one.least,
-            "role": role,
-        }
-        for one, role in zip(linear.products.columns, roles, strict=True)
+        column_words(column, role) for column, role in zip(linear.products.columns, roles, strict=True)
     ]
     signatures = [
         {
@@ -152,6 +168,19 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
             "gains": gains_of(linear),
         },
     )
+
+
+def column_words(column: Regressor, role: str) -> dict[str, Any]:
+    """A column without its fields, as plain JSON values."""
+    return {
+        "name": column.name,
+        "sd": column.sd,
+        "mean": column.mean,
+        "positive": column.positive,
+        "least": column.least,
+        "same_as": column.same_as,
+        "role": role,
+    }
 
 
 def store(path: Path, case: ReducedCase) -> None:

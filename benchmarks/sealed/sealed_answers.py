@@ -23,7 +23,7 @@ from reduced_case import ReducedCase, gains_of, reduced
 from fem.fem_failure import FemFailure
 from fem.mismatch import procedure
 from fem.mismatch.result import Candidate, Explanation, Modulus
-from fem.mismatch.thresholds import LEFT_USUALLY
+from fem.mismatch.selection.decision import MISFIT
 from pipeline.batch.cache import code_version
 from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -142,7 +142,7 @@ def of_problem(problem: ReducedCase) -> dict[str, Any]:
     linear = problem.linear()
     return {
         "chi2": linear.null.chi2,
-        "chi2_usual": problem.count * LEFT_USUALLY,
+        "chi2_usual": problem.count * MISFIT,
         "catalogue": sorted(gains_of(linear)),
     }
 

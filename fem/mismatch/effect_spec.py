@@ -1,7 +1,7 @@
 """What an effect states of itself, beside its mechanics: all that other rooms derive from the catalogue.
 
 Every effect of fem/mismatch/effects holds one EffectSpec. Settings and their limits, words in reports, advice
-for the next grasp, corrections when grading, priors of the model's own discrepancy: all are read from it.
+for the next grasp, corrections when grading: all are read from it.
 """
 
 import re
@@ -248,27 +248,6 @@ class EffectWords:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiscrepancyPrior:
-    """Mean and standard deviation of the amount of an effect's signature that null cases seem to have
-    by the model's own error, of each pad's where it has one (fem.mismatch.evidence.discrepancy_prior).
-
-    `per_compliance`: the amount grows as the flesh gives way, times 1/E and ForwardModel.compliance_ratio.
-    `saturating`: the response levels off as its parameter grows, so that beside a true one the apparent
-    amount would be much less: the effect's own refit goes without it, and the whole of it counts as error of
-    the parameter. `trades_with_modulus`: in soft flesh 1/E and this stand for each other.
-
-    Measured on the null reference's fruit: skin alone first, Poisson's ratio and the jaws with that in place
-    (`benchmarks/mismatch_nulls.py --without`); gains and drifts as root mean squares.
-    """
-
-    mean: float
-    sd: float
-    per_compliance: bool = False
-    saturating: bool = False
-    trades_with_modulus: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class EffectSpec:
     """One effect, but for its mechanics.
 
@@ -300,7 +279,6 @@ class EffectSpec:
     correction: Correction | None = None
     of_the_pit: bool = False
     separated_by: tuple[tuple[str, NextGrasp], ...] = ()
-    discrepancy: DiscrepancyPrior | None = None
     always_refitted: bool = False
     holds_large_deformation: bool = False
     in_recorded_forces: bool = False

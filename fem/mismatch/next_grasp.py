@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.catalogue import EFFECTS, SEPARATORS, SPECS
+from fem.mismatch.catalogue import SEPARATORS, SPECS
 from fem.mismatch.design.candidate_grasps import PlaceKind
 from fem.mismatch.design.compared_candidates import ComparedCandidate, compared_candidates
 from fem.mismatch.design.predictions import Explained
@@ -22,7 +22,7 @@ LISTED = 5
 """Candidates that an answer lists. Set by hand, to be read at a glance."""
 LEAST_PROBABILITY = 0.01
 """Of another explanation, from which a single recording leaves it to be told apart. Set by hand: a fifth of
-EQUAL_PROBABILITY (fem.mismatch.thresholds), as nothing else checks a single recording."""
+what a verdict may lack (fem.mismatch.selection.decision), as nothing else checks a single recording."""
 FOLLOWS_RECORDED_BALANCE = "third_contact"
 """An effect whose force is taken from the recorded pads' balance, which no candidate has."""
 MOST_EXPLAINED = 4
@@ -66,7 +66,7 @@ def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelect
     if len(left) < 2 or any(FOLLOWS_RECORDED_BALANCE in one.name.split("+") for one in left):
         return None
     try:
-        compared = compared_candidates(forward, left, EFFECTS)
+        compared = compared_candidates(forward, left)
     except (FemFailure, np.linalg.LinAlgError):
         return None
     if not compared:

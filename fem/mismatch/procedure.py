@@ -13,6 +13,7 @@ from fem.mismatch.effect import Placed, Remarked
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
@@ -21,24 +22,20 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.detection import best_beyond_quantile, p_values
-from fem.mismatch.selection.model_selection import Hypothesis, NullCase, select_likelier_model
+from fem.mismatch.selection.decision import DETECTION_P, p_values
+from fem.mismatch.selection.model_selection import Hypothesis, select_likelier_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_verdict import (
+from fem.mismatch.selection.reported_modulus import (
     HiddenGelFault,
-    borne_out,
     hidden_gel_faults,
     reported_modulus,
-    second_spread,
-    undetected_spread,
 )
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad, pad_of
-from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 
@@ -77,31 +74,17 @@ def explain(
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
-        detection = detected(linear, recorded, forward.compliance_ratio)
+        detection = detected(linear)
     with stage("short list, in full"):
-        count = sum(one.own.shape[1] for one in recorded)
-        null_case = NullCase(
-            chi2=count * LEFT_USUALLY,
-            most_chi2=count * LEFT_AT_MOST,
-            compliance_ratio=forward.compliance_ratio,
-        )
-        linear, found = select_likelier_model(
-            forward, linear, detected=detection.mismatch, null_case=null_case
-        )
+        linear, found = select_likelier_model(forward, linear, detected=detection.mismatch)
     null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
-        found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))
-        best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
+        named = next((one for one in found.ranking if one.name not in (NONE, UNKNOWN)), None)
+        best = None if named is None or found.verdict in (NONE, UNKNOWN) else named.refit
         after = null if best is None else _model_of(best)
         ranking = candidates(found, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
-        unseen = (
-            undetected_spread(found, detection.p_value)
-            if best is None
-            else second_spread(linear, best, null_case)
-        )
         hidden = hidden_gel_faults(forward, linear.gel_faults, best)
-        unseen = float(np.linalg.norm([unseen, *(fault.spread for fault in hidden)]))
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -110,7 +93,7 @@ def explain(
         plan = planned_grasp(forward, linear, found)
         fixed = next_grasp(found.verdict, grasps=len(recorded))
     return Explanation(
-        detected=detection.mismatch,
+        detected=detection.mismatch and found.verdict != NONE,
         p_value=detection.p_value,
         statistics=detection.p_values,
         where=place.where if best is None else _where(place.where, best),
@@ -119,7 +102,13 @@ def explain(
         ranking=ranking,
         verdict=found.verdict,
         before=plain,
-        after=reported_modulus(found.verdict, ranking, plain, undetected=unseen, proof=proof),
+        after=reported_modulus(
+            found.ranking,
+            ranking,
+            plain,
+            hidden=float(np.linalg.norm([fault.spread for fault in hidden])),
+            heldout=proof,
+        ),
         heldout=proof,
         next_grasp=fixed if plan is None else in_words(plan),
         next_grasp_plan=plan,
@@ -134,9 +123,8 @@ def explain(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
             ),
-            *(WITHDRAWN_NOTE.format(name=name.replace("_", " ")) for name in worse),
-            *([] if best is None else _remarks(best, ranking[0].parameters)),
-            *([] if best is None else _other_pads(found.ranking[0])),
+            *([] if best is None or named is None else _remarks(best, _parameters_of(named, ranking))),
+            *([] if best is None or named is None else _other_pads(named)),
             *([] if found.verdict == UNKNOWN else _hidden(hidden)),
         ),
         seconds=seconds,
@@ -145,10 +133,6 @@ def explain(
 
 NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
-)
-WITHDRAWN_NOTE = (
-    "{name} is among the best explanations of all recordings together, but leaves more than half of what "
-    "those left out of the fit show beyond noise: it stands for something else, and is not named."
 )
 LARGE_DEFORMATION_NOTE = (
     "The flesh deforms largely: recordings hold {share:.2f} ± {sd:.2f} of what Neo-Hookean flesh does beyond "
@@ -207,6 +191,10 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     return [remark for remark in said if remark]
 
 
+def _parameters_of(named: Hypothesis, ranking: Sequence[Candidate]) -> Mapping[str, Parameter]:
+    return next(candidate.parameters for candidate in ranking if candidate.effect == named.name)
+
+
 def _other_pads(first: Hypothesis) -> list[str]:
     """What the named effect would be on another pad, where recordings cannot tell the pads apart."""
     said = []
@@ -260,11 +248,10 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class CaseDetection:
-    """Is there a mismatch: the p-value, each statistic's own, the statistics, and the round they are of."""
+    """Is there a mismatch: the p-value, each statistic's own, and the round that they are of."""
 
     p_value: float
     p_values: dict[str, float]
-    statistics: dict[str, float]
     linear: LinearRound
 
     @property
@@ -273,32 +260,24 @@ class CaseDetection:
         return self.p_value < DETECTION_P
 
 
-def detected(
-    linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float, *, kept: float = 1.0
-) -> CaseDetection:
+def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
     """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones.
 
     Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
     effect may choose the plain model against which it is tested.
     """
-    found = []
-    for one in [linear] if linear.other is None else [linear, linear.other]:
-        statistics = detection_statistics(one, recorded, compliance_ratio)
-        statistics["what is left"] *= kept
-        p_value, each = p_values(statistics)
-        found.append(CaseDetection(p_value=p_value, p_values=each, statistics=statistics, linear=one))
-    return max(found, key=lambda one: one.p_value)
+    tests = [_tested(tried, kept) for tried in (linear, linear.other) if tried is not None]
+    return max(tests, key=lambda test: test.p_value)
 
 
-def detection_statistics(
-    linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float
-) -> dict[str, float]:
-    """The statistics of fem.mismatch.selection.detection, scaled by the compliance ratio of flesh to gel."""
-    count = sum(one.own.shape[1] for one in recorded)
-    return {
-        "best single": best_beyond_quantile(
-            ((one.name, one.gain) for one in linear.linear_fits), compliance_ratio
-        ),
-        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / compliance_ratio**2,
-        "what is left": linear.null.chi2 / count,
-    }
+def _tested(linear: LinearRound, kept: float) -> CaseDetection:
+    signatures: dict[str, list[tuple[int, ...]]] = {}
+    for fit in linear.linear_fits:
+        signatures.setdefault(fit.name, []).append(fit.columns)
+    p_value, each = p_values(
+        SignatureEquations.of(linear.products, linear.nuisances, signatures),
+        misfit=kept * linear.null.chi2 / linear.numbers,
+        direct=max((fit.direct for fit in linear.linear_fits), default=0.0),
+        rng=np.random.default_rng(0),
+    )
+    return CaseDetection(p_value=p_value, p_values=each, linear=linear)

@@ -50,10 +50,9 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detected, plain_fits
-from fem.mismatch.selection.detection import null_gain
-from fem.mismatch.selection.screening import LinearRound, modulus_change, screened
+from fem.mismatch.selection.decision import Weighed, credible_set, probabilities
+from fem.mismatch.selection.screening import LinearFit, LinearRound, modulus_change, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
-from fem.mismatch.thresholds import EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 INNER = frozenset((*PIT, *SURFACE, POISSON_RATIO))
@@ -135,12 +134,12 @@ def screen(
     numbers = np.array([one.own.shape[1] for one in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
-    found = detected(linear, recorded, forward.compliance_ratio, kept=share)
-    names = suggested(linear, forward.compliance_ratio) if found.mismatch else ()
+    found = detected(linear, kept=share)
+    names = suggested(linear, kept=share) if found.mismatch else ()
     return Screened(
         p_value=found.p_value,
         names=names,
-        statistics=found.statistics,
+        statistics=found.p_values,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
         large_deformation=None if found.mismatch else linear.large_deformation,
@@ -149,20 +148,24 @@ def screen(
     )
 
 
-def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
-    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin."""
-    beyond = sorted(
-        ((one.gain - null_gain(one.name, compliance_ratio), one) for one in linear.best),
-        key=lambda pair: -pair[0],
-    )
-    beyond = [pair for pair in beyond if pair[0] > 0]
-    if not beyond:
-        return (UNKNOWN,)
-    if linear.pairs and linear.pairs[0][0] > beyond[0][0] + PAIR_GAIN * compliance_ratio:
-        _, first, second = linear.pairs[0]
-        return ("+".join(sorted((first.name, second.name))),)
-    margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
-    return tuple(one.name for gain, one in beyond if gain > beyond[0][0] - margin)
+def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
+    """The names that together have the posterior's credible probability, the likeliest first; "none" is not
+    one of them. `kept`: share of the frames, of thinned recordings.
+    """
+    tried: list[tuple[str, float, Sequence[LinearFit]]] = [("none", 0.0, ())]
+    tried += [(fit.name, fit.gain, (fit,)) for fit in linear.best]
+    tried += [("+".join(sorted((a.name, b.name))), gain, (a, b)) for gain, a, b in linear.pairs]
+    weighed = [
+        Weighed(
+            name=name,
+            gain=gain,
+            misfit=kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers,
+        )
+        for name, gain, fits in tried
+    ]
+    shares, unknown = probabilities(weighed)
+    names = credible_set([*(one.name for one in weighed), UNKNOWN], [*shares, unknown])
+    return tuple(name for name in names if name != "none") or (UNKNOWN,)
 
 
 def modulus_with(linear: LinearRound, name: str) -> tuple[float, float]:

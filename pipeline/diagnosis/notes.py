@@ -30,8 +30,7 @@ FEW_RECORDINGS = (
     "place, speed and hold distinguish more effects; turn the fruit for one of them."
 )
 FEW = 3
-"""Grasps up to which a note asks for more: the null reference's cases have four
-(fem/mismatch/selection/null_reference.csv)."""
+"""Grasps up to which a note asks for more: the cases that calibrated the model error have four."""
 LARGE_DEFORMATION = (
     "Stiffening starts at small strain, so large deformation of the flesh alone shows as some stiffening; "
 )

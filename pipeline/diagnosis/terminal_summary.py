@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from fem.mismatch.thresholds import DETECTION_P
+from fem.mismatch.selection.decision import DETECTION_P
 from reports.effect_words import (
     component_in_words,
     explain_verdict,

@@ -27,11 +27,12 @@ def long_pinch() -> GraspHistory:
             4 * pad.force_N[1] + 0.4 * np.sin(np.arange(FRAMES))[:, None, None] * pad.force_N[2]
         )
         still = np.zeros_like(force)
+        pressed = share[:, None, None] * np.array([0.0, 0.0, -0.5])
         pads.append(
             replace(
                 pad,
                 position_mm=pad.surface_mm + still,
-                gel_displacement_mm=still,
+                gel_displacement_mm=still + pressed,
                 force_N=force,
                 episode=np.zeros(force.shape[:2], dtype=np.int64),
             )

@@ -9,7 +9,7 @@ import pytest
 from fem.mismatch import procedure
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection import model_selection
-from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_likelier_model
+from fem.mismatch.selection.model_selection import ModelSelection, select_likelier_model
 from fem.mismatch.selection.screening import LinearRound, violates_sign_constraint
 from fem.mismatch.thresholds import CLEARLY_LARGELY
 
@@ -17,7 +17,6 @@ LITTLE, LARGELY, STILL_LESS = -130.0, -100.0, -140.0
 """ln evidence of the plain model, by which a round is known here."""
 GAINS = {LITTLE: 40.0, LARGELY: 5.0, STILL_LESS: 40.0}
 ONE_WORKER = SimpleNamespace(workers=1)
-NULL_CASE = NullCase(chi2=1.0, most_chi2=1.0, compliance_ratio=1.0)
 
 
 def linear_round(
@@ -54,7 +53,7 @@ def likelier(
     largely: float, *, detected: bool = True, other: float = LITTLE
 ) -> tuple[LinearRound, ModelSelection]:
     first = linear_round(LARGELY, largely=largely, other=linear_round(other))
-    return select_likelier_model(ONE_WORKER, first, detected=detected, null_case=NULL_CASE)
+    return select_likelier_model(ONE_WORKER, first, detected=detected)
 
 
 def test_full_models_decide_where_signatures_leave_it_open(selected):
@@ -68,9 +67,7 @@ def test_full_models_decide_where_signatures_leave_it_open(selected):
 
 def test_two_threads_give_the_same(selected):
     first = linear_round(LARGELY, largely=10.0, other=linear_round(LITTLE))
-    linear, found = select_likelier_model(
-        SimpleNamespace(workers=2), first, detected=True, null_case=NULL_CASE
-    )
+    linear, found = select_likelier_model(SimpleNamespace(workers=2), first, detected=True)
     assert sorted(selected) == [LITTLE, LARGELY]
     assert (linear.null.log_evidence, found.verdict) == (LITTLE, "40")
 
@@ -91,7 +88,7 @@ def test_where_it_is_clear_or_nothing_is_found_the_other_is_not_tried(selected, 
 
 def test_without_large_deformation_there_is_one_round(selected):
     alone = linear_round(LARGELY)
-    linear, _ = select_likelier_model(ONE_WORKER, alone, detected=True, null_case=NULL_CASE)
+    linear, _ = select_likelier_model(ONE_WORKER, alone, detected=True)
     assert linear is alone
     assert selected == [LARGELY]
 
@@ -108,16 +105,20 @@ def test_large_deformation_is_told_by_the_plain_models_alone():
 
 
 def test_p_is_that_of_the_round_which_recordings_contradict_less(monkeypatch):
-    def statistics(linear, *_):
-        return {"best single": linear.null.log_evidence, "what is left": 1.0}
+    p_of = {LITTLE: 0.13, LARGELY: 0.1}
+    asked = []
 
-    monkeypatch.setattr(procedure, "detection_statistics", statistics)
-    monkeypatch.setattr(procedure, "p_values", lambda own: (-own["best single"] / 1000, own))
+    def tested(linear, kept):
+        asked.append(kept)
+        p = p_of[linear.null.log_evidence]
+        return procedure.CaseDetection(p_value=p, p_values={"misfit": p}, linear=linear)
+
+    monkeypatch.setattr(procedure, "_tested", tested)
     first = linear_round(LARGELY, other=linear_round(LITTLE))
-    found = procedure.detected(first, [], 1.0, kept=0.5)
+    found = procedure.detected(first, kept=0.5)
     assert (found.p_value, found.linear.null.log_evidence) == (0.13, LITTLE)
-    assert found.statistics == {"best single": LITTLE, "what is left": 0.5}
-    assert procedure.detected(linear_round(LARGELY), [], 1.0).p_value == 0.1
+    assert asked == [0.5, 0.5]
+    assert procedure.detected(linear_round(LARGELY)).p_value == 0.1
 
 
 def test_an_amount_that_is_less_than_means_anything_violates_its_sign():

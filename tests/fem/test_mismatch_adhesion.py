@@ -31,7 +31,7 @@ from fem.mismatch.model.pulling_markers import (
     stick_evidence,
 )
 from fem.mismatch.model.third_force import ForceBalance
-from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
+from fem.mismatch.selection.model_selection import ModelSelection, select_model
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -97,8 +97,7 @@ def chosen(forward: ForwardModel) -> ModelSelection:
     assert len(effects) == 2
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, effects)
-    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    return select_model(forward, linear, detected=True, null_case=null_case)
+    return select_model(forward, linear, detected=True)
 
 
 def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):

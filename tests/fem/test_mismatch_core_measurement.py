@@ -30,7 +30,7 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.reported_values import candidates
-from fem.mismatch.selection.model_selection import NullCase, select_model
+from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
@@ -112,8 +112,7 @@ def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     forward, _ = plain_forward_model(only_grasp(injected_case(on_pad("right", gained(0.8))), 0))
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, [sensor_gain.EFFECT])
-    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    selected = select_model(forward, linear, detected=True, null_case=null_case)
+    selected = select_model(forward, linear, detected=True)
     first = selected.ranking[0]
     assert first.refit is not None
     ((share, other),) = first.alternatives
@@ -230,8 +229,7 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         key=lambda one: one.gain,
     )
     linear = replace(linear, best=(other,))
-    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    best = select_model(forward, linear, detected=True, null_case=null_case).ranking[0].refit
+    best = select_model(forward, linear, detected=True).ranking[0].refit
     assert best is not None
     assert best.variants == (OfPad(pad="left"),)
     # the mesh differs between machines, and the estimate with it: within what the search says of itself

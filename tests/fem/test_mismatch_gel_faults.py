@@ -18,7 +18,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.forward_selection import direct_evidence, second_faults
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.reported_verdict import hidden_gel_faults
+from fem.mismatch.selection.reported_modulus import hidden_gel_faults
 from fem.mismatch.selection.screening import _auxiliary_of_pair, screened
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.mismatch.thresholds import PAIR_GAIN

@@ -79,7 +79,7 @@ def explained(case: MismatchCase, names: Sequence[str]) -> tuple[ForwardModel, L
 
 def compared(case: MismatchCase, names: Sequence[str]) -> list[ComparedCandidate]:
     forward, _, found = explained(case, names)
-    return compared_candidates(forward, found, EFFECTS)
+    return compared_candidates(forward, found)
 
 
 def least(found: Sequence[ComparedCandidate], place: PlaceKind, **manner: float) -> float:
@@ -236,7 +236,6 @@ def two_candidates(unaltered) -> CandidateSet:
         unaltered,
         [placed_course(unaltered.base, place, 1.0)],
         [(Protocol(), 0), (Protocol(speed=0.1, hold_s=10.0), 0)],
-        effects=EFFECTS,
         names=set(),
     )
 

@@ -5,9 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from fem.mismatch.selection import model_selection
-from fem.mismatch.selection.model_selection import NullCase, refitted_singles
-
-NULL_CASE = NullCase(chi2=100.0, most_chi2=150.0, compliance_ratio=1.0)
+from fem.mismatch.selection.model_selection import refitted_singles
 
 
 def single(name: str, gain: float, *, always: bool = False) -> model_selection._Candidate:
@@ -20,7 +18,7 @@ def refitted(monkeypatch):
     """Of each effect that was refitted, what it was held against; each gains as the linear round says."""
     held_against: dict[str, float] = {}
 
-    def refit_one(_forward, _linear, one, *, best, null_case):
+    def refit_one(_forward, _linear, one, *, best):
         held_against[one.name] = best
         return model_selection._Candidate(one.name, one.gain, one.linear_fits, refit=object())  # type: ignore[arg-type]
 
@@ -28,23 +26,22 @@ def refitted(monkeypatch):
     return held_against
 
 
-def tried(*found: model_selection._Candidate, to_gain: float, workers: int = 1) -> list[str]:
-    """Names, best first, where `to_gain` ln evidence is there to be had at most."""
-    linear = SimpleNamespace(null=SimpleNamespace(chi2=NULL_CASE.chi2 + 2 * to_gain))
+def tried(*found: model_selection._Candidate, workers: int = 1) -> list[str]:
+    """Names, best first."""
     forward = SimpleNamespace(workers=workers)
-    return [one.name for one in refitted_singles(forward, linear, found, NULL_CASE)]  # type: ignore[arg-type]
+    return [one.name for one in refitted_singles(forward, None, found)]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_threads_change_neither_what_is_refitted_nor_what_it_is_held_against(refitted, workers):
     found = [single("skin", 20.0), single("damage", 30.0), single("slip", 18.0), single("creep", 17.0)]
-    assert tried(*found, to_gain=1000.0, workers=workers) == ["damage", "skin", "slip", "creep"]
+    assert tried(*found, workers=workers) == ["damage", "skin", "slip", "creep"]
     assert refitted == {"skin": 0.0, "damage": 20.0, "slip": 20.0, "creep": 30.0}
 
 
 def test_what_gains_little_is_left_and_a_pit_of_another_size_is_refitted_all_the_same(refitted):
-    found = [single("skin", 50.0), single("slip", 0.4 * 50.0), single("pit_size", 1.0, always=True)]
-    assert tried(*found, to_gain=50.0) == ["skin", "slip", "pit_size"]
+    found = [single("skin", 50.0), single("slip", 0.1 * 50.0), single("pit_size", 1.0, always=True)]
+    assert tried(*found) == ["skin", "slip", "pit_size"]
     assert refitted == {"skin": 0.0, "pit_size": 50.0}
 
 
@@ -57,6 +54,6 @@ def test_one_that_is_refitted_alone_has_all_threads(refitted, monkeypatch):
         return several(call, items, **options)
 
     monkeypatch.setattr(model_selection, "parallel_map", counted)
-    found = [single("skin", 50.0), single("slip", 0.4 * 50.0), single("pit_size", 1.0, always=True)]
-    tried(*found, to_gain=50.0, workers=4)
+    found = [single("skin", 50.0), single("slip", 0.1 * 50.0), single("pit_size", 1.0, always=True)]
+    tried(*found, workers=4)
     assert at_once == [1, 1]

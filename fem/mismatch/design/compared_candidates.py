@@ -11,14 +11,13 @@ from fem.mismatch.design.candidate_grasps import CandidateGrasp, candidate_grasp
 from fem.mismatch.design.expected_evidence import PairDistance, PairGram, pair_distance, smallest
 from fem.mismatch.design.placed_candidate import PlacedCourse, placed_course
 from fem.mismatch.design.predictions import Explained, Predicted, candidate_set, predictions
-from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.thresholds import EQUAL_PROBABILITY, TEMPERATURE
+from fem.mismatch.selection.decision import CREDIBLE, TEMPERATURE
 from fem.parallel_map import parallel_map
 
-ENOUGH = TEMPERATURE * float(np.log(1 / EQUAL_PROBABILITY))
+ENOUGH = TEMPERATURE * float(np.log(1 / (1 - CREDIBLE)))
 """ln evidence by which one explanation must lead to stand alone: odds of 20 to 1."""
 
 
@@ -37,13 +36,10 @@ class ComparedCandidate:
         return smallest(self.pairs)
 
 
-def compared_candidates(
-    forward: ForwardModel, explained: Sequence[Explained], effects: Sequence[Effect]
-) -> list[ComparedCandidate]:
+def compared_candidates(forward: ForwardModel, explained: Sequence[Explained]) -> list[ComparedCandidate]:
     """The greatest smallest distance first; empty where no explanation can be followed to any candidate.
 
-    `forward`: the plain model of the recordings so far; `effects`: the whole catalogue. Candidates out of the
-    jaws' reach are left out.
+    `forward`: the plain model of the recordings so far. Candidates out of the jaws' reach are left out.
     """
     courses: list[PlacedCourse] = []
     numbers: dict[tuple[int, float], int | None] = {}
@@ -71,7 +67,6 @@ def compared_candidates(
         forward,
         courses,
         [(candidate.protocol, course) for candidate, course in chosen],
-        effects=effects,
         names=names,
     )
     with_candidates = candidates.forward

@@ -20,7 +20,6 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.design.candidate_grasps import TWICE, PlaceKind, Protocol
 from fem.mismatch.design.placed_candidate import PlacedCourse, candidate_recording, frames_of
 from fem.mismatch.effect import Effect, Response
-from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.equation_cache import STICK_KEY, gels_stick
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, leave_large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
@@ -112,7 +111,6 @@ def candidate_set(
     courses: Sequence[PlacedCourse],
     chosen: Sequence[tuple[Protocol, int]],
     *,
-    effects: Sequence[Effect],
     names: Collection[str],
 ) -> CandidateSet:
     """Candidates by protocol and number of their course. `names`: of the nuisances that matter."""
@@ -143,7 +141,7 @@ def candidate_set(
         known=forward.base.grasps,
     )
     _store_path_nuisances(bare)
-    return replace(bare, nuisances=_nuisance_columns(bare, effects, names))
+    return replace(bare, nuisances=_nuisance_columns(bare, names))
 
 
 def _store_path_nuisances(candidates: CandidateSet) -> None:
@@ -194,24 +192,16 @@ def _inner_changes(paths: ForwardModel) -> tuple[list[str], list[list[Float[np.n
     return causes, found
 
 
-def _nuisance_columns(
-    candidates: CandidateSet, effects: Sequence[Effect], names: Collection[str]
-) -> dict[str, list[Regressor]]:
+def _nuisance_columns(candidates: CandidateSet, names: Collection[str]) -> dict[str, list[Regressor]]:
     """Columns of the nuisances that all recordings share, those of these names, of the candidates.
 
-    An apparent effect that knows time is left out, and large deformation where flesh is too soft for it.
+    Large deformation is left out where flesh is too soft for it.
     """
     paths = candidates.paths
     if LARGE_DEFORMATION not in names:
         leave_large_deformation(paths)
-    apparent_effects = [
-        effect
-        for effect in effects
-        if f"discrepancy {effect.spec.name}" in names and not effect.spec.knows_time
-    ]
-    found = [(effect, signature) for effect in apparent_effects for signature in effect.signatures(paths)]
     columns: dict[str, list[Regressor]] = {}
-    for column in [*common_nuisances(paths), *discrepancy_columns(paths, found)]:
+    for column in common_nuisances(paths):
         fields = [
             None if whole is None else _at_rows(whole, row)
             for whole, row in (

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -39,7 +39,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.JAW_COMPLIANCE,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.0004, per_compliance=True, trades_with_modulus=True),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
@@ -26,7 +26,6 @@ SPEC = EffectSpec(
         number("nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995),
     ),
     correction=Correction.POISSON_RATIO,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.01),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
@@ -44,7 +44,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.FORCE_DRIFT,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.003),  # N/s
     knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

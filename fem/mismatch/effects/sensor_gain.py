@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.baseline import GraspResponse
@@ -53,7 +53,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.FORCE_GAIN,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.002),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

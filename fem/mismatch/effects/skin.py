@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import (
-    DiscrepancyPrior,
     EffectParameter,
     EffectSpec,
     EffectWords,
@@ -46,7 +45,6 @@ SPEC = EffectSpec(
         ("poisson_ratio", NextGrasp.ACROSS),
         ("graded_modulus", NextGrasp.ACROSS),
     ),
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.12, saturating=True),  # mm
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

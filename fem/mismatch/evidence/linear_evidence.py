@@ -100,6 +100,9 @@ class GramMatrix:
         ).reshape(len(noise), len(self.columns))
         if not len(noise):
             self.bias = np.zeros((len(recorded), len(self.columns)))
+        for j, column in enumerate(self.columns):
+            if column.same_as is not None:
+                self.bias[:, j] = self.bias[:, column.same_as]
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
@@ -108,11 +111,15 @@ class GramMatrix:
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
-            return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
+            new = [j for j in known if self.columns[j].same_as is None]
+            plain, heavy = recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in new)])
+            place = {j: at for at, j in enumerate(new, 1)}
+            at = [0, *(place[j if (same := self.columns[j].same_as) is None else same] for j in known)]
+            return known, (heavy @ plain.T)[np.ix_(at, at)], heavy[at]
 
-        for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
+        for known, products, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
             self.rows.append(np.array(known, dtype=np.int64))
-            self.products.append(_corrected(heavy @ plain.T, self.bias[len(self.rows) - 1, known]))
+            self.products.append(_corrected(products, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
         self._recorded = recorded
 
@@ -243,16 +250,11 @@ class GramMatrix:
     def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
         """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""
         names = [0, *chosen]
-        place = {column: at for at, column in enumerate(names)}
+        kept = range(len(self.rows)) if keep is None else keep
         weight = np.array([self.columns[j].sd for j in names]) ** -2.0
-        normal, right, total = np.diag(weight), np.zeros(len(names)), 0.0
-        for k in range(len(self.rows)) if keep is None else keep:
-            at = np.array([a for a, j in enumerate(self.rows[k]) if int(j) in place], dtype=np.int64)
-            to = np.array([place[int(j)] for j in self.rows[k][at]], dtype=np.int64)
-            own = self.products[k]
-            normal[np.ix_(to, to)] += own[np.ix_(at + 1, at + 1)]
-            right[to] += own[at + 1, 0]
-            total += own[0, 0]
+        normal, right = self._normal_equations(names, kept)
+        normal += np.diag(weight)
+        total = sum(float(self.products[k][0, 0]) for k in kept)
         factor = np.linalg.cholesky(normal)
         amounts = np.linalg.solve(normal, right)
         chi2 = total - right @ amounts
@@ -264,6 +266,34 @@ class GramMatrix:
             amounts=amounts,
             covariance=np.linalg.inv(normal),
         )
+
+    def marginal(
+        self, nuisances: Sequence[int], columns: Sequence[int]
+    ) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, " c"]]:
+        """N and b of the columns after 1/E and the nuisances are integrated out (Schur complement).
+
+        Without these columns' effects b is Gaussian with mean zero and covariance N.
+        """
+        names = [0, *nuisances, *columns]
+        normal, right = self._normal_equations(names, range(len(self.rows)))
+        cut = 1 + len(nuisances)
+        prior = np.diag([self.columns[j].sd ** -2.0 for j in names[:cut]])
+        solved = np.linalg.solve(normal[:cut, :cut] + prior, np.c_[normal[:cut, cut:], right[:cut]])
+        left = normal[cut:, cut:] - normal[cut:, :cut] @ solved[:, :-1]
+        return (left + left.T) / 2, right[cut:] - normal[cut:, :cut] @ solved[:, -1]
+
+    def _normal_equations(
+        self, names: Sequence[int], keep: Sequence[int]
+    ) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, " c"]]:
+        """N and b of the columns over the recordings to `keep`, without priors."""
+        place = {column: at for at, column in enumerate(names)}
+        normal, right = np.zeros((len(names),) * 2), np.zeros(len(names))
+        for k in keep:
+            at = np.array([a for a, j in enumerate(self.rows[k]) if int(j) in place], dtype=np.int64)
+            to = np.array([place[int(j)] for j in self.rows[k][at]], dtype=np.int64)
+            normal[np.ix_(to, to)] += self.products[k][np.ix_(at + 1, at + 1)]
+            right[to] += self.products[k][at + 1, 0]
+        return normal, right
 
     def with_prior(self, name: str, mean: float, sd: float) -> "GramMatrix":
         """The same with another prior of the column of this name, which no noise of forces reaches."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect_spec import EffectSpec
 from fem.mismatch.model.force_products import LinearInForces
 
 ARM_MM = 20.0
@@ -32,7 +31,8 @@ class Regressor:
     """One unknown amount: its name, prior mean and standard deviation, its field in every recording.
 
     None: the recording does not depend on it. `positive`: an amount below `least` has no meaning.
-    `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
+    `same_as`: the number of the column whose fields it has, among those of a case counted from one, for the
+    model's own error (fem.mismatch.evidence.model_error).
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
     `stands_in`: it stands in for another column in some refits, and is none of the plain model's own.
@@ -44,7 +44,7 @@ class Regressor:
     positive: bool = False
     least: float = 0.0
     mean: float = 0.0
-    discrepancy_of: EffectSpec | None = None
+    same_as: int | None = None
     of_forces: LinearInForces | None = None
     stands_in: bool = False
 

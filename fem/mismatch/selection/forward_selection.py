@@ -11,7 +11,8 @@ from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,
-    modulus_spread_of,
+    log_positive,
+    modulus_change,
     violates_sign_constraint,
 )
 
@@ -65,7 +66,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
     """Signatures of other effects, linearised about the refitted model: ln evidence added, and the fit.
 
     Greatest first, without those that violate a sign constraint. The refitted effect's own parameters stay
-    free along their slopes; `modulus_spread` of the fit is that of E beside the refitted effect.
+    free along their slopes; `modulus_change` of the fit is that of E beside the refitted effect.
     """
     mine = {effect.spec.name for effect in known.effects}
     others = [one for one in linear.linear_fits if one.effect.spec.name not in mine]
@@ -88,6 +89,7 @@ def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFi
         amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
             gain = fit.log_evidence - before.log_evidence + conditional.get(one.name, 0.0)
-            spread = modulus_spread_of(before, fit)
-            found.append((gain, replace(one, amounts=amounts, modulus_spread=spread)))
+            gain += log_positive(products, own, fit)
+            change = modulus_change(before, fit)
+            found.append((gain, replace(one, amounts=amounts, modulus_change=change)))
     return sorted(found, key=lambda pair: -pair[0])

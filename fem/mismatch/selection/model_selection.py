@@ -1,9 +1,6 @@
-"""Model selection: the short list of the screening refitted with full models, and the verdict.
+"""Model selection: the promising effects and pairs refitted with full models, and the verdict.
 
-Probabilities are by evidence divided by TEMPERATURE, since models of different effects share errors; that of
-a hypothesis which was not refitted is by its linear evidence. Hypotheses whose probability is within
-EQUAL_PROBABILITY of the best cannot be told apart. Two effects at once must add enough. Thresholds:
-fem.mismatch.thresholds.
+What each explanation is worth, and which of them the verdict holds: fem.mismatch.selection.decision.
 """
 
 from collections.abc import Sequence
@@ -13,11 +10,18 @@ from functools import partial
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
+from fem.mismatch.effect import AuxiliaryLikelihood, Signature
 from fem.mismatch.gel_fault import faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic
+from fem.mismatch.selection.decision import (
+    TEMPERATURE,
+    Weighed,
+    credible_set,
+    log_prior,
+    log_usual,
+    probabilities,
+)
 from fem.mismatch.selection.forward_selection import (
     SecondFault,
     added_gains,
@@ -28,36 +32,22 @@ from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import ONE_WAY, OfPad
 from fem.mismatch.thresholds import (
-    CLEAR_EXCESS,
-    CLEAR_GAIN,
     CLEARLY_LARGELY,
-    ENOUGH_GAIN,
-    EQUAL_PROBABILITY,
-    MOST_NULLS,
     MOST_PAIRS,
     MOST_SINGLES,
-    NEAR_EQUAL,
-    NOT_DETECTED_GAIN,
+    NEGLIGIBLE,
     OTHER_PAD_SHARE,
-    PAIR_GAIN,
-    PAIR_LEFT,
-    PAIR_PLAIN_GAIN,
-    PAIR_SHARE,
-    PAIR_SHARE_ELSE,
     REFIT_SHARE,
     SIDE_BY_SIDE,
-    TEMPERATURE,
-    UNKNOWN_EXCESS,
-    UNKNOWN_LEFT,
 )
 from fem.parallel_map import parallel_map
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """One explanation: its name, its gain in ln evidence (all channels, beyond what is usual on sound
-    recordings), its probability, its refit. `alternatives`: the same with another pad, where that gains about
-    as much: its share of the explanation's probability, and its refit.
+    """One explanation: its name, its log Bayes factor over the plain model (all channels), its probability,
+    its refit. `alternatives`: the same with another pad, where that gains about as much: its share of the
+    explanation's probability, and its refit.
     """
 
     name: str
@@ -70,7 +60,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSelection:
-    """The ranking, best first (none is one of them), and the verdict.
+    """The ranking, likeliest first ("none" and "unknown" are in it), and the verdict.
 
     `without`: explanations whose model could not be computed, and why.
     """
@@ -92,44 +82,29 @@ class _Candidate:
 
     @property
     def alternatives(self) -> tuple[tuple[float, Refit], ...]:
-        """Of others that cannot be told from this the share of both, and the refit."""
+        """Of others that cannot be told apart from this the share of both, and the refit."""
         weight = {k: np.exp((gain - self.gain) / TEMPERATURE) for k, (gain, _) in enumerate(self.others)}
-        kept = {k: one for k, one in weight.items() if one >= EQUAL_PROBABILITY}
-        return tuple((float(one / (1 + sum(kept.values()))), self.others[k][1]) for k, one in kept.items())
+        kept = {k: share for k, share in weight.items() if share >= NEGLIGIBLE}
+        return tuple(
+            (float(share / (1 + sum(kept.values()))), self.others[k][1]) for k, share in kept.items()
+        )
 
     @property
     def always_refitted(self) -> bool:
-        return any(one.effect.spec.always_refitted for one in self.linear_fits)
+        return any(fit.effect.spec.always_refitted for fit in self.linear_fits)
 
-
-@dataclass(frozen=True, kw_only=True)
-class NullCase:
-    """What null recordings of this size and flesh show (fem.mismatch.selection.null_reference).
-
-    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few;
-    `compliance_ratio`: of this flesh (fem.mismatch.model.forward_model).
-    """
-
-    chi2: float
-    most_chi2: float
-    compliance_ratio: float
-
-    def excess_gain(self, one: LinearFit, gain: float | None = None) -> float:
-        """A signature's gain (or the given one) less its null quantile."""
-        return (one.gain if gain is None else gain) - null_gain(one.name, self.compliance_ratio)
-
-    def in_full(self, effects: Sequence[Effect]) -> float:
-        """Null quantile of a refitted effect's gain; of two effects the greater."""
-        return null_gain_in_full([effect.spec.name for effect in effects], self.compliance_ratio)
-
-    @property
-    def least(self) -> float:
-        """MOST_NULLS quantile of the best effect's excess gain on null cases: less selects nothing."""
-        return self.compliance_ratio * max(null_statistic("best single", MOST_NULLS), 0.0)
+    def weighed(self, linear: LinearRound) -> Weighed:
+        """With the chi-square per number that it leaves, and its direct marks."""
+        chi2 = linear.null.chi2 - sum(fit.chi2_drop for fit in self.linear_fits)
+        direct = sum(fit.direct for fit in self.linear_fits)
+        if self.refit is not None:
+            chi2 = self.refit.fit.chi2
+            direct = direct_evidence(self.refit.forward, self.refit.effects)
+        return Weighed(name=self.name, gain=self.gain, misfit=chi2 / linear.numbers, direct=direct)
 
 
 def select_likelier_model(
-    forward: ForwardModel, linear: LinearRound, *, detected: bool, null_case: NullCase
+    forward: ForwardModel, linear: LinearRound, *, detected: bool
 ) -> tuple[LinearRound, ModelSelection]:
     """`select_model`, and the linear round that it rests on: of flesh that deforms largely or of flesh that
     moves little, whose best full model has more evidence. Where signatures say clearly which, the other is
@@ -138,7 +113,7 @@ def select_likelier_model(
     other = linear.other
     both = detected and other is not None and abs(linear.largely) <= CLEARLY_LARGELY
     found, *others = parallel_map(
-        lambda one: select_model(forward, one, detected=detected, null_case=null_case),
+        lambda tried: select_model(forward, tried, detected=detected),
         [linear, other] if both and other is not None else [linear],
         workers=forward.workers,
     )
@@ -146,8 +121,8 @@ def select_likelier_model(
         return linear, found
     (again,) = others
     evidence, of_other = (
-        one.null.log_evidence + max([0.0, *(own.gain for own in selected.ranking)])
-        for one, selected in ((linear, found), (other, again))
+        tried.null.log_evidence + max([0.0, *(hypothesis.gain for hypothesis in selected.ranking)])
+        for tried, selected in ((linear, found), (other, again))
     )
     more = evidence - of_other if linear.largely > 0 else of_other - evidence
     if of_other <= evidence:
@@ -155,160 +130,160 @@ def select_likelier_model(
     return replace(other, largely=more, other=linear), again
 
 
-def select_model(
-    forward: ForwardModel, linear: LinearRound, *, detected: bool, null_case: NullCase
-) -> ModelSelection:
-    """Ranking and verdict after refitting the best single effects and pairs; none first if nothing was
-    detected.
-    """
-    best: dict[str, LinearFit] = {}
-    for one in sorted(linear.linear_fits, key=null_case.excess_gain, reverse=True):
-        best.setdefault(one.effect.spec.name, one)
-    found = [_Candidate(name, null_case.excess_gain(one), (one,)) for name, one in best.items()]
-    polished, failed = None, list[_Candidate]()
+def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) -> ModelSelection:
+    """Ranking and verdict after refitting the best effects and pairs; "none" where nothing was detected."""
+    candidates = [_Candidate(fit.name, fit.gain, (fit,)) for fit in linear.best]
+    failed = list[_Candidate]()
     if detected:
-        found = refitted_singles(forward, linear, found, null_case)
-        if found and found[0].refit is not None:
+        candidates = refitted_singles(forward, linear, candidates)
+        if candidates and candidates[0].refit is not None:
             # first: a second effect must not stand for what more rounds would still gain
-            found[0] = polished = _polished(forward, linear, found[0], found[0].refit, null_case)
-        if found and found[0].refit is not None:
-            pairs = _pairs(forward, linear, found[0], found[0].refit, null_case)
-            found += [one for one in pairs if one.refit is not None]
-            failed = [one for one in pairs if one.refit is None]
-    none = 0.0 if detected else max([null_case.least, *(one.gain for one in found)]) + NOT_DETECTED_GAIN
-    found = sorted([*found, _Candidate(NONE, none)], key=lambda one: -one.gain)
-    if found[0].refit is not None and found[0] is not polished:
-        found[0] = _polished(forward, linear, found[0], found[0].refit, null_case)
-    weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPERATURE)
-    weight /= weight.sum()
-    ranking = tuple(
+            candidates[0] = _polished(forward, linear, candidates[0], candidates[0].refit)
+        if candidates and candidates[0].refit is not None:
+            pairs = _pairs(forward, linear, candidates[0], candidates[0].refit)
+            candidates += [pair for pair in pairs if pair.refit is not None]
+            failed = [pair for pair in pairs if pair.refit is None]
+    candidates.append(_Candidate(NONE, 0.0))
+    shares, unknown = probabilities([candidate.weighed(linear) for candidate in candidates])
+    hypotheses = [
         Hypothesis(
-            name=one.name,
-            gain=one.gain,
-            probability=float(p),
-            linear_fits=one.linear_fits,
-            refit=one.refit,
-            alternatives=one.alternatives,
+            name=candidate.name,
+            gain=candidate.gain,
+            probability=float(share),
+            linear_fits=candidate.linear_fits,
+            refit=candidate.refit,
+            alternatives=candidate.alternatives,
         )
-        for one, p in zip(found, weight, strict=True)
+        for candidate, share in zip(candidates, shares, strict=True)
+    ]
+    most = max(candidate.gain for candidate in candidates)
+    hypotheses.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, linear_fits=(), refit=None))
+    ranking = tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.probability))
+    names = credible_set(
+        [hypothesis.name for hypothesis in ranking], [hypothesis.probability for hypothesis in ranking]
     )
-    verdict = verdict_of(linear, ranking, null_case) if detected else NONE
-    without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
+    verdict = NONE if not detected else names[0] if len(names) == 1 else names
+    without = {
+        candidate.name: candidate.failed
+        for candidate in (*candidates, *failed)
+        if candidate.failed and candidate.refit is None
+    }
     return ModelSelection(ranking=ranking, verdict=verdict, without=without)
 
 
 def refitted_singles(
-    forward: ForwardModel, linear: LinearRound, found: Sequence[_Candidate], null_case: NullCase
+    forward: ForwardModel, linear: LinearRound, candidates: Sequence[_Candidate]
 ) -> list[_Candidate]:
     """Promising candidates refitted, best first; the best of all is refitted wherever it can be.
 
-    The first alone, as its gain spares others their way to the end; then SIDE_BY_SIDE at once, each held
-    against those before them alone, so that threads change no answer.
+    The first alone, as its gain spares others their way to the end; then SIDE_BY_SIDE at once, each compared
+    with those before them alone, so that threads change no answer.
     """
-    most = max((one.gain for one in found), default=0.0)
-    best, at_once, tried, waiting = 0.0, 1, list[_Candidate](), list(enumerate(found))
+    most = max((candidate.gain for candidate in candidates), default=0.0)
+    best, at_once, tried, waiting = 0.0, 1, list[_Candidate](), list(enumerate(candidates))
     while waiting:
-        enough = best > ENOUGH_GAIN * (linear.null.chi2 - null_case.chi2) / 2
-        share = NEAR_EQUAL if enough else REFIT_SHARE
         due: list[_Candidate] = []
         while waiting and len(due) < at_once:
-            number, one = waiting.pop(0)
-            hopeful = number < MOST_SINGLES and one.gain > share * most
-            (due if hopeful or one.always_refitted else tried).append(one)
-        in_full = partial(_refitted, forward, linear, best=best, null_case=null_case)
+            number, candidate = waiting.pop(0)
+            hopeful = number < MOST_SINGLES and candidate.gain > REFIT_SHARE * most
+            (due if hopeful or candidate.always_refitted else tried).append(candidate)
+        in_full = partial(_refitted, forward, linear, best=best)
         refitted, at_once = parallel_map(in_full, due, workers=forward.workers), SIDE_BY_SIDE
         tried += refitted
-        best = max([best, *(one.gain for one in refitted if one.refit is not None)])
-    for _ in found:
-        tried.sort(key=lambda one: -one.gain)
+        best = max([best, *(candidate.gain for candidate in refitted if candidate.refit is not None)])
+    for _ in candidates:
+        tried.sort(key=lambda candidate: -candidate.gain)
         if tried[0].refit is not None:
             break
-        again = _refitted(forward, linear, tried[0], best=best, null_case=null_case)
+        again = _refitted(forward, linear, tried[0], best=best)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
     return tried
 
 
-def _refitted(
-    forward: ForwardModel, linear: LinearRound, one: _Candidate, *, best: float, null_case: NullCase
-) -> _Candidate:
+def _refitted(forward: ForwardModel, linear: LinearRound, single: _Candidate, *, best: float) -> _Candidate:
     """The best refit over the pads in question; unchanged where no model can be computed."""
     found, failed = [], ""
-    for linear_fit in _pads_that_may_be([(own.gain, own) for own in linear.linear_fits], *one.linear_fits):
+    for linear_fit in _pads_that_may_be([(fit.gain, fit) for fit in linear.linear_fits], *single.linear_fits):
         try:
             again = refit(forward, linear, (linear_fit,), beat=best)
         except FemFailure as failure:
             failed = failure.detail
             continue
-        gain = _gain(linear, again, null_case)
-        found.append(replace(one, gain=gain, linear_fits=(linear_fit,), refit=again))
+        gain = _gain(linear, again)
+        found.append(replace(single, gain=gain, linear_fits=(linear_fit,), refit=again))
         best = max(best, gain)
     if not found:
-        return replace(one, failed=failed)
+        return replace(single, failed=failed)
     first, *rest = sorted(found, key=lambda tried: -tried.gain)
     return replace(
         first, others=tuple((other.gain, other.refit) for other in rest if other.refit is not None)
     )
 
 
-def _pads_that_may_be(gains: Sequence[tuple[float, LinearFit]], one: LinearFit) -> list[LinearFit]:
+def _pads_that_may_be(gains: Sequence[tuple[float, LinearFit]], chosen: LinearFit) -> list[LinearFit]:
     """A signature, and where it is a pad's those of other pads that gain nearly as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    if not isinstance(one.signature.variant, OfPad):
-        return [one]
-    same = [(gain, own) for gain, own in gains if own.effect.spec.name == one.effect.spec.name]
+    if not isinstance(chosen.signature.variant, OfPad):
+        return [chosen]
+    same = [(gain, fit) for gain, fit in gains if fit.effect.spec.name == chosen.effect.spec.name]
     most = max(gain for gain, _ in same)
     return [
-        one,
+        chosen,
         *(
-            own
-            for gain, own in same
-            if own.signature.variant != one.signature.variant and gain > OTHER_PAD_SHARE * most
+            fit
+            for gain, fit in same
+            if fit.signature.variant != chosen.signature.variant and gain > OTHER_PAD_SHARE * most
         ),
     ]
 
 
-def _gain(linear: LinearRound, again: Refit, null_case: NullCase) -> float:
-    """ln evidence over that of the plain model, less the null quantile."""
+def _gain(linear: LinearRound, again: Refit) -> float:
+    """Log Bayes factor over the plain model, all channels."""
     auxiliary_log_likelihood = sum(
-        effect.auxiliary_log_likelihood(again.forward, own, variant)
-        for effect, own, variant in zip(again.effects, again.parameters, again.variants, strict=True)
+        effect.auxiliary_log_likelihood(again.forward, values, variant)
+        for effect, values, variant in zip(again.effects, again.parameters, again.variants, strict=True)
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    direct = direct_evidence(again.forward, again.effects)
-    return moved + min(auxiliary_log_likelihood, max(moved, 0.0)) + direct - null_case.in_full(again.effects)
+    return (
+        moved + min(auxiliary_log_likelihood, max(moved, 0.0)) + direct_evidence(again.forward, again.effects)
+    )
 
 
-def _pairs(
-    forward: ForwardModel, linear: LinearRound, best: _Candidate, single: Refit, null_case: NullCase
-) -> list[_Candidate]:
-    """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
-    no model could be computed, without a refit.
+def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single: Refit) -> list[_Candidate]:
+    """The best single beside each of the effects that add most to it, refitted, where the pair's probability
+    is not negligible beside the single's; a pair whose model cannot be computed has no refit.
+
+    The model error does not hold that of the first effect's own law, which grows with the effect. A second
+    effect therefore counts for no more than the misfit itself says: the usual one of the pair against the
+    unusual one of the single.
     """
+
+    def log_misfit_ratio(first: Refit, both: Refit) -> float:
+        before, after = (log_usual(refitted.fit.chi2 / linear.numbers) for refitted in (first, both))
+        return max(after - before, 0.0)
+
     found = []
-    least = max(PAIR_GAIN, null_case.least)
-    if single.fit.chi2 <= null_case.most_chi2:
-        least = max(least, PAIR_PLAIN_GAIN * null_case.compliance_ratio)
-    bends = any(spec.strain_power for effect in single.effects for spec in effect.spec.searched)
-    least = max(least, (PAIR_SHARE if bends else PAIR_SHARE_ELSE) * best.gain)
-    may_leave = null_case.most_chi2 + PAIR_LEFT * (single.fit.chi2 - null_case.chi2)
     gains = added_gains(linear, single)
     best_of: dict[str, tuple[float, LinearFit]] = {}
-    for gain, other in sorted(
-        ((null_case.excess_gain(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
-    ):
+    for gain, other in gains:
         best_of.setdefault(other.effect.spec.name, (gain, other))
     second = second_faults(linear, single)
     if faults_of_relation(single.effects):
         # what a fault shows alone says little beside another
-        best_of = {name: own for name, own in best_of.items() if not faults_of_relation([own[1].effect])}
-    of_gels = [(own.evidence, _without_signature(own)) for own in second.values()]
+        best_of = {name: pair for name, pair in best_of.items() if not faults_of_relation([pair[1].effect])}
+    of_gels = [(fault.evidence, _without_signature(fault)) for fault in second.values()]
     for gain, other in [*list(best_of.values())[:MOST_PAIRS], *of_gels]:
-        if gain < least:
+        name = "+".join(sorted((best.name, other.name)))
+        prior_ratio = log_prior(name, effects=len(linear.best)) - log_prior(
+            best.name, effects=len(linear.best)
+        )
+        if gain / TEMPERATURE + prior_ratio < np.log(NEGLIGIBLE):
             continue
         tried, failed = [], ""
+        gain_with = {id(fit): added_gain for added_gain, fit in gains} | {id(other): gain}
         fault = second.get(other.name)
         starts = [*single.parameters, None] if fault is None else fault.starts
         for added in _pads_that_may_be(gains, other):
@@ -320,66 +295,41 @@ def _pairs(
                 continue
             disagrees = fault is not None and again.log_evidence <= single.log_evidence
             if not again.at_an_end[-1] and not disagrees:
-                tried.append((_gain(linear, again, null_case), again, both))
+                added_gain = min(gain_with[id(added)], log_misfit_ratio(single, again))
+                tried.append((best.gain + added_gain, again, both))
         if not tried:
             if failed:
-                found.append(_Candidate(f"{best.name}+{other.effect.spec.name}", -np.inf, failed=failed))
+                found.append(_Candidate(name, -np.inf, failed=failed))
             continue
         (gained, again, both), *rest = sorted(tried, key=lambda pair: -pair[0])
-        if gained > best.gain + least and again.fit.chi2 < may_leave:
-            others = tuple((gain, refitted) for gain, refitted, _ in rest)
-            found.append(_Candidate(again.name, gained, both, again, others=others))
+        others = tuple((gain, refitted) for gain, refitted, _ in rest)
+        found.append(_Candidate(again.name, gained, both, again, others=others))
     return found
 
 
-def _without_signature(own: SecondFault) -> LinearFit:
+def _without_signature(second: SecondFault) -> LinearFit:
     """A fault of the gel by what the relation shows of it beside another, whatever it shows alone."""
     return LinearFit(
-        effect=own.fault,
+        effect=second.fault,
         signature=Signature(variant=ONE_WAY, columns=()),
         columns=(),
         amounts=np.zeros(0),
-        gain=own.evidence,
-        auxiliary_log_likelihood=own.evidence,
+        gain=second.evidence,
+        auxiliary_log_likelihood=second.evidence,
         chi2_drop=0.0,
-        modulus_spread=0.0,
-        direct=own.evidence,
+        modulus_change=(1.0, 0.0),
+        direct=second.evidence,
     )
 
 
-def _polished(
-    forward: ForwardModel, linear: LinearRound, one: _Candidate, first: Refit, null_case: NullCase
-) -> _Candidate:
+def _polished(forward: ForwardModel, linear: LinearRound, single: _Candidate, first: Refit) -> _Candidate:
     """The refit carried on for as long as it gains."""
     try:
-        again = refit(forward, linear, one.linear_fits, known=first)
+        again = refit(forward, linear, single.linear_fits, known=first)
     except FemFailure:
-        return one
+        return single
     if again.log_evidence <= first.log_evidence:
-        return replace(one, refit=replace(first, last_gain=again.last_gain))
+        return replace(single, refit=replace(first, last_gain=again.last_gain))
     if again.at_an_end[-1] and not first.at_an_end[-1]:
-        return one
-    return replace(one, gain=_gain(linear, again, null_case), refit=again)
-
-
-def verdict_of(
-    linear: LinearRound, ranking: Sequence[Hypothesis], null_case: NullCase
-) -> str | tuple[str, ...]:
-    """The name of the one likely effect, or all that cannot be told apart, or "unknown": where nothing gains
-    more than effects do on null cases, or the best leaves more chi-square than those do. What the recordings
-    themselves show plainly (SeenDirectly) is named whatever is left beside it.
-    """
-    first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.refit is None or first.gain <= null_case.least:
-        return UNKNOWN
-    before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
-    direct = direct_evidence(first.refit.forward, first.refit.effects)
-    excess = CLEAR_EXCESS if first.gain > CLEAR_GAIN else UNKNOWN_EXCESS
-    if direct < CLEAR_GAIN and after > max(UNKNOWN_LEFT * before, excess * null_case.chi2):
-        return UNKNOWN
-    indistinguishable = tuple(
-        one.name
-        for one in ranking
-        if one.name != NONE and one.probability >= EQUAL_PROBABILITY * first.probability and one.gain > 0
-    )
-    return indistinguishable[0] if len(indistinguishable) == 1 else indistinguishable
+        return single
+    return replace(single, gain=_gain(linear, again), refit=again)

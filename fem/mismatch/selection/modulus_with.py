@@ -20,7 +20,6 @@ from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
-from fem.mismatch.evidence.discrepancy_prior import discrepancy_spread
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -175,7 +174,6 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
         relation = effect.relation_sd(again.forward, again.effects) if isinstance(effect, GelFault) else {}
         for spec in effect.spec.searched:
             value = values[spec.name]
-            off = [spec.model_sd, spec.model_share * value, discrepancy_spread(effect)]
-            by_model = np.linalg.norm(off) / (value if spec.log else 1.0)
+            by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)
             found.append(np.hypot(by_model, relation.get(spec.name, 0.0)))
     return np.array(found)

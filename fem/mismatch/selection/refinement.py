@@ -16,7 +16,6 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
-from fem.mismatch.evidence.discrepancy_prior import trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
@@ -303,11 +302,11 @@ class _Search:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
         Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
-        jaws that seem to give way stand for each other: those are left out of that fit.
+        the model's own error stand for each other: its columns are left out of that fit.
         """
         if not self.power.any():
             return now, False
-        firm = [j for j in now.chosen if not trades_with_modulus(now.products.columns[j])]
+        firm = [j for j in now.chosen if now.products.columns[j].same_as is None]
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False

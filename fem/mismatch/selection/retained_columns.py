@@ -11,21 +11,11 @@ from fem.mismatch.model.observation_delta import Regressor
 def retained_columns(
     effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]
 ) -> tuple[int, ...]:
-    """The chosen columns without what these effects' own laws hold, for their refits: their saturating
-    discrepancies, and the flesh's large deformation, in whose place the fruit's turn stands alone.
+    """The chosen columns without the flesh's large deformation where a law of these effects holds it; the
+    fruit's turn stands alone in its place.
     """
-    effects = tuple(effects)
-    saturating = {
-        effect.spec.name
-        for effect in effects
-        if effect.spec.discrepancy is not None and effect.spec.discrepancy.saturating
-    }
-    large = any(effect.spec.holds_large_deformation for effect in effects)
-
-    def left_out(column: Regressor) -> bool:
-        if column.name == LARGE_DEFORMATION:
-            return large
-        return column.discrepancy_of is not None and column.discrepancy_of.name in saturating
-
-    alone = (j for j, column in enumerate(columns) if large and column.name == TURNED_FRUIT)
-    return tuple(sorted({*(j for j in chosen if not left_out(columns[j])), *alone}))
+    if not any(effect.spec.holds_large_deformation for effect in effects):
+        return tuple(sorted(chosen))
+    kept = (j for j in chosen if columns[j].name != LARGE_DEFORMATION)
+    alone = (j for j, column in enumerate(columns) if column.name == TURNED_FRUIT)
+    return tuple(sorted({*kept, *alone}))

@@ -1,16 +1,16 @@
 """Screening: every effect's best signature, and every pair of them, by linear Gaussian evidence."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
-from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
@@ -21,6 +21,7 @@ from fem.mismatch.evidence.large_deformation import (
     large_deformation,
 )
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
+from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
 from fem.mismatch.gel_fault import GelFault, faults_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
@@ -36,8 +37,8 @@ class LinearFit:
     """One signature of one effect among the columns of a case, fitted with the nuisances.
 
     `gain`: ln evidence over that of the nuisances, `auxiliary_log_likelihood` (fem.mismatch.effect) included,
-    of which `direct` counts whatever the motion says. `modulus_spread`: relative, what the effect may do to
-    E (`modulus_spread_of`).
+    of which `direct` counts whatever the motion says. `modulus_change`: E with the effect over E without, and
+    the relative standard deviation that it adds.
     """
 
     effect: Effect
@@ -47,7 +48,7 @@ class LinearFit:
     gain: float
     auxiliary_log_likelihood: float
     chi2_drop: float
-    modulus_spread: float
+    modulus_change: tuple[float, float]
     direct: float = 0.0
 
     @property
@@ -63,7 +64,8 @@ class LinearRound:
     `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
     largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
-    `other` of the other. `gel_faults`: all those of the catalogue.
+    `other` of the other. `gel_faults`: all those of the catalogue. `numbers`: how
+    many all recordings have.
     """
 
     products: GramMatrix
@@ -76,6 +78,7 @@ class LinearRound:
     largely: float = 0.0
     other: "LinearRound | None" = None
     gel_faults: tuple[GelFault, ...] = ()
+    numbers: int = 0
 
     @property
     def deforms_largely(self) -> bool:
@@ -105,13 +108,11 @@ def screened(
     recorded: Sequence[GraspEquations],
     effects: Sequence[Effect],
     *,
-    without_discrepancy_of: Collection[str] = (),
     noise_draws: int = DRAWS,
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
 
-    `without_discrepancy_of`: effects of which the plain model holds no seeming amount. `noise_draws`: of the
-    noise of forces (fem.mismatch.evidence.force_noise).
+    `noise_draws`: of the noise of forces (fem.mismatch.evidence.force_noise).
     """
     recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
@@ -125,28 +126,31 @@ def screened(
     large = large_deformation(forward)
     if isinstance(large, FemFailure):
         without[LARGE_DEFORMATION] = large.detail
-    known = [
-        *common_nuisances(forward),
-        *discrepancy_columns(forward, recording, without=without_discrepancy_of),
-    ]
+    known = common_nuisances(forward)
     columns: list[Regressor] = [*known, *stand_ins(forward)]
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
+    errors = model_error_columns(found, compliance_ratio=forward.compliance_ratio)
+    of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
+    nuisances = (*range(1, len(known) + 1), *of_errors)
+    columns += errors
     noise = drawn_force_noise(forward, recorded, draws=noise_draws)
     products = GramMatrix(forward, recorded, columns, noise=noise)
 
     def round_of(products: GramMatrix) -> LinearRound:
         of_products = linear_round(
             products,
-            tuple(range(1, len(known) + 1)),
+            nuisances,
             found,
             auxiliary=lambda *one: _auxiliary(forward, *one),
             without=without,
         )
-        return replace(of_products, gel_faults=tuple(one for one in effects if isinstance(one, GelFault)))
+        faults = tuple(effect for effect in effects if isinstance(effect, GelFault))
+        numbers = sum(equations.own.shape[1] for equations in recorded)
+        return replace(of_products, gel_faults=faults, numbers=numbers)
 
     if not isinstance(large, list):
         return round_of(products)
@@ -236,7 +240,7 @@ def _linear_fit(
     fit = products.fit([*own, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
-    moved = fit.log_evidence - null.log_evidence
+    moved = fit.log_evidence - null.log_evidence + log_positive(products, columns, fit)
     said, direct = auxiliary(effect, signature, amounts)
     auxiliary_log_likelihood = min(said, max(moved, 0.0))
     gain = moved + auxiliary_log_likelihood + direct
@@ -245,11 +249,11 @@ def _linear_fit(
         signature=signature,
         columns=columns,
         amounts=amounts,
-        gain=min(gain, 0.0) if wrong else gain,
+        gain=gain,
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
-        modulus_spread=0.0 if wrong else modulus_spread_of(null, fit),
+        modulus_change=(1.0, 0.0) if wrong else modulus_change(null, fit),
     )
 
 
@@ -262,12 +266,11 @@ def modulus_change(before: Fit, after: Fit) -> tuple[float, float]:
     return float((1 + before.amounts[0]) / changed), float(np.sqrt(more) / changed)
 
 
-def modulus_spread_of(before: Fit, after: Fit) -> float:
-    """Root mean square of the relative change of E by an effect (`modulus_change`): of its mean, and of the
-    standard deviation that the effect adds.
-    """
-    ratio, added = modulus_change(before, after)
-    return float(np.hypot(ratio - 1, added))
+def log_positive(products: GramMatrix, columns: Sequence[int], fit: Fit) -> float:
+    """ln 2 Phi(mean / sd): what an amount's positive prior adds to the evidence with a symmetric one."""
+    if len(columns) != 1 or not products.columns[columns[0]].positive:
+        return 0.0
+    return float(np.log(2.0) + log_ndtr(fit.amounts[-1] / fit.sd[-1]))
 
 
 def violates_sign_constraint(

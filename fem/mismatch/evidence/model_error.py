@@ -1,0 +1,62 @@
+"""The model's own error, in the coordinates of the effects.
+
+No model is exact: with every effect absent its residual still resembles small amounts of some effects. Each
+signature is therefore also a column of the plain model, with mean zero and a standard deviation that
+simulated fruit without mismatch show. An effect counts only for what exceeds it. This is the Bayesian
+approximation error approach (Kaipio and Somersalo 2007, Inverse Problems 23, section 4) with a diagonal
+covariance: the full one of few fruit has directions in which errors cancel that other fruit do not have.
+
+`model_error.csv` has one share for each effect: the root mean square of its apparent amount over fruit
+without mismatch, over the prior standard deviation of the amount and the compliance ratio of flesh to gel,
+with which apparent amounts grow. `benchmarks/model_error_shares.py` measures it.
+"""
+
+import csv
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.model.observation_delta import Regressor
+
+FILE = "model_error.csv"
+
+
+@cache
+def model_error_shares() -> Mapping[str, float]:
+    """The shipped share of each effect."""
+    text = (files("fem.mismatch.evidence") / FILE).read_text("utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return {row["effect"]: float(row["share"]) for row in rows}
+
+
+def model_error_columns(
+    signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
+    *,
+    compliance_ratio: float,
+    shares: Mapping[str, float] | None = None,
+) -> list[Regressor]:
+    """One column for each of the signatures', with its fields; alternatives of one effect share its error.
+
+    `signatures`: of a case, with the numbers of their columns.
+    """
+    known = model_error_shares() if shares is None else shares
+    count = Counter(effect.spec.name for effect, _, _ in signatures)
+    return [
+        replace(
+            column,
+            name=f"model error {effect.spec.name}",
+            mean=0.0,
+            sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name]),
+            positive=False,
+            of_forces=None,
+            same_as=number,
+        )
+        for effect, signature, numbers in signatures
+        if (share := known.get(effect.spec.name, 0.0)) > 0
+        for column, number in zip(signature.columns, numbers, strict=True)
+    ]

@@ -1,0 +1,138 @@
+"""The posterior of all explanations, and the test against no mismatch: here alone the finder decides.
+
+Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
+a prior probability, a log Bayes factor over the plain model (by linear signatures or by a refit, model error
+included), divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
+
+- without a mismatch the plain model's x scatters as MISFIT chi-square(FREEDOM) / FREEDOM;
+- with one, x is as likely to be hidden in that scatter as to stand out (ln x uniform up to MOST_MISFIT times
+  MISFIT), and the true explanation leaves a share of the excess over MISFIT, exponential with mean REMAINING
+  (more, where the scatter hides the excess);
+- unknown physics resembles one of the explanations, gains as much as that one by the motion of the flesh, and
+  leaves any share of the excess.
+
+The verdict is the smallest set of explanations that holds CREDIBLE of the probability.
+
+The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
+Gaussian with covariance N (SignatureEquations), so the distribution of a statistic of b follows from draws.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaincc, gammaln, logsumexp
+
+from fem.mismatch.evidence.signature_equations import SignatureEquations
+from fem.mismatch.result import NONE
+
+DETECTION_P = 0.05
+"""p-value below which there is a mismatch: the usual level."""
+CREDIBLE = 0.95
+"""Probability of the verdict's set."""
+PRIOR: Mapping[str, float] = {NONE: 0.5, "single": 0.45, "pair": 0.05}
+"""Probabilities before the data; equal for all effects and for all pairs. Set by hand: half of all fruit have
+no mismatch."""
+OUTSIDE = 0.05
+"""Probability before the data that physics outside the catalogue stands behind any of these. Set by hand."""
+TEMPERATURE = 1.5
+"""Divisor of log Bayes factors. Set by hand."""
+MISFIT, FREEDOM = 0.0375, 22.8
+"""Geometric mean and degrees of freedom of the chi-square per number that the plain model leaves of
+recordings without mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`)."""
+MOST_MISFIT = 1000.0
+"""Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
+REMAINING = 0.12
+"""Mean share of the excess misfit that the true explanation leaves: one that leaves 0.6 is as likely to be
+unknown physics, as on labelled cases with the true effect out of the catalogue
+(`benchmarks/mismatch.py --ablation effect-left-out`)."""
+DRAWS = 2000
+"""Of b without mismatch: p is known to 0.005 at DETECTION_P."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weighed:
+    """One explanation before its probability. `gain`: log Bayes factor over the plain model, of which
+    `direct` is of marks that recordings show whatever the flesh is. `misfit`: chi-square per number that it
+    leaves.
+    """
+
+    name: str
+    gain: float
+    misfit: float
+    direct: float = 0.0
+
+
+def log_prior(name: str, *, effects: int) -> float:
+    """ln of the prior probability of an explanation among so many effects; those of a pair are joined by "+".
+
+    >>> round(float(np.exp(log_prior("none", effects=26))), 3)
+    0.5
+    """
+    if name == NONE:
+        return float(np.log(PRIOR[NONE]))
+    if "+" in name:
+        return float(np.log(PRIOR["pair"] / max(effects * (effects - 1) / 2, 1)))
+    return float(np.log(PRIOR["single"] / effects))
+
+
+def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " h"], float]:
+    """Of each of the explanations, "none" among them, and of "unknown"."""
+    before = next(one.misfit for one in explanations if one.name == NONE)
+    usual = log_usual(before)
+    uniform = -float(np.log(np.log(MOST_MISFIT))) if before > MISFIT else -np.inf
+    present = float(np.logaddexp(usual, uniform) - np.log(2.0))
+    scatter = MISFIT * np.sqrt(2 / FREEDOM)
+    excess = max(before - MISFIT, scatter)
+    mean = min(REMAINING + scatter / excess, 1.0)
+    effects = sum(one.name != NONE and "+" not in one.name for one in explanations)
+    named, resembled = [], []
+    for one in explanations:
+        gain = one.gain / TEMPERATURE
+        remaining = max(one.misfit - MISFIT, 0.0) / excess
+        left = -np.log(mean) - remaining / mean
+        prior = log_prior(one.name, effects=effects)
+        named.append(prior + gain + (usual if one.name == NONE else present + left))
+        resembled.append(prior + gain - one.direct / TEMPERATURE + present)
+    inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
+    total = logsumexp([*inside, *outside])
+    return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))
+
+
+def log_usual(misfit: float) -> float:
+    """ln density of ln x without a mismatch: a scaled chi-square."""
+    half, ratio = FREEDOM / 2, max(misfit / MISFIT, 1e-9)
+    return float(half * np.log(half) - gammaln(half) + half * (np.log(ratio) - ratio))
+
+
+def credible_set(names: Sequence[str], probability: Sequence[float]) -> tuple[str, ...]:
+    """The fewest names that together have CREDIBLE, likeliest first.
+
+    >>> credible_set(["skin", "none", "slip"], [0.9, 0.08, 0.02])
+    ('skin', 'none')
+    """
+    order = np.argsort(-np.asarray(probability), kind="stable")
+    total = np.cumsum(np.asarray(probability)[order])
+    count = int(np.searchsorted(total, CREDIBLE - 1e-12)) + 1
+    return tuple(names[k] for k in order[:count])
+
+
+def p_values(
+    equations: SignatureEquations, *, misfit: float, direct: float, rng: np.random.Generator
+) -> tuple[float, dict[str, float]]:
+    """The p-value, and that of each statistic.
+
+    "effects": the mean Bayes factor over the catalogue. "misfit": x of the plain model. "gel": `direct`, the
+    log Bayes factor of what gels show by themselves; a Bayes factor above c has a probability of at most 1/c
+    without mismatch (Markov). The smallest counts, corrected for their number (Sidak).
+    """
+    each = {"misfit": float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))}
+    if any(len(ways) for ways in equations.ways.values()):
+        drawn = np.vstack([equations.right, equations.drawn(DRAWS, rng)])
+        statistic = logsumexp(list(equations.log_bayes_factors(drawn).values()), axis=0)
+        each["effects"] = float((1 + (statistic[1:] >= statistic[0]).sum()) / (DRAWS + 1))
+    if direct > 0:
+        each["gel"] = float(np.exp(-direct))
+    p = -np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12)))
+    return float(p), each

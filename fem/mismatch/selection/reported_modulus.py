@@ -1,0 +1,109 @@
+"""E that is reported: the mean over all explanations by their probabilities, with their differences.
+
+An explanation that was refitted has an E of its own; one that was not has that of its linear signature;
+"unknown" has the plain model's E, as uncertain as unknown physics has made it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import expit
+
+from fem.mismatch.gel_fault import GelFault, faults_of_relation
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
+from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.refinement import Refit
+
+LARGE_MISFIT = 2.0
+"""Times the noise, root mean square in recordings left out. Set by hand."""
+UNKNOWN_MODULUS_SD, LARGE_MISFIT_MODULUS_SD = 0.17, 0.3
+"""Relative; of E where something unknown is missing, without and with a large misfit. So that nine of ten of
+the plain model's errors on labelled cases with an effect lie within 1.645 of it, of 34 cases and of 28
+(`benchmarks/results/mismatch.csv`)."""
+
+
+def reported_modulus(
+    ranking: Sequence[Hypothesis],
+    candidates: Sequence[Candidate],
+    plain: Modulus,
+    *,
+    hidden: float = 0.0,
+    heldout: HeldOut | None = None,
+) -> Modulus:
+    """E as the module's docstring says; the plain model's where no explanation has an E.
+
+    `candidates`: the same ranking with the refits' E. `hidden`: relative spread by faults of the gel that are
+    not in the ranking. `heldout`: how the plain model predicts recordings left out.
+    """
+    weights, moduli = [], []
+    for hypothesis, candidate in zip(ranking, candidates, strict=True):
+        modulus = _modulus_by(hypothesis, candidate, plain, heldout)
+        if modulus is not None:
+            weights.append(hypothesis.probability)
+            moduli.append(modulus)
+    return _widened(mixture(weights, moduli) if sum(weights) > 0 else plain, hidden)
+
+
+def _modulus_by(
+    hypothesis: Hypothesis, candidate: Candidate, plain: Modulus, heldout: HeldOut | None
+) -> Modulus | None:
+    if hypothesis.name == NONE:
+        return plain
+    if hypothesis.name == UNKNOWN:
+        return _widened(plain, unknown_spread(heldout))
+    if hypothesis.refit is not None or not hypothesis.linear_fits:
+        return candidate.modulus
+    ratio, added = hypothesis.linear_fits[0].modulus_change
+    return _widened(Modulus(value=ratio * plain.value, sd=ratio * plain.sd), added)
+
+
+def unknown_spread(heldout: HeldOut | None) -> float:
+    """Relative spread of E by physics that is not known."""
+    large = heldout is not None and heldout.rms_before > LARGE_MISFIT * heldout.noise_rms
+    return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
+
+
+def _widened(modulus: Modulus, relative_sd: float) -> Modulus:
+    return replace(modulus, sd=float(np.hypot(modulus.sd, relative_sd * modulus.value)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenGelFault:
+    """A fault of the gel that is not named and that force against displacement does not exclude: its
+    parameters as measured, its probability, and the relative change of E by it.
+    """
+
+    name: str
+    values: Mapping[str, float]
+    probability: float
+    modulus_change: float
+
+    @property
+    def spread(self) -> float:
+        """Relative spread of E, which is without it: root mean square."""
+        return float(np.sqrt(self.probability) * abs(self.modulus_change))
+
+
+def hidden_gel_faults(
+    forward: ForwardModel, faults: Sequence[GelFault], named: Refit | None
+) -> list[HiddenGelFault]:
+    """Those of `faults` with which the flesh's equations fit better.
+
+    At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
+    of the same relation: each shows in part as another.
+    """
+    if named is not None and faults_of_relation(named.effects):
+        return []
+    measured = [(fault, fault.measured(forward)) for fault in faults_of_relation(faults)]
+    return [
+        HiddenGelFault(
+            name=fault.spec.name,
+            values=known.values,
+            probability=float(expit(known.evidence)),
+            modulus_change=fault.modulus_change(forward),
+        )
+        for fault, known in measured
+        if known is not None and fault.flesh_gain(forward) > 0
+    ]

@@ -1,0 +1,122 @@
+"""The model error's shares against known amounts and closed forms."""
+
+import csv
+import json
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, norm
+from sealed_truths import put_on_path
+from synthetic_problem import problem
+
+put_on_path()
+from model_error_shares import (  # noqa: E402
+    equations_without_model_error,
+    file_text,
+    held_out_lines,
+    model_error_of,
+    squared_shares,
+)
+
+from fem.mismatch.evidence.signature_equations import SignatureEquations  # noqa: E402
+from fem.mismatch.selection.decision import FREEDOM, MISFIT  # noqa: E402
+
+RATIO, SD = 2.5, 0.4
+ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "null_rows.jsonl"
+
+
+def equations(normal, right, ways):
+    count = len(right)
+    return SignatureEquations(
+        normal=np.asarray(normal, dtype=float),
+        right=np.asarray(right, dtype=float),
+        sd=np.full(count, SD),
+        positive=np.zeros(count, dtype=bool),
+        ways=ways,
+    )
+
+
+def rows_of_amounts(amounts, information):
+    """Cases of one column, whose data are an amount and noise."""
+    rng = np.random.default_rng(4)
+    for number, amount in enumerate(amounts):
+        right = information * amount + np.sqrt(information) * rng.normal()
+        squares = squared_shares(
+            equations([[information]], [right], {"skin": [(0,)]}), compliance_ratio=RATIO
+        )
+        yield {"case": f"cases/null-{number}-1", "squared_shares": squares}
+
+
+def test_a_known_share_is_measured_noise_removed():
+    """Noise is a third of the amounts: left in, the share would be 5 % too large."""
+    injected = 0.05
+    amounts = injected * SD * RATIO * np.random.default_rng(3).normal(size=4000)
+    information = (3 / (injected * SD * RATIO)) ** 2
+    assert model_error_of(list(rows_of_amounts(amounts, information)))["skin"] == pytest.approx(
+        injected, rel=0.03
+    )
+
+
+def test_noise_alone_leaves_what_the_cut_at_zero_leaves():
+    """E max(z^2 - 1, 0) = 2 phi(1) of a standard normal z, times the variance 1 / N."""
+    information = 1e6
+    wanted = np.sqrt(2 * norm.pdf(1.0) / information) / SD / RATIO
+    found = model_error_of(list(rows_of_amounts(np.zeros(4000), information)))["skin"]
+    assert found == pytest.approx(wanted, rel=0.05)
+
+
+def test_each_signature_is_fitted_alone_and_the_median_is_over_all_columns():
+    """Of three columns, two of one signature and one of another that is correlated with them."""
+    information = 1e8
+    normal = information * np.array([[1.0, 0.0, 0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 1.0]])
+    true = np.array([0.3, 0.1, 0.0])
+    ways = {"pit_offset": [(0, 1), (2,)], "slip": [(1,)], "adhesion": []}
+    squares = squared_shares(equations(normal, normal @ true, ways), compliance_ratio=RATIO)
+    assert set(squares) == {"pit_offset", "slip"}
+    alone = np.array([0.3, 0.1, 0.6 * 0.3]) / SD / RATIO
+    assert squares["pit_offset"] == pytest.approx(np.median(alone**2), rel=1e-4)
+    assert squares["slip"] == pytest.approx(alone[1] ** 2, rel=1e-4)
+
+
+def test_amounts_are_those_beside_a_plain_model_without_model_error():
+    case = problem({"skin": 0.4})
+    bare, full = (
+        equations_without_model_error(each.linear()) for each in (case, case.with_shipped_model_error())
+    )
+    assert full.normal == pytest.approx(bare.normal)
+    assert full.right == pytest.approx(bare.right)
+    squares = squared_shares(full, compliance_ratio=1.0)
+    assert np.sqrt(squares["skin"]) == pytest.approx(0.4 / 3.0, rel=0.15)
+
+
+def test_the_file_holds_root_mean_squares_by_name_and_says_where_they_are_from():
+    rows = [
+        {"case": "cases/null-200-1", "squared_shares": {"skin": 0.03**2, "slip": 0.0009**2}},
+        {"case": "cases/null-200-2", "squared_shares": {"skin": 0.04**2, "damage": 0.0123456**2}},
+        {"case": "cases/null-201-1", "squared_shares": {"skin": 0.0}},
+    ]
+    lines = file_text(rows, date(2026, 11, 28)).splitlines()
+    said = " ".join(line for line in lines if line.startswith("#"))
+    assert "3 cases of 2 fruit" in said
+    assert "2026-11-28" in said
+    shares = {row["effect"]: row["share"] for row in csv.DictReader(x for x in lines if x[0] != "#")}
+    assert shares == {"damage": "0.0123", "skin": f"{0.05 / np.sqrt(3):.3g}"}
+
+
+def test_held_out_p_values_count_all_cases_and_compare_one_of_each_fruit():
+    p = {"200-1": 0.01, "200-2": 0.2, "201-1": 0.5, "201-2": 0.02, "202-1": 0.9}
+    rows = [{"case": f"cases/null-{name}", "p": value, "code": "0"} for name, value in p.items()]
+    below, uniform, _ = held_out_lines(rows)
+    assert below == "p below 0.05: 2 of 5 = 40% (5% to 85%)"
+    assert uniform.endswith(f"{kstest([0.01, 0.5, 0.9], 'uniform').pvalue:.2g}")
+
+
+def test_usual_misfit_is_that_of_the_stored_recordings_without_mismatch():
+    """ln of a scaled chi-square of f degrees of freedom has a variance of about 2 / f."""
+    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()]
+    misfit = np.log([row["what is left"] for row in rows])
+    assert len(rows) == 120
+    assert np.exp(misfit.mean()) == pytest.approx(MISFIT, rel=0.01)
+    assert 2 / misfit.var() == pytest.approx(FREEDOM, rel=0.01)
