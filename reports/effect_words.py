@@ -21,6 +21,9 @@ VERDICTS: dict[str, EffectEntry] = {
 }
 """The two verdicts that are no effect; the words of effects come with the entry (ExplainEntry.effects)."""
 
+LISTED = {NOTHING: "no mismatch", UNEXPLAINED: "an unknown effect"}
+"""Both in a list of explanations that cannot be distinguished."""
+
 
 def parts(effect: str) -> tuple[str, ...]:
     """The single effects of a name."""
