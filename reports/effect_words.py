@@ -68,7 +68,7 @@ def explain_verdict(entry: ExplainEntry) -> str:
         )
     moved = f"E changes from {_E(entry.before)} to {_E(entry.after)}"
     if len(named) > 1:
-        names = [effect_name(effect) for effect in by_rank(entry)]
+        names = [LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
         return f"These recordings cannot distinguish {listed}. Averaged over them by probability, {moved}."
     first = in_short(named[0], entry)
