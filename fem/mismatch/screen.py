@@ -149,8 +149,8 @@ def screen(
 
 
 def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
-    """The names that together have the posterior's credible probability, the likeliest first; "none" is not
-    one of them. `kept`: share of the frames, of thinned recordings.
+    """The names of the posterior's credible set that are likelier than no mismatch, the likeliest first;
+    "unknown" where there is none. `kept`: share of the frames, of thinned recordings.
     """
     tried: list[tuple[str, float, Sequence[LinearFit]]] = [("none", 0.0, ())]
     tried += [(fit.name, fit.gain, (fit,)) for fit in linear.best]
@@ -164,8 +164,9 @@ def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
         for name, gain, fits in tried
     ]
     shares, unknown = probabilities(weighed)
-    names = credible_set([*(one.name for one in weighed), UNKNOWN], [*shares, unknown])
-    return tuple(name for name in names if name != "none") or (UNKNOWN,)
+    probability = dict(zip((one.name for one in weighed), shares.tolist(), strict=True)) | {UNKNOWN: unknown}
+    names = credible_set(list(probability), list(probability.values()))
+    return tuple(name for name in names if probability[name] > probability["none"]) or (UNKNOWN,)
 
 
 def modulus_with(linear: LinearRound, name: str) -> tuple[float, float]:

@@ -131,8 +131,9 @@ class ForwardModel:
             touching = tracks.episode >= 0
             flesh = float((self.compliance * tracks.unit_displacement[touching]).std())
             gel = float(np.sqrt((tracks.gel_displacement_mm[touching] ** 2).sum(axis=1).mean()))
-            ratio.append(flesh / gel)
-        return max(1.0, float(np.median(ratio)) / SOFT)
+            if gel > 0:
+                ratio.append(flesh / gel)
+        return max(1.0, float(np.median(ratio)) / SOFT) if ratio else 1.0
 
     def moved_by_stress(
         self, recording: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
