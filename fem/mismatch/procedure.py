@@ -75,6 +75,7 @@ def explain(
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
         detection = detected(linear)
+        linear = linear if detection.mismatch else detection.linear
     with stage("short list, in full"):
         linear, found = select_likelier_model(forward, linear, detected=detection.mismatch)
     null = (linear.products, linear.nuisances)
@@ -103,6 +104,7 @@ def explain(
         verdict=found.verdict,
         before=plain,
         after=reported_modulus(
+            found.verdict,
             found.ranking,
             ranking,
             plain,

@@ -244,7 +244,7 @@ def test_a_fruit_and_its_load_turned_together_move_alike(free, small_fruit, pinc
 def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
     """Dead tension on all sides: P = mu (l - 1/l) + 3 lambda ln(l)/l cannot pass its first maximum.
 
-    Even stretch is stable up to P = 2 mu only (Rivlin 1974, Q. Appl. Math. 32); from there on rounding decides
+    Even stretch is stable up to P = 2 mu only (Rivlin 1974, Q. Appl. Math. 32). Beyond that, rounding decides
     how much of it a search still follows.
     """
     law = NeoHookean(poisson_ratio=0.49)

@@ -32,13 +32,22 @@ def explanation(
     return hypothesis, candidate
 
 
-def reported(*explanations: tuple[Hypothesis, Candidate], **options: object) -> Modulus:
+def reported(
+    *explanations: tuple[Hypothesis, Candidate], verdict: str = "skin", **options: object
+) -> Modulus:
     hypotheses, candidates = zip(*explanations, strict=True)
-    return reported_modulus(hypotheses, candidates, PLAIN, **options)  # type: ignore[arg-type]
+    return reported_modulus(verdict, hypotheses, candidates, PLAIN, **options)  # type: ignore[arg-type]
 
 
 def test_without_a_mismatch_E_is_the_plain_models() -> None:
     assert reported(explanation(NONE, 1.0)) == PLAIN
+
+
+def test_an_effect_that_was_not_detected_widens_E_and_does_not_move_it() -> None:
+    """By hand: the root mean square of E about the plain one."""
+    found = reported(explanation(NONE, 0.75), explanation("skin", 0.25, E=0.5), verdict=NONE)
+    assert found.value == PLAIN.value
+    assert found.sd**2 == pytest.approx(0.75 * PLAIN.sd**2 + 0.25 * (0.01**2 + 0.1**2))
 
 
 def test_explanations_share_E_by_their_probabilities() -> None:

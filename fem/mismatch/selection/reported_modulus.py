@@ -1,7 +1,8 @@
 """E that is reported: the mean over all explanations by their probabilities, with their differences.
 
 An explanation that was refitted has an E of its own; one that was not has that of its linear signature;
-"unknown" has the plain model's E, as uncertain as unknown physics has made it.
+"unknown" has the plain model's E, as uncertain as unknown physics has made it. Where no mismatch was detected
+effects widen the error bar and do not move E.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ the plain model's errors on labelled cases with an effect lie within 1.645 of it
 
 
 def reported_modulus(
+    verdict: str | tuple[str, ...],
     ranking: Sequence[Hypothesis],
     candidates: Sequence[Candidate],
     plain: Modulus,
@@ -43,7 +45,10 @@ def reported_modulus(
         if modulus is not None:
             weights.append(hypothesis.probability)
             moduli.append(modulus)
-    return _widened(mixture(weights, moduli) if sum(weights) > 0 else plain, hidden)
+    averaged = mixture(weights, moduli) if sum(weights) > 0 else plain
+    if verdict == NONE:
+        averaged = Modulus(value=plain.value, sd=float(np.hypot(averaged.sd, averaged.value - plain.value)))
+    return _widened(averaged, hidden)
 
 
 def _modulus_by(
