@@ -51,7 +51,7 @@ def explain_verdict(entry: ExplainEntry) -> str:
             return f"{said} ({spread})."
         return f"drupe found no mismatch: the recordings agree with the model within noise ({spread})."
     if entry.withheld is not None:
-        either = " or ".join(effect_name(effect) for effect in by_rank(entry))
+        either = " or ".join(LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry))
         what = (
             f"The recording differs from the model, and no known effect explains the difference "
             f"({_chance(entry.p_value)})"
@@ -70,11 +70,11 @@ def explain_verdict(entry: ExplainEntry) -> str:
     if len(named) > 1:
         names = [LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
-        return f"These recordings cannot distinguish {listed}. Averaged over them by probability, {moved}."
+        return f"These recordings cannot distinguish {listed}. Averaged over all explanations, {moved}."
     first = in_short(named[0], entry)
     sure = next((one.probability for one in entry.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
-    return f"{first[:1].upper()}{first[1:]}{certainty}. With this effect, {moved}."
+    return f"{first[:1].upper()}{first[1:]}{certainty}. Averaged over all explanations, {moved}."
 
 
 def by_rank(entry: ExplainEntry) -> tuple[str, ...]:

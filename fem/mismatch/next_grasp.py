@@ -85,11 +85,14 @@ def explanations_left(linear: LinearRound, found: ModelSelection, *, grasps: int
         if found.verdict in (NONE, UNKNOWN) or grasps > 1:
             return []
         known = [one for one in found.ranking if one.refit is not None or one.name == NONE]
-        first = next(one for one in known if one.name == found.verdict)
+        first = next((one for one in known if one.name == found.verdict), None)
+        if first is None:
+            return []
         rest = [one for one in known if one is not first and one.probability > LEAST_PROBABILITY]
         chosen = [first, *rest[:1]]
     else:
-        chosen = [one for one in found.ranking if one.name in found.verdict and one.refit is not None]
+        left = [one for one in found.ranking if one.name in found.verdict]
+        chosen = [one for one in left if one.refit is not None or one.name == NONE]
     return [_explained(one, linear) for one in chosen[:MOST_EXPLAINED]]
 
 

@@ -6,10 +6,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Placed, Remarked
+from fem.mismatch.effect import Placed, Remarked, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix
@@ -80,8 +81,9 @@ def explain(
         linear, found = select_likelier_model(forward, linear, detected=detection.mismatch)
     null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
-        named = next((one for one in found.ranking if one.name not in (NONE, UNKNOWN)), None)
-        best = None if named is None or found.verdict in (NONE, UNKNOWN) else named.refit
+        names = {found.verdict} if isinstance(found.verdict, str) else {*found.verdict}
+        named = next((one for one in found.ranking if one.name in names - {NONE, UNKNOWN}), None)
+        best = None if named is None else named.refit
         after = null if best is None else _model_of(best)
         ranking = candidates(found, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
@@ -272,6 +274,12 @@ def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
     return max(tests, key=lambda test: test.p_value)
 
 
+def _mean_direct_evidence(linear: LinearRound) -> float:
+    """ln of the mean Bayes factor of all effects that recordings can show directly; 0 where there is none."""
+    direct = {fit.name: fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)}
+    return float(logsumexp(list(direct.values())) - np.log(len(direct))) if direct else 0.0
+
+
 def _tested(linear: LinearRound, kept: float) -> CaseDetection:
     signatures: dict[str, list[tuple[int, ...]]] = {}
     for fit in linear.linear_fits:
@@ -279,7 +287,7 @@ def _tested(linear: LinearRound, kept: float) -> CaseDetection:
     p_value, each = p_values(
         SignatureEquations.of(linear.products, linear.nuisances, signatures),
         misfit=kept * linear.null.chi2 / linear.numbers,
-        direct=max((fit.direct for fit in linear.linear_fits), default=0.0),
+        direct=_mean_direct_evidence(linear),
         rng=np.random.default_rng(0),
     )
     return CaseDetection(p_value=p_value, p_values=each, linear=linear)

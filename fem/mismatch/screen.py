@@ -149,8 +149,8 @@ def screen(
 
 
 def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
-    """The names of the posterior's credible set that are likelier than no mismatch, the likeliest first;
-    "unknown" where there is none. `kept`: share of the frames, of thinned recordings.
+    """The names of the posterior's credible set that are likelier than no mismatch, the likeliest first.
+    `kept`: share of the frames, of thinned recordings.
     """
     tried: list[tuple[str, float, Sequence[LinearFit]]] = [("none", 0.0, ())]
     tried += [(fit.name, fit.gain, (fit,)) for fit in linear.best]
@@ -160,13 +160,14 @@ def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
             name=name,
             gain=gain,
             misfit=kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers,
+            direct=max((fit.direct for fit in fits), default=0.0),
         )
         for name, gain, fits in tried
     ]
     shares, unknown = probabilities(weighed)
     probability = dict(zip((one.name for one in weighed), shares.tolist(), strict=True)) | {UNKNOWN: unknown}
     names = credible_set(list(probability), list(probability.values()))
-    return tuple(name for name in names if probability[name] > probability["none"]) or (UNKNOWN,)
+    return tuple(name for name in names if probability[name] > probability["none"])
 
 
 def modulus_with(linear: LinearRound, name: str) -> tuple[float, float]:

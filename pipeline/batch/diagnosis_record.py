@@ -42,10 +42,11 @@ class DiagnosisRecord(BaseModel):
 
     @property
     def suspected(self) -> tuple[SuspectedRecord, ...]:
-        """E with the verdict's effect; none where no known effect was found, or no E is given."""
-        if {NONE, UNKNOWN} & {*self.names}:
+        """E with the verdict's effects; empty where the likeliest is none of them, or no E is given."""
+        if self.names[0] in (NONE, UNKNOWN):
             return ()
-        return suspected_of("|".join(self.names), self.E_MPa.before, self.E_MPa.after)
+        effects = [name for name in self.names if name not in (NONE, UNKNOWN)]
+        return suspected_of("|".join(effects), self.E_MPa.before, self.E_MPa.after)
 
 
 class _ValueWithSd(Protocol):

@@ -14,6 +14,7 @@ from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.files.plain_file import NotReadable, toml_of
+from reports.effect_words import LISTED
 
 HEADER = re.compile(r"[ \t]*\[")
 MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
@@ -64,7 +65,7 @@ def why_not(found: Explanation) -> str:
     if found.verdict == UNKNOWN:
         return "the cause is unknown, so grading cannot take it into account."
     if not isinstance(found.verdict, str):
-        names = ", ".join(found.verdict)
+        names = ", ".join(LISTED.get(name, name) for name in found.verdict)
         return f"the recordings cannot distinguish {names}; record the proposed grasp, and run explain again."
     if all(map(_in_forces, found.verdict.split("+"))):
         return _needs_no_entry(found.verdict)

@@ -61,7 +61,7 @@ def decide(
     if record.doubts:
         return inspect(decision_reason="E is in doubt")
     suspected = () if record.screen is None else record.screen.names
-    if UNKNOWN in (mismatch, *suspected[:1]):
+    if UNKNOWN in ((mismatch or "").split("|")[0], *suspected[:1]):
         return inspect(decision_reason="no known effect explains its recordings")
     other = _other_class(place, grading)
     if (missing := _missing_physics(record, place, grading, explained)) is not None:

@@ -118,5 +118,5 @@ def test_usual_misfit_is_that_of_the_stored_recordings_without_mismatch():
     rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()]
     misfit = np.log([row["what is left"] for row in rows])
     assert len(rows) == 120
-    assert np.exp(misfit.mean()) == pytest.approx(MISFIT, rel=0.01)
+    assert np.exp(misfit).mean() == pytest.approx(MISFIT, rel=0.01)
     assert 2 / misfit.var() == pytest.approx(FREEDOM, rel=0.01)

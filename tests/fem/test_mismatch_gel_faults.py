@@ -15,13 +15,13 @@ from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, _record, 
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.selection.decision import TEMPERATURE, log_prior
 from fem.mismatch.selection.forward_selection import direct_evidence, second_faults
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_faults
 from fem.mismatch.selection.screening import _auxiliary_of_pair, screened
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.mismatch.thresholds import PAIR_GAIN
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
 ALL = (*FAULTS, thermal_drift.EFFECT)
@@ -284,7 +284,8 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     linear = screened(forward, recorded, ALL)
     assert thermal_drift.EFFECT.direct_evidence(forward) == 0.0
     assert linear.best[0].name == "sensor_nonlinear"
-    assert linear.pairs[0][0] < linear.best[0].gain + PAIR_GAIN
+    prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
+    assert linear.pairs[0][0] + TEMPERATURE * prior < linear.best[0].gain
 
 
 def test_what_the_relation_leaves_open_is_in_the_error_bar():

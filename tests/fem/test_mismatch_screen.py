@@ -15,7 +15,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model import baseline
-from fem.mismatch.screen import UNKNOWN, Screened, screen, suggested
+from fem.mismatch.screen import Screened, screen, suggested
 from fem.mismatch.selection.decision import MISFIT
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -127,7 +127,7 @@ def linear_round(*gains: tuple[str, float], pair: float = 0.0) -> SimpleNamespac
     best = []
     for name, gain in gains:
         effect = BY_NAME[name]
-        best.append(SimpleNamespace(effect=effect, name=name, gain=gain, chi2_drop=0.0))
+        best.append(SimpleNamespace(effect=effect, name=name, gain=gain, chi2_drop=0.0, direct=0.0))
     pairs = [(pair, *best[:2])] if pair else []
     return SimpleNamespace(best=best, pairs=pairs, null=SimpleNamespace(chi2=MISFIT), numbers=1)
 
@@ -138,7 +138,7 @@ def linear_round(*gains: tuple[str, float], pair: float = 0.0) -> SimpleNamespac
         ([("skin", 30.0), ("slip", 8.0)], 0.0, ("skin",)),
         ([("skin", 22.0), ("pit_offset", 21.0), ("slip", 1.0)], 0.0, ("skin", "pit_offset")),
         ([("skin", 30.0), ("slip", 8.0)], 80.0, ("skin+slip",)),
-        ([("skin", -1.0), ("slip", -2.0)], 0.0, (UNKNOWN,)),
+        ([("skin", -1.0), ("slip", -2.0)], 0.0, ()),
     ],
 )
 def test_names_are_those_that_hold_the_probability(gains, pair, names):

@@ -1,7 +1,7 @@
 """The model's own error, in the coordinates of the effects.
 
-No model is exact: with every effect absent its residual still resembles small amounts of some effects. Each
-signature is therefore also a column of the plain model, with mean zero and a standard deviation that
+No model is exact: with every effect absent its residual still resembles small amounts of some effects. A
+signature of these is therefore also a column of the plain model, with mean zero and a standard deviation that
 simulated fruit without mismatch show. An effect counts only for what exceeds it. This is the Bayesian
 approximation error approach (Kaipio and Somersalo 2007, Inverse Problems 23, section 4) with a diagonal
 covariance: the full one of few fruit has directions in which errors cancel that other fruit do not have.

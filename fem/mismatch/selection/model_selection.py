@@ -267,6 +267,7 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
 
     found = []
     gains = added_gains(linear, single)
+    shown = direct_evidence(single.forward, single.effects)
     best_of: dict[str, tuple[float, LinearFit]] = {}
     for gain, other in gains:
         best_of.setdefault(other.effect.spec.name, (gain, other))
@@ -295,8 +296,9 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
                 continue
             disagrees = fault is not None and again.log_evidence <= single.log_evidence
             if not again.at_an_end[-1] and not disagrees:
-                added_gain = min(gain_with[id(added)], log_misfit_ratio(single, again))
-                tried.append((best.gain + added_gain, again, both))
+                direct = direct_evidence(again.forward, again.effects) - shown
+                moved = min(gain_with[id(added)] - direct, log_misfit_ratio(single, again))
+                tried.append((best.gain + moved + direct, again, both))
         if not tried:
             if failed:
                 found.append(_Candidate(name, -np.inf, failed=failed))

@@ -249,7 +249,7 @@ def _linear_fit(
         signature=signature,
         columns=columns,
         amounts=amounts,
-        gain=gain,
+        gain=min(gain, 0.0) if wrong else gain,
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
