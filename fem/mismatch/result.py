@@ -44,9 +44,8 @@ def mixture(weights: Sequence[float], moduli: Sequence[Modulus]) -> Modulus:
 class Candidate:
     """One explanation in the ranking: an effect, or two joined by "+", sorted.
 
-    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, less what the
-    effect gains on sound recordings; linear where the effect was not refitted; of "none" the lead that it is
-    given where nothing was detected. `gain`: by how much chi-square falls. `heldout`: log predictive score on
+    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model; linear where
+    the effect was not refitted. `gain`: by how much chi-square falls. `heldout`: log predictive score on
     grasps left out, against no effect. `refitted`: with the effect's full nonlinear model.
     """
 

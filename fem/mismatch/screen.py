@@ -1,8 +1,8 @@
 """The screen: the finder's linear round, cut to what every graded fruit can afford.
 
 It asks whether a fruit's recordings hold more than the plain model, and which effects would explain it to
-first order, with the statistics, null reference and thresholds of fem.mismatch.procedure. It refits nothing,
-so a name is a suggestion. Against the finder's own linear round
+first order, with the test and the posterior of fem.mismatch.selection.decision. It refits nothing, so a
+name is a suggestion. Against the finder's own linear round
 
 - the solid that grading factorised is used again, and its sensitivities (fem.estimation.sensitivity) stand
   for the response to pit, surface and Poisson's ratio;

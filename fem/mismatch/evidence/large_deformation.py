@@ -22,7 +22,7 @@ hand: sound fruit of simulators of the first kind have within 0.03 of none where
 ones 0.5 to 0.9; an eighth of it takes a fifth off a skin (open-07)."""
 CLEAR = 3.0
 """ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1. Both
-hold the same effects, so that TEMPERATURE of fem.mismatch.thresholds does not enter."""
+hold the same effects, so that TEMPERATURE of fem.mismatch.selection.decision does not enter."""
 
 
 def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
