@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from reports.effect_words import (
+    LISTED,
     by_rank,
     component_in_words,
     explain_verdict,
@@ -95,8 +96,9 @@ def _kind(entry: ExplainEntry) -> str:
 
 
 def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
-    """(name, what it means, what to do) of every single effect in the verdict."""
-    singles = dict.fromkeys(part for effect in by_rank(entry) for part in parts(effect))
+    """(name, what it means, what to do) of every single effect in the verdict, or of a lone none or unknown."""
+    listed = [effect for effect in by_rank(entry) if len(entry.verdict) == 1 or effect not in LISTED]
+    singles = dict.fromkeys(part for effect in listed for part in parts(effect))
     known = [(name, words_of(name, entry)) for name in singles]
     return [
         (f"{effect_name(name).capitalize()}: {words.short}.", words.meaning, words.advice)
