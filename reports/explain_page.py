@@ -96,7 +96,7 @@ def _kind(entry: ExplainEntry) -> str:
 
 
 def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
-    """(name, what it means, what to do) of every single effect in the verdict, or of a lone none or unknown."""
+    """(name, what it means, what to do) of every effect in the verdict, or of a lone none or unknown."""
     listed = [effect for effect in by_rank(entry) if len(entry.verdict) == 1 or effect not in LISTED]
     singles = dict.fromkeys(part for effect in listed for part in parts(effect))
     known = [(name, words_of(name, entry)) for name in singles]
