@@ -14,7 +14,7 @@ NO_BREAK = "\u00a0"
 NOTHING, UNEXPLAINED = "none", "unknown"
 """The two verdicts that name no effect: nothing is missing; something is that no known effect explains."""
 SMALLEST_P = 0.001
-"""p-values are not told apart below this: so far out the null reference has no recordings."""
+"""p-values are not told apart below this: so far out a p-value rests on few of 2,000 draws."""
 
 _ADVICE = {
     "withheld-modulus": (

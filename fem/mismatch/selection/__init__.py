@@ -1,1 +1,1 @@
-"""Which effect: screening, refinement, model selection, null reference set, cross-validation."""
+"""Which effect: screening, refinement, model selection, the decision, cross-validation."""

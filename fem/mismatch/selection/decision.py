@@ -45,17 +45,16 @@ recordings without mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`).
 MOST_MISFIT = 1000.0
 """Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
 REMAINING = 0.12
-"""Mean share of the excess misfit that the true explanation leaves: one that leaves 0.6 is as likely to be
-unknown physics, as on labelled cases with the true effect out of the catalogue
-(`benchmarks/mismatch.py --ablation effect-left-out`)."""
+"""Mean share of the excess misfit that the true explanation leaves. Set by hand: an explanation that leaves
+0.6 of it is then about as likely as unknown physics."""
 DRAWS = 2000
 """Of b without mismatch: p is known to 0.005 at DETECTION_P."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weighed:
-    """One explanation before its probability. `gain`: log Bayes factor over the plain model, of which
-    `direct` is of marks that recordings show whatever the flesh is. `misfit`: chi-square per number that it
+    """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
+    part of it by marks that recordings show whatever the flesh is. `misfit`: chi-square per number that it
     leaves.
     """
 

@@ -278,10 +278,8 @@ def _pairs(forward: ForwardModel, linear: LinearRound, best: _Candidate, single:
     of_gels = [(fault.evidence, _without_signature(fault)) for fault in second.values()]
     for gain, other in [*list(best_of.values())[:MOST_PAIRS], *of_gels]:
         name = "+".join(sorted((best.name, other.name)))
-        prior_ratio = log_prior(name, effects=len(linear.best)) - log_prior(
-            best.name, effects=len(linear.best)
-        )
-        if gain / TEMPERATURE + prior_ratio < np.log(NEGLIGIBLE):
+        of_pair, of_single = (log_prior(own, effects=len(linear.best)) for own in (name, best.name))
+        if gain / TEMPERATURE + of_pair - of_single < np.log(NEGLIGIBLE):
             continue
         tried, failed = [], ""
         gain_with = {id(fit): added_gain for added_gain, fit in gains} | {id(other): gain}

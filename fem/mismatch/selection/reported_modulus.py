@@ -1,4 +1,4 @@
-"""E that is reported: the mean over all explanations by their probabilities, with their differences.
+"""E that is reported: the mean over all explanations by their probabilities; its spread includes theirs.
 
 An explanation that was refitted has an E of its own; one that was not has that of its linear signature;
 "unknown" has the plain model's E, as uncertain as unknown physics has made it. Where no mismatch was detected

@@ -65,7 +65,7 @@ class LinearRound:
     or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
     largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
     `other` of the other. `gel_faults`: all those of the catalogue. `numbers`: how
-    many all recordings have.
+    many numbers all recordings have.
     """
 
     products: GramMatrix
