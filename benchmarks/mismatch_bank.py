@@ -2,24 +2,44 @@
 
     python benchmarks/mismatch_bank.py simulate TRUTHS [FRUIT] [--jobs J]
     python benchmarks/mismatch_bank.py draw TRUTHS CASES [FRUIT] [--records R]
+    python benchmarks/mismatch_bank.py reduce CASES ROUNDS [--jobs J]
     FRUIT: [--effect NAME ...] [--level L] [--first K] [--count N]
 
 Without --effect both are about fruit without mismatch. `simulate` stores one file per fruit and mesh; its
 effects need fruit of their own. `draw` writes one folder per case, a sealed label in manifest.json and the
 answer in answers.json. It takes the stored fruit that have the effects and adds those that need no fruit of
 their own (sensor, gripper, pit, Poisson's ratio); those alone it adds to fruit without mismatch.
---level is 0, 1, 2 (from just to be seen to plain) or 3 (amplitudes drawn log-uniformly). Both commands leave
+`reduce` runs the finder's linear round of every case below CASES and stores its products in ROUNDS, one file
+per case (`sealed/reduced_case.py`): what decides can then be tried on all cases within seconds.
+--level is 0, 1, 2 (from just to be seen to plain) or 3 (amplitudes drawn log-uniformly). All commands leave
 alone what is there: a command that was stopped goes on when it is given again.
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
+from cramer_rao import amplitude_bounds, information_of
+from reduced_case import ReducedCase, reduced, store
+from sealed_answers import REFUSED
+
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.screening import screened
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
@@ -35,15 +55,22 @@ from samples.sample_failure import SampleFailure
 
 
 def main() -> None:
-    """Simulate or draw what is asked for; a fruit that fails is named and left out."""
+    """Simulate, draw or reduce what is asked for; what fails is named and left out."""
     chosen = arguments()
+    if chosen.command == "reduce":
+        reduce_cases(chosen)
+        return
     effects = sorted(set(chosen.effect))
     altered, added = (tuple(name for name in effects if name in kind) for kind in (SIMULATED, DRAWN))
     numbers = range(chosen.first, chosen.first + chosen.count)
     fruits = [BankFruit(number=k, effects=altered, level=chosen.level if altered else 0) for k in numbers]
     if chosen.command == "simulate" and chosen.mesh is None:
-        with ThreadPoolExecutor(chosen.jobs) as pool:
-            list(pool.map(in_own_process, [(fruit, mesh) for fruit in fruits for mesh in MESHES]))
+        jobs = [
+            ("--first", str(fruit.number), "--count", "1", "--mesh", str(mesh))
+            for fruit in fruits
+            for mesh in MESHES
+        ]
+        in_own_processes(jobs, chosen.jobs)
         return
     for fruit in fruits:
         start = time.process_time()
@@ -60,12 +87,59 @@ def main() -> None:
             print(f"{fruit.name}: {failure}", flush=True)
 
 
-def in_own_process(job: tuple[BankFruit, int]) -> None:
-    """Simulate one mesh of one fruit by this command, on one thread: a crash costs no other."""
-    fruit, mesh = job
+def reduce_cases(chosen: argparse.Namespace) -> None:
+    """Every case of the folder, or the one that is named, unless its file is there."""
+    names = (
+        [chosen.case]
+        if chosen.case
+        else sorted(path.parent.name for path in chosen.cases.glob("*/case.toml"))
+    )
+    due = [name for name in names if not (chosen.rounds / f"{name}.npz").exists()]
+    if not chosen.case:
+        in_own_processes([("--case", name) for name in due], chosen.jobs)
+        return
+    for name in due:
+        start = time.process_time()
+        try:
+            case = linear_problem(chosen.cases / name)
+        except REFUSED as failure:
+            print(f"{name}: {failure}", flush=True)
+            continue
+        chosen.rounds.mkdir(parents=True, exist_ok=True)
+        store(chosen.rounds / f"{name}.npz", case)
+        print(f"{name}: {time.process_time() - start:.0f} CPU-s", flush=True)
+
+
+def linear_problem(folder: Path) -> ReducedCase:
+    """A case after the finder's linear round. Its facts hold the answer (answers.json beside the folder), and
+    bounds: the least standard deviation of each effect's amplitude (Cramer and Rao).
+    """
+    with tempfile.TemporaryDirectory() as work:
+        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
+        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, EFFECTS)
+    problem = reduced(forward, recorded, linear)
+    answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
+    information = information_of(forward, linear)
+    E_MPa = forward.places / (forward.compliance * (1 + float(linear.null.amounts[0])))
+    facts = {
+        "answer": answers[folder.name],
+        "E_MPa": E_MPa,
+        "bounds": amplitude_bounds(information, problem, E_MPa=E_MPa),
+    }
+    return replace(problem, facts=problem.facts | facts)
+
+
+def in_own_processes(jobs: Sequence[tuple[str, ...]], count: int) -> None:
+    """This command for each of the jobs, on one thread each, so many at once: a crash costs no other."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, *sys.argv, "--first", str(fruit.number), "--count", "1", "--mesh", str(mesh)]
-    subprocess.run(command, env=environment, check=False)
+
+    def run(job: tuple[str, ...]) -> None:
+        subprocess.run([sys.executable, *sys.argv, *job], env=environment, check=False)
+
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(run, jobs))
 
 
 def arguments() -> argparse.Namespace:
@@ -89,7 +163,14 @@ def arguments() -> argparse.Namespace:
         else:
             command.add_argument("cases", type=Path, help="folder of the cases")
             command.add_argument("--records", type=int, default=1, help="cases of each fruit")
+    command = commands.add_parser("reduce")
+    command.add_argument("cases", type=Path, help="folder of cases, with answers.json")
+    command.add_argument("rounds", type=Path, help="folder of the reduced cases")
+    command.add_argument("--jobs", type=int, default=1, help="processes")
+    command.add_argument("--case", help="this alone, in this process")
     chosen = parser.parse_args()
+    if chosen.command == "reduce":
+        return chosen
     if len(chosen.effect) > 1 and not set(OUTSIDE).isdisjoint(chosen.effect):
         parser.error(f"{' and '.join(OUTSIDE)} come alone, without another effect")
     return chosen

@@ -79,7 +79,7 @@ class ReducedCase:
         stored = {
             id(signature): words for (_, signature, _), words in zip(signatures, self.signatures, strict=True)
         }
-        linear = linear_round(
+        return linear_round(
             gram,
             self.nuisances,
             signatures,
@@ -88,8 +88,8 @@ class ReducedCase:
                 float(stored[id(signature)]["direct"]),
             ),
             without={},
+            numbers=self.count,
         )
-        return replace(linear, numbers=self.count)
 
     def _signatures(self, gram: GramMatrix) -> list[tuple[Effect, Signature, tuple[int, ...]]]:
         effects = {effect.spec.name: effect for effect in EFFECTS}

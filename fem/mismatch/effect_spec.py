@@ -260,14 +260,13 @@ class EffectSpec:
 
     `correction`: what grading puts right for it; None where it changes how flesh or contact answers a force.
     `of_the_pit`: there is none of it without a pit. `separated_by`: the recording that separates it from
-    another effect; each pair stands in one of the two specs. `always_refitted`: however little the linear
-    round makes of it. `holds_large_deformation`: its law counts from small strain on, and holds the flesh's
-    large deformation too. `in_recorded_forces`: the recorded forces already contain all that it does. The
-    plain model, driven by those forces, then predicts the markers as well as with it: `respond` returns the
-    plain model's displacement unchanged, E needs no correction, and nothing is written into `batch.toml`.
-    Example: `adhesion`, whose pull at the skin the gel records as force. `knows_time`: its response depends
-    on when the forces act or how fast the jaws go, not only on their course. `remembers_grasps`: what one
-    recording has done to the flesh the next ones find so.
+    another effect; each pair stands in one of the two specs. `holds_large_deformation`: its law counts from
+    small strain on, and holds the flesh's large deformation too. `in_recorded_forces`: the recorded forces
+    already contain all that it does. The plain model, driven by those forces, then predicts the markers as
+    well as with it: `respond` returns the plain model's displacement unchanged, E needs no correction, and
+    nothing is written into `batch.toml`. Example: `adhesion`, whose pull at the skin the gel records as
+    force. `knows_time`: its response depends on when the forces act or how fast the jaws go, not only on
+    their course. `remembers_grasps`: what one recording has done to the flesh the next ones find so.
     """
 
     name: str
@@ -279,7 +278,6 @@ class EffectSpec:
     correction: Correction | None = None
     of_the_pit: bool = False
     separated_by: tuple[tuple[str, NextGrasp], ...] = ()
-    always_refitted: bool = False
     holds_large_deformation: bool = False
     in_recorded_forces: bool = False
     knows_time: bool = False

@@ -12,9 +12,7 @@ from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
@@ -26,7 +24,7 @@ from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
-from fem.mismatch.selection.model_selection import Hypothesis, select_likelier_model
+from fem.mismatch.selection.model_selection import Hypothesis, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
@@ -76,9 +74,8 @@ def explain(
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
         detection = detected(linear)
-        linear = linear if detection.mismatch else detection.linear
-    with stage("short list, in full"):
-        linear, found = select_likelier_model(forward, linear, detected=detection.mismatch)
+    with stage("verdict, in full"):
+        found = select_model(forward, linear, detected=detection.mismatch)
     null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
         names = {found.verdict} if isinstance(found.verdict, str) else {*found.verdict}
@@ -122,7 +119,6 @@ def explain(
         checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
         notes=(
-            *_on_large_deformation(found.verdict, linear, best),
             *(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
@@ -137,10 +133,6 @@ def explain(
 
 NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
-)
-LARGE_DEFORMATION_NOTE = (
-    "The flesh deforms largely: recordings hold {share:.2f} ± {sd:.2f} of what Neo-Hookean flesh does beyond "
-    "small strain. That is no fault, and counts as no mismatch."
 )
 HIDDEN_GEL_NOTE = (
     "{name} ({values}) has a probability of {probability:.0%} by the gels' forces against their displacement "
@@ -164,18 +156,6 @@ def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
         for fault in faults
         if fault.spread > NOTED_SPREAD
     ]
-
-
-def _on_large_deformation(
-    verdict: str | tuple[str, ...], linear: LinearRound, best: Refit | None
-) -> list[str]:
-    """Its share in the model that stands; nothing of it where that is unknown, or holds it by its own law."""
-    share = None
-    if verdict == NONE:
-        share = linear.large_deformation
-    elif best is not None and linear.deforms_largely:
-        share = best.products.amount_of(LARGE_DEFORMATION, best.fit)
-    return [] if share is None else [LARGE_DEFORMATION_NOTE.format(share=share[0], sd=share[1])]
 
 
 def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:
@@ -252,11 +232,10 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class CaseDetection:
-    """Is there a mismatch: the p-value, each statistic's own, and the round that they are of."""
+    """Is there a mismatch: the p-value, and each statistic's own."""
 
     p_value: float
     p_values: dict[str, float]
-    linear: LinearRound
 
     @property
     def mismatch(self) -> bool:
@@ -265,29 +244,17 @@ class CaseDetection:
 
 
 def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
-    """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones.
-
-    Of flesh that deforms largely and flesh that moves little the one that recordings contradict less: no
-    effect may choose the plain model against which it is tested.
-    """
-    tests = [_tested(tried, kept) for tried in (linear, linear.other) if tried is not None]
-    return max(tests, key=lambda test: test.p_value)
+    """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones."""
+    p_value, each = p_values(
+        linear.equations,
+        misfit=kept * linear.null.chi2 / linear.numbers,
+        direct=_mean_direct_evidence(linear),
+        rng=np.random.default_rng(0),
+    )
+    return CaseDetection(p_value=p_value, p_values=each)
 
 
 def _mean_direct_evidence(linear: LinearRound) -> float:
     """ln of the mean Bayes factor of all effects that recordings can show directly; 0 where there is none."""
     direct = {fit.name: fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)}
     return float(logsumexp(list(direct.values())) - np.log(len(direct))) if direct else 0.0
-
-
-def _tested(linear: LinearRound, kept: float) -> CaseDetection:
-    signatures: dict[str, list[tuple[int, ...]]] = {}
-    for fit in linear.linear_fits:
-        signatures.setdefault(fit.name, []).append(fit.columns)
-    p_value, each = p_values(
-        SignatureEquations.of(linear.products, linear.nuisances, signatures),
-        misfit=kept * linear.null.chi2 / linear.numbers,
-        direct=_mean_direct_evidence(linear),
-        rng=np.random.default_rng(0),
-    )
-    return CaseDetection(p_value=p_value, p_values=each, linear=linear)

@@ -50,8 +50,10 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detected, plain_fits
-from fem.mismatch.selection.decision import Weighed, credible_set, probabilities
-from fem.mismatch.selection.screening import LinearFit, LinearRound, modulus_change, screened
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection.decision import credible_set, probabilities
+from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.selection.screening import LinearRound, modulus_change, screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -68,8 +70,6 @@ CPU more."""
 PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
 sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
-UNKNOWN = "unknown"
-"""Where there is more than noise and no effect gains beyond what it gains on sound recordings."""
 TOO_FEW = (
     "one recording alone cannot tell missing physics from where the pit and the pads are; record a second "
     "grasp at another place"
@@ -94,9 +94,8 @@ class Amount:
 class Screened:
     """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
     effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
-    `large_deformation`: how much of what Neo-Hookean flesh does beyond small strain the recordings hold, and
-    its standard deviation, where they clearly hold some and nothing else is found; no fault. `moduli`: by
-    each known effect of `names`, E with it over E without, and the relative standard deviation that it adds.
+    `moduli`: by each known effect of `names`, E with it over E without, and the relative standard deviation
+    that it adds.
     """
 
     p_value: float
@@ -104,7 +103,6 @@ class Screened:
     statistics: dict[str, float]
     gains: dict[str, float]
     amounts: tuple[Amount, ...]
-    large_deformation: tuple[float, float] | None = None
     moduli: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     note: str = ""
 
@@ -135,48 +133,36 @@ def screen(
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
     found = detected(linear, kept=share)
-    names = suggested(linear, kept=share) if found.mismatch else ()
+    explanations = suggested(linear, kept=share) if found.mismatch else ()
     return Screened(
         p_value=found.p_value,
-        names=names,
+        names=tuple(UNKNOWN if own is None else own.name for own in explanations),
         statistics=found.p_values,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        large_deformation=None if found.mismatch else linear.large_deformation,
-        moduli={name: modulus_with(linear, name) for name in names if name != UNKNOWN},
+        moduli={own.name: modulus_with(linear, own) for own in explanations if own is not None},
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 
-def suggested(linear: LinearRound, *, kept: float) -> tuple[str, ...]:
-    """The names of the posterior's credible set that are likelier than no mismatch, the likeliest first.
+def suggested(linear: LinearRound, *, kept: float) -> tuple[LinearExplanation | None, ...]:
+    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first; None: unknown.
     `kept`: share of the frames, of thinned recordings.
     """
-    tried: list[tuple[str, float, Sequence[LinearFit]]] = [("none", 0.0, ())]
-    tried += [(fit.name, fit.gain, (fit,)) for fit in linear.best]
-    tried += [("+".join(sorted((a.name, b.name))), gain, (a, b)) for gain, a, b in linear.pairs]
-    weighed = [
-        Weighed(
-            name=name,
-            gain=gain,
-            misfit=kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers,
-            direct=max((fit.direct for fit in fits), default=0.0),
-        )
-        for name, gain, fits in tried
-    ]
-    shares, unknown = probabilities(weighed)
-    probability = dict(zip((one.name for one in weighed), shares.tolist(), strict=True)) | {UNKNOWN: unknown}
+    tried = linear_explanations(linear, kept=kept)
+    shares, unknown = probabilities([explanation.weighed for explanation in tried])
+    explanations = {explanation.name: explanation for explanation in tried}
+    probability = dict(zip(explanations, shares.tolist(), strict=True)) | {UNKNOWN: unknown}
     names = credible_set(list(probability), list(probability.values()))
-    return tuple(name for name in names if probability[name] > probability["none"])
+    return tuple(explanations.get(name) for name in names if probability[name] > probability[NONE])
 
 
-def modulus_with(linear: LinearRound, name: str) -> tuple[float, float]:
-    """E with an effect, or with two joined by "+", over E without, and the relative standard deviation that
-    it adds, by the linear fit of the effects' best signatures.
+def modulus_with(linear: LinearRound, explanation: LinearExplanation) -> tuple[float, float]:
+    """E with the effects over E without, and the relative standard deviation that they add, by the linear fit
+    of their signatures.
     """
-    columns = {one.name: one.columns for one in linear.best}
-    own = [j for part in name.split("+") for j in columns[part]]
-    return modulus_change(linear.null, linear.products.fit([*linear.nuisances, *own]))
+    columns = [j for fit in explanation.linear_fits for j in fit.columns]
+    return modulus_change(linear.null, linear.products.fit([*linear.nuisances, *columns]))
 
 
 def _forward_model(

@@ -224,11 +224,12 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         [pose_error.EFFECT],
     )
     assert {one.signature.variant for one in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
-    other = max(
-        (one for one in linear.linear_fits if one.signature.variant == OfPad(pad="right")),
-        key=lambda one: one.gain,
-    )
-    linear = replace(linear, best=(other,))
+    most = max(one.gain for one in linear.linear_fits)
+    right_first = [
+        replace(one, gain=most + 1.0) if one.signature.variant == OfPad(pad="right") else one
+        for one in linear.linear_fits
+    ]
+    linear = replace(linear, linear_fits=tuple(right_first))
     best = select_model(forward, linear, detected=True).ranking[0].refit
     assert best is not None
     assert best.variants == (OfPad(pad="left"),)

@@ -16,11 +16,12 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
-from fem.mismatch.selection.forward_selection import direct_evidence, second_faults
+from fem.mismatch.selection.fault_pairs import direct_evidence, fault_pairs, second_faults
+from fem.mismatch.selection.linear_explanations import linear_explanations
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_faults
-from fem.mismatch.selection.screening import _auxiliary_of_pair, screened
+from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
@@ -159,19 +160,6 @@ def test_a_fault_that_is_neither_shown_nor_excluded_is_in_the_error_bar(
     assert [one.name for one in hidden_gel_faults(bent_reading, (fault,), warming)] == [fault.spec.name]
 
 
-def test_evidence_of_two_faults_counts_twice_where_it_is_not_of_one_relation():
-    def seen(effect: GelFault, evidence: float) -> SimpleNamespace:
-        return SimpleNamespace(effect=effect, auxiliary_log_likelihood=evidence, direct=evidence)
-
-    creep, loop, warm = (
-        seen(gel_creep.EFFECT, 30),
-        seen(gel_hysteresis.EFFECT, 20),
-        seen(thermal_drift.EFFECT, 50),
-    )
-    assert _auxiliary_of_pair(creep, loop) == 30
-    assert _auxiliary_of_pair(creep, warm) == 80
-
-
 def test_a_sound_gel_hardly_widens_the_error_bar(unaltered):
     assert spread(unaltered, FAULTS) < 0.005
 
@@ -285,7 +273,10 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     assert thermal_drift.EFFECT.direct_evidence(forward) == 0.0
     assert linear.best[0].name == "sensor_nonlinear"
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
-    assert linear.pairs[0][0] + TEMPERATURE * prior < linear.best[0].gain
+    explanations = linear_explanations(linear)
+    of_relation = [pair for pair, _ in fault_pairs(forward, linear, explanations).values()]
+    pairs = [one.weighed.gain for one in [*explanations, *of_relation] if "+" in one.name]
+    assert max(pairs) + TEMPERATURE * prior < linear.best[0].gain
 
 
 def test_what_the_relation_leaves_open_is_in_the_error_bar():
@@ -386,9 +377,8 @@ def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right(
     creeping = [one for one in linear.linear_fits if one.name == "gel_creep"]
     single = refit(forward, linear, creeping)
     assert abs(single.parameters[0]["creep"] / 0.25 - 1) > 0.2
-    second = second_faults(linear, single)
-    assert set(second) == {"gel_hysteresis"}
-    found = second["gel_hysteresis"]
+    (found,) = second_faults(forward, linear.gel_faults, gel_creep.EFFECT)
+    assert found.fault is gel_hysteresis.EFFECT
     assert found.evidence > LEAST_EVIDENCE
     values = {name: value for own in found.starts for name, value in own.items()}
     assert values["creep"] == pytest.approx(0.25, rel=0.04)

@@ -31,7 +31,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PIT_SIZE,
     of_the_pit=True,
-    always_refitted=True,  # a pit a quarter smaller is far from linear
     separated_by=(("gripper_compliance", NextGrasp.DEPTHS),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

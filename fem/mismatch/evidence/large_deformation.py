@@ -14,15 +14,9 @@ from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiff
 
 LARGE_DEFORMATION = "large deformation"
 """Name of its column."""
-LITTLE, LARGELY = (0.0, 0.02), (1.0, 0.25)
-"""Mean and standard deviation of its amount a priori, of flesh that moves little, as two simulators take it
-to do, and of flesh that deforms largely, as all real flesh does. One of the two holds
-(fem.mismatch.selection.screening): between them a skin and large deformation stand for each other. Set by
-hand: sound fruit of simulators of the first kind have within 0.03 of none where any is allowed, Neo-Hookean
-ones 0.5 to 0.9; an eighth of it takes a fifth off a skin (open-07)."""
-CLEAR = 3.0
-"""ln evidence of the second over the first from which on flesh is said to deform largely: 20 to 1. Both
-hold the same effects, so that TEMPERATURE of fem.mismatch.selection.decision does not enter."""
+MEAN, SD = 1.0, 0.25
+"""Prior of its amount: all real flesh deforms largely. Set by hand: where any amount is allowed, Neo-Hookean
+fruit of simulators have 0.5 to 0.9 of this second-order response."""
 
 
 def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:

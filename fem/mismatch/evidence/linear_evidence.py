@@ -295,33 +295,6 @@ class GramMatrix:
             right[to] += self.products[k][at + 1, 0]
         return normal, right
 
-    def with_prior(self, name: str, mean: float, sd: float) -> "GramMatrix":
-        """The same with another prior of the column of this name, which no noise of forces reaches."""
-        c = next(j for j, column in enumerate(self.columns) if column.name == name)
-        column = replace(self.columns[c], mean=mean, sd=sd)
-        less = self.columns[c].mean - mean
-        other = copy(self)
-        other.columns = [column if j == c else one for j, one in enumerate(self.columns)]
-        other.products, other.weighed, other.data = [], [], []
-        for k, field in enumerate(column.fields):
-            products, weighed = self.products[k].copy(), self.weighed[k].copy()
-            if field is not None:
-                at = 1 + int(np.flatnonzero(self.rows[k] == c)[0])
-                products[0] += less * products[at]
-                products[:, 0] += less * products[:, at]
-                weighed[0] += less * weighed[at]
-            other.products.append(products)
-            other.weighed.append(weighed)
-            other.data.append(_less_prior_means(self.data[k], [replace(column, mean=-less)], k))
-        return other
-
-    def amount_of(self, name: str, fit: Fit) -> tuple[float, float] | None:
-        """Amount and standard deviation of the column of this name in a fit; None where it holds none."""
-        for at, j in enumerate(fit.chosen):
-            if self.columns[j].name == name:
-                return self.columns[j].mean + float(fit.amounts[at]), float(fit.sd[at])
-        return None
-
 
 def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
     """Recording k's data less the columns' prior means."""

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, MEAN, SD, large_deformation
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, turned_fruit
 from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
@@ -40,12 +40,6 @@ APPROACH = 0.003
 patch spans a few markers they say its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 """Loads, as shares of the greatest, at which it departs independently; in a line between."""
-EITHER = 0.5
-"""Mean and standard deviation of the share of what large deformation adds, of the flesh
-(fem.mismatch.evidence.large_deformation) and of the fruit that turns (fem.mismatch.evidence.turned_fruit),
-to second order, where nothing says which of LITTLE and LARGELY it is: all of it in real fruit, none where
-flesh is taken to move little, as samples.mismatch does for linear flesh. Who takes one of the two in takes
-both in; the turn has a share of its own beside laws that hold the flesh's."""
 FEWEST = 8
 """Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
 motion."""
@@ -83,7 +77,7 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
     for turned in _turned(forward):
         moved = [own + _at_markers(turn, own) for own, turn in zip(moved, turned.fields, strict=True)]
     fields = [ObservationDelta(markers=own) for own in moved]
-    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=EITHER, sd=EITHER, fields=fields)]
+    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
 
 
 def _at_markers(
@@ -108,7 +102,7 @@ def _turned(forward: ForwardModel) -> list[Regressor]:
         if all(own is None for own in turned):
             return []
         added = [None if own is None else ObservationDelta(markers=own) for own in turned]
-        return [Regressor(name=TURNED_FRUIT, mean=EITHER, sd=EITHER, fields=added)]
+        return [Regressor(name=TURNED_FRUIT, mean=MEAN, sd=SD, fields=added)]
 
     return forward.memoised(TURNED_FRUIT, compute)
 

@@ -5,7 +5,7 @@ hundred numbers stand for the recordings: every linear explanation is tried with
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,8 +16,8 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 
 @dataclass(frozen=True, kw_only=True)
 class SignatureEquations:
-    """`ways`: of every effect its alternative signatures, each the numbers of its columns. `sd`, `positive`:
-    prior of each amount.
+    """`columns`: those of the case's products, in order. `ways`: of every effect its alternative signatures,
+    each the numbers of its columns here. `sd`, `positive`: prior of each amount.
     """
 
     normal: Float[np.ndarray, "c c"]
@@ -25,6 +25,7 @@ class SignatureEquations:
     sd: Float[np.ndarray, " c"]
     positive: Bool[np.ndarray, " c"]
     ways: Mapping[str, Sequence[Sequence[int]]]
+    columns: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -42,6 +43,7 @@ class SignatureEquations:
             right=right,
             sd=np.array([products.columns[j].sd for j in columns]),
             positive=np.array([products.columns[j].positive for j in columns], dtype=bool),
+            columns=tuple(columns),
             ways={
                 name: [tuple(place[j] for j in own) for own in ways if len(own)]
                 for name, ways in signatures.items()
@@ -59,22 +61,51 @@ class SignatureEquations:
         found = {}
         for name, ways in self.ways.items():
             if len(ways):
-                each = [self._log_bayes_factor(list(own), right) for own in ways]
+                each = [self.log_bayes_factor(own, right) for own in ways]
                 found[name] = np.asarray(logsumexp(each, axis=0) - np.log(len(ways)))
         return found
 
-    def _log_bayes_factor(
+    def numbers(self, columns: Sequence[int]) -> tuple[int, ...]:
+        """Where these columns of the case's products are here."""
+        return tuple(self.columns.index(j) for j in columns)
+
+    def beside(self, first: Sequence[int], *, law_error: float) -> "SignatureEquations":
+        """The equations of all else where the columns `first` explain a part of the data.
+
+        The law behind `first` is not exact either. Its error is noise: its variance in any direction is
+        `law_error`^2 of the signal b'(N + L)^-1 b that these columns explain.
+        """
+        own = list(first)
+        normal = self.normal[np.ix_(own, own)] + np.diag(self.sd[own] ** -2.0)
+        solved = np.linalg.solve(normal, np.c_[self.normal[own], self.right[own]])
+        noise = 1 + law_error**2 * float(self.right[own] @ solved[:, -1])
+        left = self.normal - self.normal[:, own] @ solved[:, :-1]
+        return replace(
+            self,
+            normal=(left + left.T) / 2 / noise,
+            right=(self.right - self.normal[:, own] @ solved[:, -1]) / noise,
+        )
+
+    def amounts(self, own: Sequence[int]) -> Float[np.ndarray, " k"]:
+        """Posterior means of the amounts of these columns, of no others: (N + L)^-1 b."""
+        at = list(own)
+        return np.asarray(
+            np.linalg.solve(self.normal[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0), self.right[at])
+        )
+
+    def log_bayes_factor(
         self, own: Sequence[int], right: Float[np.ndarray, "d c"]
     ) -> Float[np.ndarray, " d"]:
-        """With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus ln 2 Phi(mean / sd) where
-        the amount is positive.
+        """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
+        ln 2 Phi(mean / sd) where the amount is positive.
         """
-        weight = self.sd[own] ** -2.0
-        normal = self.normal[np.ix_(own, own)] + np.diag(weight)
-        mine = right[:, own]
+        at = list(own)
+        weight = self.sd[at] ** -2.0
+        normal = self.normal[np.ix_(at, at)] + np.diag(weight)
+        mine = right[:, at]
         amounts = np.linalg.solve(normal, mine.T).T
         log_det = np.linalg.slogdet(normal)[1] - np.log(weight).sum()
         found = ((mine * amounts).sum(axis=1) - log_det) / 2
-        if len(own) == 1 and self.positive[own[0]]:
+        if len(at) == 1 and self.positive[at[0]]:
             found = found + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
         return np.asarray(found)

@@ -1,8 +1,8 @@
 """The posterior of all explanations, and the test against no mismatch: here alone the finder decides.
 
 Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
-a prior probability, a log Bayes factor over the plain model (by linear signatures or by a refit, model error
-included), divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
+a prior probability, a log Bayes factor over the plain model (by linear signatures, model error included),
+divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
 
 - without a mismatch the plain model's x scatters as MISFIT chi-square(FREEDOM) / FREEDOM;
 - with one, x is as likely to be hidden in that scatter as to stand out (ln x uniform up to MOST_MISFIT times
@@ -39,6 +39,8 @@ OUTSIDE = 0.025
 bank's cases (6 of 236)."""
 TEMPERATURE = 1.5
 """Divisor of log Bayes factors. Set by hand."""
+LAW_ERROR = 0.15
+"""Error of an effect's law, as a share of its signal: a second effect must exceed it."""
 MISFIT, FREEDOM = 0.0392, 22.8
 """Mean and degrees of freedom of the chi-square per number that the plain model leaves of
 recordings without mismatch: 120 of them (`benchmarks/results/null_rows.jsonl`)."""
@@ -60,7 +62,7 @@ class Weighed:
 
     name: str
     gain: float
-    misfit: float
+    misfit: float = 0.0
     direct: float = 0.0
 
 

@@ -24,10 +24,10 @@ from fem.mismatch.response_changes import slope_fields, superposed
 from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
-from fem.mismatch.thresholds import BEATEN_SHARE, LAST_ROUND_GAIN, OTHER_START_SHARE
+from fem.mismatch.thresholds import LAST_ROUND_GAIN, OTHER_START_SHARE
 
-ROUNDS, POLISH = 3, 6
-"""Rounds at most: of the short list, of the winner."""
+ROUNDS = 9
+"""Rounds at most."""
 STEP = 0.03
 """Difference step as a share of the prior spread."""
 MOST_STEP = 1.0
@@ -100,30 +100,19 @@ def refit(
     linear: LinearRound,
     linear_fits: Sequence[LinearFit],
     *,
-    known: Refit | None = None,
-    starts: Sequence[dict[str, float] | None] = (),
-    near: ForwardModel | None = None,
-    beat: float = 0.0,
+    starts: Sequence[dict[str, float]] = (),
 ) -> Refit:
     """The effects of these signatures, refitted.
 
     Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
 
-    `known`: a first refit of the same, to be carried on for as long as it gains. `starts`: parameters to
-    start from where they are known, `near`: the forward model with which they were found; else from the
-    linear amounts. `beat`: what another explanation gains; one that cannot come near it is not followed to
-    its end.
+    `starts`: parameters of each effect to start from where they are known; else from the linear amounts.
     """
     specs = [spec for one in linear_fits for spec in one.effect.spec.searched]
-    if known is not None:
-        starts, near = known.parameters, known.forward
-    search = _Search(forward if near is None else near, linear, tuple(linear_fits), specs)
+    search = _Search(forward, linear, tuple(linear_fits), specs)
     now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
-    direct = sum(one.direct for one in linear_fits)
     gained = float("inf")
-    for _ in range(ROUNDS if known is None else POLISH):
-        if now.fit.log_evidence - linear.null.log_evidence + direct < BEATEN_SHARE * beat:
-            break
+    for _ in range(ROUNDS):
         step = now.fit.amounts[-len(specs) :]
         step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
         ahead = next(

@@ -1,8 +1,7 @@
-"""Screening: every effect's best signature, and every pair of them, by linear Gaussian evidence."""
+"""Screening: every effect's signatures by linear Gaussian evidence."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -13,17 +12,12 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import (
-    CLEAR,
-    LARGE_DEFORMATION,
-    LARGELY,
-    LITTLE,
-    large_deformation,
-)
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
-from fem.mismatch.gel_fault import GelFault, faults_of_relation
+from fem.mismatch.evidence.signature_equations import SignatureEquations
+from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -59,48 +53,29 @@ class LinearFit:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearRound:
-    """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
+    """All products of a case; `null`: the fit of the nuisances; `linear_fits`: every signature's.
 
-    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, one way of theirs to show,
-    or large deformation, that could not be computed, and why. `largely`: ln evidence of flesh that deforms
-    largely over flesh that moves little, the best effect of each beside it; the round is of the likelier,
-    `other` of the other. `gel_faults`: all those of the catalogue. `numbers`: how
-    many numbers all recordings have.
+    `equations`: of all signatures, the nuisances integrated out. `without`: effects, one way of theirs to
+    show, or large deformation, that could not be computed, and why. `gel_faults`: all those of the catalogue.
+    `numbers`: how many numbers all recordings have.
     """
 
     products: GramMatrix
     nuisances: tuple[int, ...]
     null: Fit
     linear_fits: tuple[LinearFit, ...]
-    best: tuple[LinearFit, ...]
-    pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
+    equations: SignatureEquations
     without: dict[str, str]
-    largely: float = 0.0
-    other: "LinearRound | None" = None
     gel_faults: tuple[GelFault, ...] = ()
-    numbers: int = 0
+    numbers: int
 
     @property
-    def deforms_largely(self) -> bool:
-        """Whether that is clear, the best effect beside."""
-        return self.largely > CLEAR
-
-    @property
-    def large_deformation(self) -> tuple[float, float] | None:
-        """Its share and standard deviation in the plain model, where that is clearly likelier with it than
-        without, no effect beside either.
-        """
-        if self.other is None:
-            return None
-        large, little = (self, self.other) if self.largely > 0 else (self.other, self)
-        if large.null.log_evidence - little.null.log_evidence < CLEAR:
-            return None
-        return large.products.amount_of(LARGE_DEFORMATION, large.null)
-
-    @property
-    def evidence(self) -> float:
-        """ln evidence of the plain model, or of the best effect beside it."""
-        return self.null.log_evidence + max([0.0, *(one.gain for one in self.best)])
+    def best(self) -> tuple[LinearFit, ...]:
+        """Each effect's best signature, the greatest gain first."""
+        best: dict[str, LinearFit] = {}
+        for fit in sorted(self.linear_fits, key=lambda fit: -fit.gain):
+            best.setdefault(fit.name, fit)
+        return tuple(best.values())
 
 
 def screened(
@@ -110,7 +85,7 @@ def screened(
     *,
     noise_draws: int = DRAWS,
 ) -> LinearRound:
-    """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
+    """Signatures of all effects, their products, and the evidence of each alone.
 
     `noise_draws`: of the noise of forces (fem.mismatch.evidence.force_noise).
     """
@@ -128,73 +103,54 @@ def screened(
         without[LARGE_DEFORMATION] = large.detail
     known = common_nuisances(forward)
     columns: list[Regressor] = [*known, *stand_ins(forward)]
-    found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+    signatures: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
         columns += signature.columns
-        found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    errors = model_error_columns(found, compliance_ratio=forward.compliance_ratio)
+        signatures.append((effect, signature, tuple(range(first, len(columns) + 1))))
+    errors = model_error_columns(signatures, compliance_ratio=forward.compliance_ratio)
     of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
-    nuisances = (*range(1, len(known) + 1), *of_errors)
     columns += errors
     noise = drawn_force_noise(forward, recorded, draws=noise_draws)
-    products = GramMatrix(forward, recorded, columns, noise=noise)
-
-    def round_of(products: GramMatrix) -> LinearRound:
-        of_products = linear_round(
-            products,
-            nuisances,
-            found,
-            auxiliary=lambda *one: _auxiliary(forward, *one),
-            without=without,
-        )
-        faults = tuple(effect for effect in effects if isinstance(effect, GelFault))
-        numbers = sum(equations.own.shape[1] for equations in recorded)
-        return replace(of_products, gel_faults=faults, numbers=numbers)
-
-    if not isinstance(large, list):
-        return round_of(products)
-    little, largely = (
-        round_of(products.with_prior(LARGE_DEFORMATION, *prior)) for prior in (LITTLE, LARGELY)
+    return linear_round(
+        GramMatrix(forward, recorded, columns, noise=noise),
+        (*range(1, len(known) + 1), *of_errors),
+        signatures,
+        auxiliary=lambda *own: _auxiliary(forward, *own),
+        without=without,
+        gel_faults=tuple(effect for effect in effects if isinstance(effect, GelFault)),
+        numbers=sum(equations.own.shape[1] for equations in recorded),
     )
-    more = largely.evidence - little.evidence
-    likelier, other = (largely, little) if more > 0 else (little, largely)
-    return replace(likelier, largely=more, other=other)
 
 
 def linear_round(
     products: GramMatrix,
-    own: tuple[int, ...],
-    found: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
+    nuisances: tuple[int, ...],
+    signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     auxiliary: Auxiliary,
     without: dict[str, str],
+    gel_faults: tuple[GelFault, ...] = (),
+    numbers: int,
 ) -> LinearRound:
-    """The evidence of each signature and of all pairs of effects, from products alone.
+    """The evidence of each signature, from products alone.
 
-    `own`: columns of the plain model; `found`: each signature with its columns; `auxiliary`: what else is
+    `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: what else is
     known of it at the amounts found.
     """
-    null = products.fit(own)
-    linear_fits = tuple(_linear_fit(products, own, null, auxiliary, *one) for one in found)
-    best: dict[str, LinearFit] = {}
-    for one in sorted(linear_fits, key=lambda s: -s.gain):
-        best.setdefault(one.effect.spec.name, one)
-    pairs = []
-    for a, b in combinations(best.values(), 2):
-        both = (*a.columns, *b.columns)
-        fit = products.fit([*own, *both])
-        if not violates_sign_constraint(products, both, fit.amounts[-len(both) :]):
-            gain = fit.log_evidence - null.log_evidence + _auxiliary_of_pair(a, b)
-            pairs.append((gain, a, b))
+    null = products.fit(nuisances)
+    ways: dict[str, list[tuple[int, ...]]] = {}
+    for effect, _, columns in signatures:
+        ways.setdefault(effect.spec.name, []).append(columns)
     return LinearRound(
         products=products,
-        nuisances=own,
+        nuisances=nuisances,
         null=null,
-        linear_fits=linear_fits,
-        best=tuple(best.values()),
-        pairs=tuple(sorted(pairs, key=lambda pair: -pair[0])),
+        linear_fits=tuple(_linear_fit(products, nuisances, null, auxiliary, *own) for own in signatures),
+        equations=SignatureEquations.of(products, nuisances, ways),
         without=without,
+        gel_faults=gel_faults,
+        numbers=numbers,
     )
 
 
@@ -215,16 +171,6 @@ def _auxiliary(
             forward, effect.start(forward, signature, amounts), signature.variant
         )
     return said, effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
-
-
-def _auxiliary_of_pair(a: LinearFit, b: LinearFit) -> float:
-    """What else is known of both. Of two faults in one relation the greater direct evidence counts: one alone
-    shows in part as another. What a second one adds is known once the first is refitted
-    (fem.mismatch.selection.forward_selection.direct_evidence).
-    """
-    both = a.auxiliary_log_likelihood + b.auxiliary_log_likelihood
-    of_one_relation = len(faults_of_relation([a.effect, b.effect])) == 2
-    return both - min(a.direct, b.direct) if of_one_relation else both
 
 
 def _linear_fit(

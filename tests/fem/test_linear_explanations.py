@@ -1,0 +1,132 @@
+"""Explanations by linear signatures: pairs against dense Gaussian evidence, and which of them are tried."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effect import Signature
+from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.evidence.signature_equations import SignatureEquations
+from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.selection.decision import LAW_ERROR
+from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.mismatch.signature_variant import ONE_WAY
+
+BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
+NUMBERS, SD = 60, 0.5
+NAMES = ("skin", "anisotropy", "gripper_compliance")
+
+
+def fields(rng: np.random.Generator) -> np.ndarray:
+    """Three columns of which the first two resemble each other."""
+    drawn = rng.normal(size=(3, NUMBERS))
+    drawn[1] = 0.7 * drawn[0] + 0.7 * drawn[1]
+    return drawn
+
+
+def equations(columns: np.ndarray, data: np.ndarray) -> SignatureEquations:
+    return SignatureEquations(
+        normal=columns @ columns.T,
+        right=columns @ data,
+        sd=np.full(len(columns), SD),
+        positive=np.zeros(len(columns), dtype=bool),
+        ways={name: [(k,)] for k, name in enumerate(NAMES)},
+    )
+
+
+def dense_evidence(data: np.ndarray, *columns: np.ndarray, noise: float = 1.0) -> float:
+    """ln p of the data with Gaussian amounts of these columns integrated out."""
+    covariance = noise * np.eye(len(data)) + SD**2 * sum((np.outer(c, c) for c in columns), np.zeros(1))
+    return float(multivariate_normal.logpdf(data, cov=covariance))
+
+
+def added(case: SignatureEquations, own: tuple[int, ...]) -> float:
+    return float(case.log_bayes_factor(own, case.right[None])[0])
+
+
+def test_a_second_signature_adds_what_dense_evidence_says():
+    rng = np.random.default_rng(1)
+    columns = fields(rng)
+    data = 0.8 * columns[0] + 0.3 * columns[1] + rng.normal(size=NUMBERS)
+    beside = equations(columns, data).beside((0,), law_error=0.0)
+    for second in (1, 2):
+        expected = dense_evidence(data, columns[0], columns[second]) - dense_evidence(data, columns[0])
+        assert added(beside, (second,)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
+    """Orthogonal columns: the second is then measured alone, in noise that is stronger."""
+    rng = np.random.default_rng(2)
+    columns = fields(rng)
+    columns[2] -= columns[0] * (columns[0] @ columns[2]) / (columns[0] @ columns[0])
+    data = 2.0 * columns[0] + 0.5 * columns[2] + rng.normal(size=NUMBERS)
+    signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
+    noise = 1 + 0.2**2 * signal
+    expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
+    beside = equations(columns, data).beside((0,), law_error=0.2)
+    assert added(beside, (2,)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_amounts_are_posterior_means():
+    rng = np.random.default_rng(3)
+    columns = fields(rng)
+    data = 0.8 * columns[0] + rng.normal(size=NUMBERS)
+    dense = (
+        SD**2
+        * columns[[0, 2]]
+        @ np.linalg.solve(np.eye(NUMBERS) + SD**2 * columns[[0, 2]].T @ columns[[0, 2]], data)
+    )
+    np.testing.assert_allclose(equations(columns, data).amounts((0, 2)), dense, rtol=1e-9)
+
+
+def round_of(amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000) -> LinearRound:
+    """A linear round of the three effects; the last one's amount is positive a priori."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(4, numbers))
+    data = np.array([0.0, *amounts]) @ columns + rng.normal(size=numbers)
+    rows = np.vstack([data, columns])
+    regressors = [
+        Regressor(name=name, sd=3.0 if name == "1/E" else 1.0, fields=(), positive=name == NAMES[2])
+        for name in ("1/E", *NAMES)
+    ]
+    return linear_round(
+        GramMatrix.from_products(regressors, [np.arange(4)], [rows @ rows.T]),
+        (),
+        [
+            (BY_NAME[name], Signature(variant=ONE_WAY, columns=(regressors[k],)), (k,))
+            for k, name in enumerate(NAMES, 1)
+        ],
+        auxiliary=lambda *_: (0.0, 0.0),
+        without={},
+        numbers=numbers,
+    )
+
+
+def by_name(linear: LinearRound) -> dict[str, LinearExplanation]:
+    return {explanation.name: explanation for explanation in linear_explanations(linear)}
+
+
+def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error():
+    """Equal signals are beyond a share of LAW_ERROR of one another; a tenth of it is not."""
+    equal = by_name(round_of((0.3, 0.3, 0.0)))
+    pair = equal["anisotropy+skin"]
+    assert pair.weighed.gain > max(equal[name].weighed.gain for name in NAMES) + 3
+    assert [fit.name for fit in pair.linear_fits] in (["skin", "anisotropy"], ["anisotropy", "skin"])
+    weak = by_name(round_of((1.0, 0.1 * LAW_ERROR, 0.0)))
+    assert "anisotropy+skin" not in weak
+
+
+def test_an_effect_of_the_wrong_sign_is_no_second_one():
+    assert "gripper_compliance+skin" in by_name(round_of((0.3, 0.0, 0.3)))
+    assert "gripper_compliance+skin" not in by_name(round_of((0.3, 0.0, -0.3)))
+
+
+def test_each_explanation_leaves_its_own_misfit():
+    """Data of unit noise: with the true effects the chi-square per number is one."""
+    explanations = by_name(round_of((0.5, 0.0, 0.4)))
+    assert explanations["none"].weighed.misfit == pytest.approx(1 + 0.5**2 + 0.4**2, rel=0.05)
+    assert explanations["skin"].weighed.misfit == pytest.approx(1 + 0.4**2, rel=0.05)
+    halved = {one.name: one for one in linear_explanations(round_of((0.5, 0.0, 0.4)), kept=0.5)}
+    assert halved["skin"].weighed.misfit == pytest.approx(explanations["skin"].weighed.misfit / 2)

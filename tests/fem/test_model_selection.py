@@ -1,0 +1,146 @@
+"""Which explanations get full models, and what their outcome does to the verdict; `refit` is replaced."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.result import NONE
+from fem.mismatch.selection import model_selection
+from fem.mismatch.selection.decision import MISFIT, Weighed
+from fem.mismatch.selection.linear_explanations import LinearExplanation
+from fem.mismatch.selection.model_selection import ModelSelection, select_model
+from fem.mismatch.signature_variant import ONE_WAY, OfPad
+from fem.mismatch.thresholds import MOST_REFITS
+
+BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
+USUAL = 0.9 * MISFIT
+
+
+def fit(name: str, gain: float, *, variant=ONE_WAY) -> SimpleNamespace:
+    signature = SimpleNamespace(variant=variant)
+    return SimpleNamespace(name=name, effect=BY_NAME[name], gain=gain, signature=signature, direct=0.0)
+
+
+@dataclass
+class Round:
+    """What the linear round says, and what refits would: misfit, log evidence, failures, ends."""
+
+    gains: dict[str, float]
+    left: dict[str, float] = field(default_factory=dict)
+    evidence: dict[str, float] = field(default_factory=dict)
+    fails: tuple[str, ...] = ()
+    at_an_end: tuple[str, ...] = ()
+    pads: dict[str, float] = field(default_factory=dict)
+    asked: list[str] = field(default_factory=list)
+
+    def explanations(self) -> list[LinearExplanation]:
+        found = [
+            LinearExplanation(
+                weighed=Weighed(name=name, gain=gain, misfit=USUAL),
+                linear_fits=tuple(self.fits(part)[0] for part in name.split("+")),
+            )
+            for name, gain in self.gains.items()
+        ]
+        return [*found, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=3 * MISFIT))]
+
+    def fits(self, name: str) -> list[SimpleNamespace]:
+        if name not in self.pads:
+            return [fit(name, 10.0)]
+        return [fit(name, gain, variant=OfPad(pad=pad)) for pad, gain in self.pads.items() if pad != name]
+
+    def refit(self, _forward, _linear, fits, *, starts=()):
+        name = "+".join(sorted(one.name for one in fits))
+        self.asked.append(name)
+        if name in self.fails:
+            raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
+        variant = fits[0].signature.variant
+        pad = variant.pad if isinstance(variant, OfPad) else ""
+        return SimpleNamespace(
+            name=name,
+            variants=(variant,),
+            log_evidence=self.evidence.get(pad, 5.0),
+            at_an_end=tuple(one.name in self.at_an_end for one in fits),
+            fit=SimpleNamespace(chi2=self.left.get(name, USUAL)),
+        )
+
+
+@pytest.fixture
+def selected(monkeypatch):
+    def of(case: Round, *, detected: bool = True) -> ModelSelection:
+        monkeypatch.setattr(model_selection, "linear_explanations", lambda _: case.explanations())
+        monkeypatch.setattr(model_selection, "fault_pairs", lambda *_: {})
+        monkeypatch.setattr(model_selection, "refit", case.refit)
+        monkeypatch.setattr(model_selection, "_gain", lambda _, again: again.log_evidence)
+        linear = SimpleNamespace(
+            numbers=1,
+            null=SimpleNamespace(log_evidence=0.0),
+            linear_fits=[one for name in case.pads if name in BY_NAME for one in case.fits(name)],
+        )
+        return select_model(SimpleNamespace(workers=1), linear, detected=detected)  # type: ignore[arg-type]
+
+    return of
+
+
+def test_what_the_verdict_holds_is_refitted_and_nothing_else(selected):
+    case = Round({"skin": 30.0, "slip": 29.5, "damage": 3.0})
+    found = selected(case)
+    assert found.verdict == ("skin", "slip")
+    assert sorted(case.asked) == ["skin", "slip"]
+    assert [one.refit is not None for one in found.ranking if one.name in ("skin", "slip", "damage")] == [
+        True,
+        True,
+        False,
+    ]
+
+
+def test_nothing_is_refitted_where_nothing_is_detected(selected):
+    case = Round({"skin": 30.0})
+    assert selected(case, detected=False).verdict == NONE
+    assert case.asked == []
+
+
+def test_an_explanation_without_a_full_model_is_dropped_and_said(selected):
+    case = Round({"skin": 30.0, "slip": 15.0}, fails=("skin",))
+    found = selected(case)
+    assert found.verdict == "slip"
+    assert found.without == {"skin": "no such flesh"}
+    assert case.asked == ["skin", "slip"]
+
+
+def test_a_pair_whose_second_effect_ends_at_its_bounds_is_dropped(selected):
+    case = Round({"skin": 20.0, "skin+slip": 40.0}, at_an_end=("slip",))
+    found = selected(case)
+    assert found.verdict == "skin"
+    assert found.without == {"skin+slip": model_selection.AT_AN_END}
+    single = selected(Round({"slip": 20.0}, at_an_end=("slip",)))
+    assert single.verdict == "slip"
+
+
+def test_what_a_full_model_leaves_counts(selected):
+    """The best signature's full model explains nothing, so that the second is likelier."""
+    found = selected(Round({"skin": 30.0, "slip": 26.0}, left={"skin": 3 * MISFIT}))
+    assert found.ranking[0].name == "slip"
+
+
+def test_so_many_are_refitted_at_most(selected):
+    case = Round(dict.fromkeys(("skin", "slip", "damage", "stiffening", "anisotropy", "clock_lag"), 30.0))
+    selected(case)
+    assert len(case.asked) == MOST_REFITS
+
+
+def test_other_pads_share_the_probability_by_their_full_models(selected):
+    case = Round(
+        {"sensor_gain": 30.0},
+        pads={"sensor_gain": 0.0, "left": 12.0, "right": 11.0},
+        evidence={"left": 5.0, "right": 5.0 + 1.5 * np.log(3.0)},
+    )
+    first = selected(case).ranking[0]
+    assert first.refit is not None
+    assert first.refit.variants == (OfPad(pad="right"),)
+    ((share, other),) = first.alternatives
+    assert share == pytest.approx(1 / 4)
+    assert other.variants == (OfPad(pad="left"),)
