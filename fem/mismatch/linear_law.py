@@ -12,7 +12,7 @@ from fem.mismatch.effect_spec import EffectSpec, ParameterSpec
 from fem.mismatch.model.force_products import OfFlesh
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.reduced_law import Operator, ReducedLaw, reduced_laws
+from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 
@@ -44,7 +44,11 @@ class LinearLaw:
         """dc/dtheta at the plain law; none where the law needs a pit and there is none."""
         if self.needs_pit and not len(forward.base.mesh.pit_nodes):
             return []
-        fields = [ObservationDelta(markers=forward.compliance * law.first) for law in self._laws(forward)]
+        derivative, _ = self.operators(forward)
+        fields = [
+            ObservationDelta(markers=forward.compliance * change)
+            for change in first_changes(forward, derivative)
+        ]
         return [
             Signature(
                 variant=ONE_WAY,

@@ -8,7 +8,6 @@ name is a suggestion. Against the finder's own linear round
   for the response to pit, surface and Poisson's ratio;
 - markers are moved to where they touched (fem.mismatch.model.touched_skin) by grading's own response and
   modulus, so that a recording is projected once and not twice;
-- linear laws of flesh, drainage among them, are followed to first order only, all of them by one solve;
 - a soft spot is sought at one radius, and is tried at its best place alone;
 - laws with a history are followed on PATH_SHARE of the finder's frames;
 - elements under the pads are as they are (fem.mismatch.evidence.withheld_response);
@@ -24,7 +23,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
@@ -33,20 +31,16 @@ from fem.estimation.sensitivity import PIT, POISSON_RATIO, SURFACE
 from fem.estimation.unit_response import marker_tracks
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import Correction, EffectSpec
-from fem.mismatch.effects.drainage import fading_forces, store_first_orders
+from fem.mismatch.effect import Effect
 from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.evidence.withheld_response import leave_withheld
-from fem.mismatch.linear_law import LinearLaw
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording, solids_of
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import LEADING, OfInnerChange, inner_changes, store_inner_changes
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.inner_changes import store_inner_changes
 from fem.mismatch.model.pads import store_slid_responses
 from fem.mismatch.model.touched_skin import touched_case
 from fem.mismatch.procedure import detected, plain_fits
@@ -54,7 +48,7 @@ from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.decision import credible_set, probabilities
 from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
 from fem.mismatch.selection.screening import LinearRound, modulus_change, screened
-from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
+from fem.mismatch.signature_variant import OfPad
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 INNER = frozenset((*PIT, *SURFACE, POISSON_RATIO))
@@ -127,7 +121,7 @@ def screen(
     if holds_large_deformation:
         leave_large_deformation(forward)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
-    linear = screened(forward, recorded, _screened_effects(forward), noise_draws=1)
+    linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
     numbers = np.array([one.own.shape[1] for one in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
@@ -229,95 +223,13 @@ def _projected(
     return replace(recording, tracks=replace(recording.tracks, unit_displacement=whole))
 
 
-@dataclass(frozen=True)
-class _Cheaper:
-    """An effect with the signatures that the screen made for it; all else is its own."""
-
-    effect: Effect
-    spec: EffectSpec
-    known: tuple[Signature, ...]
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:  # noqa: ARG002  known already
-        """Those."""
-        return self.known
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The effect's own."""
-        return self.effect.start(forward, signature, amounts)
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The effect's own."""
-        return self.effect.respond(forward, parameters, variant)
-
-
-def _screened_effects(forward: ForwardModel) -> list[Effect]:
-    """The catalogue but for NOT_SCREENED, linear laws of flesh to first order."""
-    has_pit = len(forward.base.mesh.pit_nodes) > 0
-    laws = [
-        effect for effect in EFFECTS if isinstance(effect, LinearLaw) and (has_pit or not effect.needs_pit)
+def _screened_effects() -> list[Effect]:
+    """The catalogue but for NOT_SCREENED, a soft spot of one size at its best place."""
+    return [
+        replace(effect, radii_mm=(RADIUS_MM,), others=0) if isinstance(effect, SoftSpot) else effect
+        for effect in EFFECTS
+        if effect.spec.name not in NOT_SCREENED
     ]
-    made = _first_orders(forward, laws)
-    found: list[Effect] = []
-    for effect in EFFECTS:
-        if effect.spec.name in NOT_SCREENED:
-            continue
-        if isinstance(effect, SoftSpot):
-            found.append(replace(effect, radii_mm=(RADIUS_MM,), others=0))
-        elif isinstance(effect, LinearLaw):
-            found.append(_Cheaper(effect, effect.spec, made.get(effect.spec.name, ())))
-        else:
-            found.append(effect)
-    return found
-
-
-def _first_orders(forward: ForwardModel, laws: Sequence[LinearLaw]) -> dict[str, tuple[Signature, ...]]:
-    """-K0^-1 (dK/dtheta) U of each law, all of them and drainage solved for together; that of Poisson's ratio
-    is known already.
-    """
-    grasps = forward.base.grasps
-    leading = [recording.moved[:LEADING] for recording in grasps]
-    together, cuts = np.concatenate(leading), np.cumsum([len(own) for own in leading])[:-1]
-    solved = [law for law in laws if law.spec.correction is not Correction.POISSON_RATIO]
-    loads = [-law.operators(forward)[0](together) for law in solved]
-    split = [np.split(load, cuts) for load in loads]
-    fading = [fading_forces(forward, recording.moved[recording.leading]) for recording in grasps]
-    moved = forward.base.displacements(
-        [np.concatenate([*(own[k] for own in split), fading[k]]) for k in range(len(grasps))]
-    )
-    changes = [dict[str, Float[np.ndarray, "f n 3"]]() for _ in grasps]
-    drained = []
-    for recording, own, change in zip(grasps, moved, changes, strict=True):
-        shares = recording.shares[:, :LEADING]
-        at_markers = recording.at_markers(own[:, forward.base.solid_of(recording).contact_nodes])
-        cut = shares.shape[1] * len(solved)
-        for law, part in zip(solved, np.split(at_markers[:cut], len(solved)), strict=True):
-            change[law.spec.name] = np.tensordot(shares, part, axes=1)
-        drained.append(np.tensordot(recording.shares[:, recording.leading], at_markers[cut:], axes=1))
-    store_first_orders(forward, drained)
-    for law in laws:
-        if law not in solved:
-            for recording, change in zip(grasps, changes, strict=True):
-                change[law.spec.name] = inner_changes(forward, recording)[POISSON_RATIO]
-    s = forward.compliance
-    return {
-        law.spec.name: (
-            Signature(
-                variant=ONE_WAY,
-                columns=(
-                    Regressor(
-                        name=law.parameter.name,
-                        sd=law.sd,
-                        positive=law.positive,
-                        fields=[ObservationDelta(markers=s * change[law.spec.name]) for change in changes],
-                        of_forces=law.of_forces(forward) if law in solved else OfInnerChange(POISSON_RATIO),
-                    ),
-                ),
-            ),
-        )
-        for law in laws
-    }
 
 
 def _amounts(linear: LinearRound) -> Iterator[Amount]:

@@ -24,7 +24,7 @@ from fem.mismatch.linear_law import matrix_operator
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.reduced_law import reduced_laws
+from fem.mismatch.model.reduced_law import first_changes, reduced_laws
 from fem.mismatch.signature_variant import AtValue, Variant, value_of
 
 SHARE, TAU = "volume_share", "tau_s"
@@ -144,16 +144,13 @@ def fading_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> F
     return np.asarray(lame * volume(moved))
 
 
-def store_first_orders(forward: ForwardModel, changes: Sequence[Float[np.ndarray, "_f _n 3"]]) -> None:
-    """Takes K0^-1 `fading_forces` at each recording's markers as known from elsewhere."""
-    forward.memoised((SPEC.name, "first order"), lambda: list(changes))
-
-
 def _first_orders(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
     """dc/ds of every recording where s is gone at once."""
-    return forward.memoised(
-        (SPEC.name, "first order"), lambda: [own.law.first for own in _fading_volumes(forward)]
-    )
+
+    def compute() -> list[Float[np.ndarray, "_f _n 3"]]:
+        return first_changes(forward, lambda moved: -fading_forces(forward, moved))
+
+    return forward.memoised((SPEC.name, "first order"), compute)
 
 
 def _fading_volumes(forward: ForwardModel) -> list[FadingVolume]:

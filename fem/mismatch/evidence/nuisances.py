@@ -70,14 +70,24 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
+    beyond = beyond_small_strain(forward)
+    if beyond is None:
+        return columns + _turned(forward)
+    fields = [ObservationDelta(markers=own) for own in beyond]
+    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
+
+
+def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
+    """Displacement of the markers, mm, that large deformation and the fruit's turn add at the plain 1/E; None
+    where the plain model holds it already, or where it cannot be computed.
+    """
     large = large_deformation(forward)
     if not isinstance(large, list):
-        return columns + _turned(forward)
+        return None
     moved = [forward.compliance * own for own in large]
     for turned in _turned(forward):
         moved = [own + _at_markers(turn, own) for own, turn in zip(moved, turned.fields, strict=True)]
-    fields = [ObservationDelta(markers=own) for own in moved]
-    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
+    return moved
 
 
 def _at_markers(

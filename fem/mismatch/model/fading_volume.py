@@ -29,8 +29,8 @@ LEAST_OWN = 1e-10
 
 @dataclass(frozen=True, kw_only=True)
 class FadingVolume:
-    """One recording. `law`: its reduced law of parts K_mu and K_lambda, `first` being dc/ds where s is gone
-    at once. By mode: `volume_share` b, `load` phi' f of each leading pattern, `at_markers` as a law's.
+    """One recording. `law`: its reduced law of parts K_mu and K_lambda. By mode: `volume_share` b, `load`
+    phi' f of each leading pattern, `at_markers` as a law's.
     """
 
     law: ReducedLaw

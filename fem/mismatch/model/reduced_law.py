@@ -28,16 +28,14 @@ Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 
 @dataclass(frozen=True)
 class ReducedLaw:
-    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V.
-
-    `first`: dc/dtheta, `unchanged`: the finer patterns' response.
+    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V;
+    `unchanged`: the finer patterns' response.
     """
 
     parts: Float[np.ndarray, "i q q"]
     load: Float[np.ndarray, "q r"]
     recording: Float[np.ndarray, "q n 3"]
     shares: Float[np.ndarray, "f r"]
-    first: Float[np.ndarray, "f n 3"]
     unchanged: Float[np.ndarray, "f n 3"]
 
     def response(self, amounts: Sequence[float]) -> Float[np.ndarray, "f n 3"]:
@@ -47,6 +45,22 @@ class ReducedLaw:
         scaled = stiffness / np.outer(size, size)
         moved = np.linalg.lstsq(scaled, self.load / size[:, None], rcond=1e-10)[0] / size[:, None]
         return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)) + self.unchanged)
+
+
+def first_changes(forward: ForwardModel, derivative: Operator) -> list[Float[np.ndarray, "_f _n 3"]]:
+    """dc/dtheta of every recording at the plain law, mm MPa: -K0^-1 D U at the markers."""
+    grasps = forward.base.grasps
+    cuts = np.cumsum([len(recording.leading) for recording in grasps])[:-1]
+    patterns = np.concatenate([recording.moved[recording.leading] for recording in grasps])
+    moved = forward.base.displacements(np.split(-derivative(patterns), cuts))
+    return [
+        np.tensordot(
+            recording.shares[:, recording.leading],
+            recording.at_markers(own[:, forward.base.solid_of(recording).contact_nodes]),
+            axes=1,
+        )
+        for recording, own in zip(grasps, moved, strict=True)
+    ]
 
 
 def reduced_laws(
@@ -92,7 +106,6 @@ def _of_recording(
         load,
         at_markers,
         recording.shares[:, leading],
-        np.tensordot(recording.shares[:, leading], at_markers[count : 2 * count], axes=1),
         recording.tracks.unit_displacement
         - np.tensordot(recording.shares[:, leading], recording.response[leading], axes=1),
     )

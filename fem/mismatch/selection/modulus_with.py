@@ -9,6 +9,7 @@ that inference and the finder's own evidence disagree.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
+from fem.mismatch.evidence.nuisances import beyond_small_strain
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -47,23 +49,28 @@ SYSTEMATIC = 1.5
 def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modulus:
     """E of all recordings, by grading's own inference with an effect's response in the plain one's place.
 
-    Without grading's models, or where that inference has no E: the mean of the recordings' own fits.
+    Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
+    move by what large deformation adds, too.
     """
-    return _moduli(forward, [response], forward.base.case.budget)[0]
+    return _moduli(forward, [response], forward.base.case.budget, beyond=beyond_small_strain(forward))[0]
+
+
+Beyond: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]] | None
+"""What large deformation adds to the markers' displacement in each recording, mm."""
 
 
 def _moduli(
-    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget
+    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget, *, beyond: Beyond
 ) -> list[Modulus]:
     """E with each of the responses, all by one estimator: differences between them are the responses' own."""
     if any(forward.graded):
         with suppress(FemFailure):
-            return [_inferred(forward, response, budget) for response in responses]
-    return [_mean_of_fits(forward, response) for response in responses]
+            return [_inferred(forward, response, budget, beyond=beyond) for response in responses]
+    return [_mean_of_fits(forward, response, beyond=beyond) for response in responses]
 
 
 def _fits(
-    forward: ForwardModel, response: Response | None
+    forward: ForwardModel, response: Response | None, *, beyond: Beyond
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
     found = []
@@ -74,6 +81,9 @@ def _fits(
             tracks = replace(
                 tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
             )
+        if beyond is not None:
+            unit = tracks.unit_displacement + beyond[k] / forward.compliance
+            tracks = replace(tracks, unit_displacement=unit)
         fit = fit_compliance(
             tracks,
             scale_sd=forward.base.case.budget.gel_scale_sd,
@@ -83,7 +93,9 @@ def _fits(
     return found
 
 
-def _inferred(forward: ForwardModel, response: Response | None, budget: ErrorBudget) -> Modulus:
+def _inferred(
+    forward: ForwardModel, response: Response | None, budget: ErrorBudget, *, beyond: Beyond
+) -> Modulus:
     """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
         first_touch_evidence(
@@ -94,18 +106,22 @@ def _inferred(forward: ForwardModel, response: Response | None, budget: ErrorBud
             model=model,
             budget=budget,
         )[0]
-        for (recording, tracks, fit), model in zip(_fits(forward, response), forward.graded, strict=True)
+        for (recording, tracks, fit), model in zip(
+            _fits(forward, response, beyond=beyond), forward.graded, strict=True
+        )
         if model is not None
     ]
     found = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
     return Modulus(value=forward.places * found.E_MPa, sd=forward.places * found.E_sd_MPa)
 
 
-def _mean_of_fits(forward: ForwardModel, response: Response | None) -> Modulus:
+def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Beyond) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """
-    logs = -np.log([max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(forward, response)])
+    logs = -np.log(
+        [max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(forward, response, beyond=beyond)]
+    )
     value = float(np.exp(logs.mean()))
     scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else SCATTER
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
@@ -129,8 +145,12 @@ def modulus_with(again: Refit) -> ModulusWith:
     what the two inferences of E differ by.
     """
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
+    holds_it = any(effect.spec.holds_large_deformation for effect in again.effects)
     plain, *changed = _moduli(
-        again.forward, responses, _without(again.forward.base.case.budget, again.effects)
+        again.forward,
+        responses,
+        _without(again.forward.base.case.budget, again.effects),
+        beyond=None if holds_it else beyond_small_strain(again.forward),
     )
     own = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
