@@ -35,6 +35,7 @@ from sealed_answers import REFUSED
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
@@ -112,7 +113,7 @@ def reduce_cases(chosen: argparse.Namespace) -> None:
 
 def linear_problem(folder: Path) -> ReducedCase:
     """A case after the finder's linear round. Its facts hold the answer (answers.json beside the folder), and
-    bounds: the least standard deviation of each effect's amplitude (Cramer and Rao).
+    with an effect the least standard deviation of each effect's amplitude (Cramer and Rao).
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
@@ -121,13 +122,11 @@ def linear_problem(folder: Path) -> ReducedCase:
     linear = screened(forward, recorded, EFFECTS)
     problem = reduced(forward, recorded, linear)
     answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
-    information = information_of(forward, linear)
+    answer = answers[folder.name]
     E_MPa = forward.places / (forward.compliance * (1 + float(linear.null.amounts[0])))
-    facts = {
-        "answer": answers[folder.name],
-        "E_MPa": E_MPa,
-        "bounds": amplitude_bounds(information, problem, E_MPa=E_MPa),
-    }
+    facts = {"answer": answer, "E_MPa": E_MPa, "bounds": {}}
+    if answer["effect"] != NONE:
+        facts["bounds"] = amplitude_bounds(information_of(forward, linear), problem, E_MPa=E_MPa)
     return replace(problem, facts=problem.facts | facts)
 
 
