@@ -47,7 +47,7 @@ from fem.mismatch.procedure import detected, plain_fits
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.decision import credible_set, probabilities
 from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
-from fem.mismatch.selection.screening import LinearRound, modulus_change, screened
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -134,7 +134,7 @@ def screen(
         statistics=found.p_values,
         gains={one.name: one.gain for one in linear.best},
         amounts=tuple(_amounts(linear)),
-        moduli={own.name: modulus_with(linear, own) for own in explanations if own is not None},
+        moduli={own.name: own.modulus_change for own in explanations if own is not None},
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
@@ -149,14 +149,6 @@ def suggested(linear: LinearRound, *, kept: float) -> tuple[LinearExplanation | 
     probability = dict(zip(explanations, shares.tolist(), strict=True)) | {UNKNOWN: unknown}
     names = credible_set(list(probability), list(probability.values()))
     return tuple(explanations.get(name) for name in names if probability[name] > probability[NONE])
-
-
-def modulus_with(linear: LinearRound, explanation: LinearExplanation) -> tuple[float, float]:
-    """E with the effects over E without, and the relative standard deviation that they add, by the linear fit
-    of their signatures.
-    """
-    columns = [j for fit in explanation.linear_fits for j in fit.columns]
-    return modulus_change(linear.null, linear.products.fit([*linear.nuisances, *columns]))
 
 
 def _forward_model(

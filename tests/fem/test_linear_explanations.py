@@ -50,10 +50,10 @@ def test_a_second_signature_adds_what_dense_evidence_says():
     rng = np.random.default_rng(1)
     columns = fields(rng)
     data = 0.8 * columns[0] + 0.3 * columns[1] + rng.normal(size=NUMBERS)
-    beside = equations(columns, data).beside((0,), law_error=0.0)
+    remaining = equations(columns, data).given((0,), law_error=0.0)
     for second in (1, 2):
         expected = dense_evidence(data, columns[0], columns[second]) - dense_evidence(data, columns[0])
-        assert added(beside, (second,)) == pytest.approx(expected, abs=1e-9)
+        assert added(remaining, (second,)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
@@ -65,8 +65,8 @@ def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
     signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
     noise = 1 + 0.2**2 * signal
     expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
-    beside = equations(columns, data).beside((0,), law_error=0.2)
-    assert added(beside, (2,)) == pytest.approx(expected, rel=1e-6)
+    remaining = equations(columns, data).given((0,), law_error=0.2)
+    assert added(remaining, (2,)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_amounts_are_posterior_means():

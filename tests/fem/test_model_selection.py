@@ -17,7 +17,7 @@ from fem.mismatch.signature_variant import ONE_WAY, OfPad
 from fem.mismatch.thresholds import MOST_REFITS
 
 BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
-USUAL = 0.9 * MISFIT
+TYPICAL = 0.9 * MISFIT
 
 
 def fit(name: str, gain: float, *, variant=ONE_WAY) -> SimpleNamespace:
@@ -40,7 +40,7 @@ class Round:
     def explanations(self) -> list[LinearExplanation]:
         found = [
             LinearExplanation(
-                weighed=Weighed(name=name, gain=gain, misfit=USUAL),
+                weighed=Weighed(name=name, gain=gain, misfit=TYPICAL),
                 linear_fits=tuple(self.fits(part)[0] for part in name.split("+")),
             )
             for name, gain in self.gains.items()
@@ -64,7 +64,7 @@ class Round:
             variants=(variant,),
             log_evidence=self.evidence.get(pad, 5.0),
             at_an_end=tuple(one.name in self.at_an_end for one in fits),
-            fit=SimpleNamespace(chi2=self.left.get(name, USUAL)),
+            fit=SimpleNamespace(chi2=self.left.get(name, TYPICAL)),
         )
 
 

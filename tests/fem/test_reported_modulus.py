@@ -16,10 +16,16 @@ def explanation(
     name: str, probability: float, *, E: float | None = None, change: tuple[float, float] | None = None
 ) -> tuple[Hypothesis, Candidate]:
     """`E` by a refit; `change` (ratio, added spread) by a linear signature."""
-    linear = () if change is None else (SimpleNamespace(modulus_change=change),)
     refit = None if E is None else SimpleNamespace()
     modulus = None if E is None else Modulus(value=E, sd=0.01)
-    hypothesis = Hypothesis(name=name, gain=0.0, probability=probability, linear_fits=linear, refit=refit)  # type: ignore[arg-type]
+    hypothesis = Hypothesis(
+        name=name,
+        gain=0.0,
+        probability=probability,
+        linear_fits=(),
+        refit=refit,  # type: ignore[arg-type]
+        modulus_change=change,
+    )
     candidate = Candidate(
         effect=name,
         probability=probability,

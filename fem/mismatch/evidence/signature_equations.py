@@ -69,7 +69,7 @@ class SignatureEquations:
         """Where these columns of the case's products are here."""
         return tuple(self.columns.index(j) for j in columns)
 
-    def beside(self, first: Sequence[int], *, law_error: float) -> "SignatureEquations":
+    def given(self, first: Sequence[int], *, law_error: float) -> "SignatureEquations":
         """The equations of all else where the columns `first` explain a part of the data.
 
         The law behind `first` is not exact either. Its error is noise: its variance in any direction is

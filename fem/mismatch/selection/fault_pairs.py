@@ -77,7 +77,7 @@ def fault_pairs(
             direct=best.weighed.direct + second.evidence,
         )
         fits = (*best.linear_fits, _without_signature(second))
-        explanation = LinearExplanation(weighed=weighed, linear_fits=fits)
+        explanation = LinearExplanation(weighed=weighed, linear_fits=fits, modulus_change=best.modulus_change)
         found[name] = (with_misfit(linear, explanation), second)
     return found
 

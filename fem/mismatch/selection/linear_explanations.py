@@ -15,15 +15,24 @@ from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import faults_of_relation
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import LAW_ERROR, Weighed
-from fem.mismatch.selection.screening import LinearFit, LinearRound, violates_sign_constraint
+from fem.mismatch.selection.screening import (
+    LinearFit,
+    LinearRound,
+    modulus_change,
+    violates_sign_constraint,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearExplanation:
-    """One explanation, and the linear fits of its effects: none for "none", two for a pair."""
+    """One explanation, and the linear fits of its effects: none for "none", two for a pair.
+
+    `modulus_change`: E with the effects over E without, and the relative standard deviation that they add.
+    """
 
     weighed: Weighed
     linear_fits: tuple[LinearFit, ...] = ()
+    modulus_change: tuple[float, float] = (1.0, 0.0)
 
     @property
     def name(self) -> str:
@@ -64,7 +73,9 @@ def _single(fits: Sequence[LinearFit]) -> LinearExplanation:
     best = fits[0]
     gain = _mean([fit.gain for fit in fits])
     return LinearExplanation(
-        weighed=Weighed(name=best.name, gain=gain, direct=best.direct), linear_fits=(best,)
+        weighed=Weighed(name=best.name, gain=gain, direct=best.direct),
+        linear_fits=(best,),
+        modulus_change=best.modulus_change,
     )
 
 
@@ -80,11 +91,11 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[Li
         (fit,) = first.linear_fits
         if not fit.columns:
             continue
-        beside = linear.equations.beside(linear.equations.numbers(fit.columns), law_error=LAW_ERROR)
+        remaining = linear.equations.given(linear.equations.numbers(fit.columns), law_error=LAW_ERROR)
         for second in singles[number + 1 :]:
             if len(faults_of_relation([fit.effect, second.linear_fits[0].effect])) == 2:
                 continue
-            added = [_beside(linear, beside, way) for way in ways[second.name]]
+            added = [_second(linear, remaining, way) for way in ways[second.name]]
             gain = _mean([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
@@ -93,11 +104,18 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[Li
                     gain=first.weighed.gain + gain,
                     direct=first.weighed.direct + best.direct,
                 )
-                found.append(LinearExplanation(weighed=weighed, linear_fits=(fit, best)))
+                both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
+                found.append(
+                    LinearExplanation(
+                        weighed=weighed,
+                        linear_fits=(fit, best),
+                        modulus_change=modulus_change(linear.null, both),
+                    )
+                )
     return found
 
 
-def _beside(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
+def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
     """A signature's fit beside a first effect: gain, amounts and fall of chi-square are what it adds."""
     if not fit.columns:
         return fit

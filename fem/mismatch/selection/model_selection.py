@@ -32,8 +32,9 @@ AT_AN_END = "its second effect ends at the limit of its parameters"
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
     """One explanation: its name, its log Bayes factor over the plain model (all channels), its probability,
-    its refit. `alternatives`: the same with another pad, where that gains about as much: its share of the
-    explanation's probability, and its refit.
+    its refit. `modulus_change`: E with it over E without, and the relative standard deviation that it adds,
+    by linear signatures; None for unknown physics. `alternatives`: the same with another pad, where that
+    gains about as much: its share of the explanation's probability, and its refit.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Hypothesis:
     probability: float
     linear_fits: tuple[LinearFit, ...]
     refit: Refit | None
+    modulus_change: tuple[float, float] | None = None
     alternatives: tuple[tuple[float, Refit], ...] = ()
 
 
@@ -120,6 +122,7 @@ def _ranking(
             probability=float(share),
             linear_fits=one.linear_fits,
             refit=in_full[one.name].refits[0][1] if one.name in in_full else None,
+            modulus_change=one.modulus_change,
             alternatives=in_full[one.name].alternatives if one.name in in_full else (),
         )
         for one, share in zip(left, shares, strict=True)

@@ -58,9 +58,9 @@ def _modulus_by(
         return plain
     if hypothesis.name == UNKNOWN:
         return _widened(plain, unknown_spread(heldout))
-    if hypothesis.refit is not None or not hypothesis.linear_fits:
+    if hypothesis.refit is not None or hypothesis.modulus_change is None:
         return candidate.modulus
-    ratio, added = hypothesis.linear_fits[0].modulus_change
+    ratio, added = hypothesis.modulus_change
     return _widened(Modulus(value=ratio * plain.value, sd=ratio * plain.sd), added)
 
 
