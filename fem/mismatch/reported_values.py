@@ -10,7 +10,7 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
-from fem.mismatch.result import Candidate, GraspTrace, Modulus, Parameter, mixture
+from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
@@ -18,9 +18,6 @@ from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import pad_of
 from fem.parallel_map import parallel_map
-
-NINETY = 1.645
-"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
 def candidates(found: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:

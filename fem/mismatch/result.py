@@ -5,7 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri
 
+NINETY = float(ndtri(0.95))
+"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 NONE, UNKNOWN = "none", "unknown"
 """Verdicts that are no effect: nothing found, and something found that no effect explains."""
 
@@ -31,13 +35,20 @@ class Modulus:
     sd: float
 
 
-def mixture(weights: Sequence[float], moduli: Sequence[Modulus]) -> Modulus:
-    """Mean and standard deviation of E that is one of several, by their weights (any sum above zero)."""
+def mixture(weights: Sequence[float], moduli: Sequence[Modulus], *, about: float | None = None) -> Modulus:
+    """E that is one of several, each normal, by their weights (any sum above zero): the mean, or `about` in
+    its place, and a standard deviation whose 90 % interval about that holds the central 90 % of the mixture.
+    A component of little weight hardly widens it, however uncertain it is.
+    """
     share = np.asarray(weights) / np.sum(weights)
     value = np.array([modulus.value for modulus in moduli])
-    sd = np.array([modulus.sd for modulus in moduli])
-    mean = float(share @ value)
-    return Modulus(value=mean, sd=float(np.sqrt(share @ (sd**2 + (value - mean) ** 2))))
+    sd = np.maximum([modulus.sd for modulus in moduli], np.finfo(float).tiny)
+    centre = float(share @ value) if about is None else about
+    ends = float((value - 10 * sd).min()), float((value + 10 * sd).max())
+    low, high = (
+        brentq(lambda E, level=level: share @ ndtr((E - value) / sd) - level, *ends) for level in (0.05, 0.95)
+    )
+    return Modulus(value=centre, sd=max(centre - low, high - centre) / NINETY)
 
 
 @dataclass(frozen=True, kw_only=True)

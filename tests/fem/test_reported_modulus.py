@@ -3,13 +3,16 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scipy.stats import norm
 
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
 from fem.mismatch.selection.model_selection import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
 
 PLAIN = Modulus(value=0.4, sd=0.004)
+Z = norm.ppf(0.95)
 
 
 def explanation(
@@ -46,21 +49,44 @@ def reported(
 
 
 def test_without_a_mismatch_E_is_the_plain_models() -> None:
-    assert reported(explanation(NONE, 1.0)) == PLAIN
+    found = reported(explanation(NONE, 1.0))
+    assert (found.value, found.sd) == (PLAIN.value, pytest.approx(PLAIN.sd))
 
 
 def test_an_effect_that_was_not_detected_widens_E_and_does_not_move_it() -> None:
-    """By hand: the root mean square of E about the plain one."""
+    """By hand: 0.2 of the upper component, which has a quarter of the probability, lie above the interval."""
     found = reported(explanation(NONE, 0.75), explanation("skin", 0.25, E=0.5), verdict=NONE)
     assert found.value == PLAIN.value
-    assert found.sd**2 == pytest.approx(0.75 * PLAIN.sd**2 + 0.25 * (0.01**2 + 0.1**2))
+    assert found.sd * Z == pytest.approx(0.5 + 0.01 * norm.ppf(0.8) - PLAIN.value)
 
 
 def test_explanations_share_E_by_their_probabilities() -> None:
-    """Two points of probability 3/4 and 1/4, 0.1 apart: mean and variance of the mixture, by hand."""
+    """Two components of probability 3/4 and 1/4, 0.1 apart: mean and quantiles of the mixture, by hand."""
     found = reported(explanation("skin", 0.6, E=0.3), explanation("poisson_ratio", 0.2, E=0.4))
     assert found.value == pytest.approx(0.325)
-    assert found.sd == pytest.approx((0.01**2 + 0.75 * 0.25 * 0.1**2) ** 0.5)
+    assert found.sd * Z == pytest.approx(0.4 + 0.01 * norm.ppf(0.8) - found.value)
+
+
+def test_an_explanation_of_little_weight_hardly_widens_E() -> None:
+    """The standard deviation of this mixture would be five times as large."""
+    found = reported(explanation("skin", 0.975, E=0.4), explanation(UNKNOWN, 0.025))
+    assert 0.01 < found.sd < 0.0115
+
+
+def test_an_interval_holds_nine_tenths_of_draws() -> None:
+    rng = np.random.default_rng(1)
+    weights, moduli = (
+        [0.5, 0.3, 0.2],
+        [Modulus(value=v, sd=s) for v, s in ((1, 0.1), (1.3, 0.2), (0.6, 0.05))],
+    )
+    component = rng.choice(3, size=100_000, p=weights)
+    drawn = np.array([m.value for m in moduli])[component] + np.array([m.sd for m in moduli])[
+        component
+    ] * rng.normal(size=len(component))
+    found = mixture(weights, moduli)
+    low, high = np.quantile(drawn, [0.05, 0.95])
+    assert found.value == pytest.approx(drawn.mean(), abs=3e-3)
+    assert found.sd * Z == pytest.approx(max(high - found.value, found.value - low), rel=0.01)
 
 
 def test_an_effect_that_was_not_refitted_counts_by_its_linear_signature() -> None:
@@ -68,7 +94,8 @@ def test_an_effect_that_was_not_refitted_counts_by_its_linear_signature() -> Non
     found = reported(explanation(NONE, 0.75), explanation("skin", 0.25, change=(1.25, 0.1)))
     sd_skin = math.hypot(1.25 * PLAIN.sd, 0.1 * 0.5)
     assert found.value == pytest.approx(0.425)
-    assert found.sd**2 == pytest.approx(0.75 * PLAIN.sd**2 + 0.25 * sd_skin**2 + 0.75 * 0.25 * 0.1**2)
+    high = found.value + found.sd * Z
+    assert 0.75 * norm.cdf(high, 0.4, PLAIN.sd) + 0.25 * norm.cdf(high, 0.5, sd_skin) == pytest.approx(0.95)
 
 
 @pytest.mark.parametrize(("rms", "spread"), [(0.015, 0.17), (0.05, 0.3)])

@@ -1,4 +1,4 @@
-"""E that is reported: the mean over all explanations by their probabilities; its spread includes theirs.
+"""E that is reported: the mean over all explanations by their probabilities, and the 90 % interval of all.
 
 An explanation that was refitted has an E of its own; one that was not has that of its linear signature;
 "unknown" has the plain model's E, as uncertain as unknown physics has made it. Where no mismatch was detected
@@ -45,10 +45,10 @@ def reported_modulus(
         if modulus is not None:
             weights.append(hypothesis.probability)
             moduli.append(modulus)
-    averaged = mixture(weights, moduli) if sum(weights) > 0 else plain
-    if verdict == NONE:
-        averaged = Modulus(value=plain.value, sd=float(np.hypot(averaged.sd, averaged.value - plain.value)))
-    return _widened(averaged, hidden)
+    if not sum(weights) > 0:
+        return _widened(plain, hidden)
+    about = plain.value if verdict == NONE else None
+    return _widened(mixture(weights, moduli, about=about), hidden)
 
 
 def _modulus_by(
