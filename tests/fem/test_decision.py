@@ -146,6 +146,11 @@ def test_the_verdict_is_the_smallest_set_that_holds_the_probability():
     assert credible_set(["a", "b"], [0.5, 0.45]) == ("a", "b")
 
 
+def test_an_effect_stands_for_pairs_that_hold_it_and_a_pair_for_itself_alone():
+    assert credible_set(["a", "a+b", "c"], [0.6, 0.36, 0.04]) == ("a",)
+    assert credible_set(["a+b", "a", "c"], [0.6, 0.36, 0.04]) == ("a+b", "a")
+
+
 def test_at_most_twelve_numbers_decide():
     """Numbers of the module's constants; draws bound the time, not the answer."""
     tree = ast.parse(Path(decision.__file__).read_text("utf-8"))

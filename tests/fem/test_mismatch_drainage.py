@@ -17,6 +17,7 @@ from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
 from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.reduced_law import ReducedLaw
 from fem.mismatch.selection.modulus_with import modulus_of
@@ -115,6 +116,7 @@ def test_no_drainage_changes_nothing():
 
 def rounds(altered: Altered, **options: object):
     forward, _ = plain_forward_model(injected_case(altered, **options))
+    leave_large_deformation(forward)  # flesh here moves by small strain
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     return forward, screened(forward, recorded, EFFECTS)
 

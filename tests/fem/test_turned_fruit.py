@@ -56,7 +56,9 @@ def looked_at(case: MismatchCase) -> LinearRound:
 def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
     case = turned_case(TURN_RAD)
     found = looked_at(case)
-    share, _ = found.products.amount_of(TURNED_FRUIT, found.null)
+    columns = [found.products.columns[j] for j in found.null.chosen]
+    (place,) = (k for k, column in enumerate(columns) if column.name == TURNED_FRUIT)
+    share = columns[place].mean + found.null.amounts[place]
     monkeypatch.setattr(nuisances, "turned_fruit", lambda *_: None)
     without = looked_at(case)
     assert share == pytest.approx(1.0, abs=0.1)

@@ -11,7 +11,8 @@ divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per n
 - unknown physics resembles one of the explanations, gains as much as that one by the motion of the flesh, and
   leaves any share of the excess.
 
-The verdict is the smallest set of explanations that holds CREDIBLE of the probability.
+The verdict is the smallest set of explanations that holds CREDIBLE of the probability. It says what is there:
+an effect stands for every pair that holds it and another one.
 
 The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
 Gaussian with covariance N (SignatureEquations), so the distribution of a statistic of b follows from draws.
@@ -109,15 +110,23 @@ def log_usual(misfit: float) -> float:
 
 
 def credible_set(names: Sequence[str], probability: Sequence[float]) -> tuple[str, ...]:
-    """The fewest names that together have CREDIBLE, likeliest first.
+    """The fewest names that together have CREDIBLE, likeliest first; a name has the pairs that hold it, too.
 
     >>> credible_set(["skin", "none", "slip"], [0.9, 0.08, 0.02])
     ('skin', 'none')
+    >>> credible_set(["skin", "skin+slip", "none"], [0.9, 0.08, 0.02])
+    ('skin',)
     """
-    order = np.argsort(-np.asarray(probability), kind="stable")
-    total = np.cumsum(np.asarray(probability)[order])
-    count = int(np.searchsorted(total, CREDIBLE - 1e-12)) + 1
-    return tuple(names[k] for k in order[:count])
+    share, parts = np.asarray(probability), [set(name.split("+")) for name in names]
+    covered = np.zeros(len(names), dtype=bool)
+    chosen: list[str] = []
+    for k in np.argsort(-share, kind="stable"):
+        if not covered[k]:
+            chosen.append(names[k])
+            covered |= [parts[k] <= other for other in parts]
+            if share[covered].sum() >= CREDIBLE - 1e-12:
+                break
+    return tuple(chosen)
 
 
 def p_values(
