@@ -41,7 +41,6 @@ def uniform_strain() -> ReducedLaw:
         load=np.array([[0.01], [0.0], [0.0]]),
         recording=np.eye(3)[:, None],
         shares=shares,
-        first=nothing,
         unchanged=nothing,
     )
 

@@ -13,12 +13,13 @@ behave in the same way.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect, Response, Signature
@@ -27,7 +28,7 @@ from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.third_force import SEAT_MM, ForceBalance, Seat, ThirdForce
+from fem.mismatch.model.third_force import SCALES, SEAT_MM, ForceBalance, Seat, ThirdForce, peak_N
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import AtPlace, Variant
 
@@ -91,10 +92,13 @@ spots; another fruit on the same palm touches it elsewhere. By hand, wide: `limi
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFound:
-    """Where the balance of all recordings shows a third contact, with its force in each."""
+    """Where the balance of all recordings shows a third contact, with its force in each. `search`: ln of the
+    mean evidence over all places, over that of the best; zero or less.
+    """
 
     seat: Seat
     forces: tuple[ThirdForce, ...]
+    search: float = 0.0
 
     @property
     def evidence(self) -> float:
@@ -122,17 +126,20 @@ class ThirdContact:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """The force at the place that balances best, where one does."""
+        """The force at the place that balances best, where one does; the amount is its greatest value as a
+        share of what a pad pushes.
+        """
         found = _found(forward)
         if found is None:
             return []
+        share = max(found.greatest_N[0], LEAST_N) / _peak_N(forward)
         fields = [
             None
             if field is None
-            else ObservationDelta(markers=forward.compliance * field[0], balance=field[1])
+            else ObservationDelta(markers=forward.compliance * field[0] / share, balance=field[1] / share)
             for field in _fields(forward, found)
         ]
-        column = Regressor(name="push", sd=1.0, fields=fields, positive=True)
+        column = Regressor(name="push", sd=SCALES[-1], fields=fields, positive=True)
         return [Signature(variant=_variant(found.seat), columns=(column,))]
 
     def start(
@@ -148,9 +155,9 @@ class ThirdContact:
         }
 
     def direct_evidence(self, forward: ForwardModel) -> float:
-        """What it costs that the force is taken from the balance, frame by frame: negative."""
+        """What it costs that force and place are taken from the balance: negative."""
         found = _found(forward)
-        return 0.0 if found is None else found.volume
+        return 0.0 if found is None else found.volume + found.search
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """Of the place about the start; of the force as measured."""
@@ -219,6 +226,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
         sum(one.evidence for one in _forces(forward, place, -normal))
         for place, normal in zip(skin.point_mm, skin.normal, strict=True)
     ]
+    search = float(logsumexp(evidence) - np.log(len(evidence)) - max(evidence))
     best = Seat.at(mesh, skin.point_mm[int(np.argmax(evidence))])
     axes = np.linalg.svd(best.inward[None])[2][1:]
 
@@ -234,7 +242,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
         options={"initial_simplex": corners, "maxfev": 60, "xatol": 0.05, "fatol": 0.05},
     ).x
     found = _at(forward, best.place_mm + way @ axes)
-    return found if found.evidence > LEAST_EVIDENCE else None
+    return replace(found, search=search) if found.evidence > LEAST_EVIDENCE else None
 
 
 def _most_evidence(forward: ForwardModel) -> float:
@@ -272,6 +280,11 @@ def _fields(
         moved = np.tensordot(force.force_N, at_markers, axes=1)
         fields.append((moved, -force.wrench(recording, found.seat.place_mm)))
     return fields
+
+
+def _peak_N(forward: ForwardModel) -> float:
+    """The greatest push of a pad, mean over the pads."""
+    return max(peak_N(recording) for recording in forward.base.grasps)
 
 
 def _greatest(forward: ForwardModel) -> tuple[float, float]:

@@ -140,7 +140,7 @@ class ForceBalance:
             roots=roots,
             normal=white - held,
             pushed=-courses @ balance.weighed(balance.measured),
-            peak_N=_peak_N(recording),
+            peak_N=peak_N(recording),
         )
 
     def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce:
@@ -206,7 +206,8 @@ def _courses(
     return courses, tuple(np.linalg.cholesky(onto @ prior @ onto.T) for prior in priors)
 
 
-def _peak_N(recording: GraspResponse) -> float:
+def peak_N(recording: GraspResponse) -> float:
+    """What a pad pushes at the greatest load, N, mean over the pads."""
     return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
 
 
