@@ -61,7 +61,7 @@ def test_the_samples_law_gives_back_the_pull_from_the_strain(share: float, tau_s
     )
     shares = np.interp(fine_s, history.time_s, law.shares[:, 0])[:, None]
     nothing = np.zeros((len(fine_s), 1, 3))
-    fine_law = replace(law, shares=shares, first=nothing, unchanged=nothing)
+    fine_law = replace(law, shares=shares, unchanged=nothing)
     fine = FadingVolume.of(fine_law, mu=MU, lame=LAME).response(finer, share=share, tau_s=tau_s)[:, 0]
     np.testing.assert_allclose(fine[::70], strain, atol=1e-12)
     lame = Lame(mu=MU, lam=LAME)
