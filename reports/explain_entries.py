@@ -124,7 +124,8 @@ def _candidate(candidate: Record) -> dict[str, Any]:
         "parameters": parameters,
         "log_evidence": candidate.log_evidence,
         "chi2_gain": candidate.gain,
-        "heldout_gain": candidate.heldout,
+        "heldout_gain": candidate.heldout and candidate.heldout[0],
+        "heldout_gain_sd": candidate.heldout and candidate.heldout[1],
         "refitted": candidate.refitted,
         "E_MPa": candidate.modulus,
     }

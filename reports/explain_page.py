@@ -57,6 +57,7 @@ def explain_html(entry: ExplainEntry) -> str:
     environment.filters |= {
         "degrees": _degrees,
         "interval": _interval,
+        "heldout": _heldout,
         "mark": _mark,
         "modulus": _modulus,
         "p": _p,
@@ -203,6 +204,11 @@ def _value(parameter: Record) -> str:
         spread = sd if isinstance(sd, tuple) else (None,) * len(value)
         return f"({'; '.join(map(with_sd, value, spread))}){unit}"
     return f"{with_sd(value, None if isinstance(sd, tuple) else sd)}{unit}"
+
+
+def _heldout(gain: tuple[float, float] | None) -> str:
+    """A gain in log predictive density, with its standard error."""
+    return UNKNOWN if gain is None else with_sd(*gain)
 
 
 def _modulus(modulus: Record | None) -> str:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
 from fem.mismatch.evidence.grasp_equations import GraspEquations
@@ -11,7 +12,7 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
 from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
-from fem.mismatch.selection.cross_validation import predictive
+from fem.mismatch.selection.cross_validation import predictive, predictive_gain
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
@@ -26,7 +27,7 @@ def candidates(found: ModelSelection, linear: LinearRound, *, workers: int = 1) 
     return tuple(parallel_map(lambda one: _candidate(one, linear, base), found.ranking, workers=workers))
 
 
-def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
+def _candidate(one: Hypothesis, linear: LinearRound, base: Float[np.ndarray, " _g"] | None) -> Candidate:
     """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
     if one.refit is None:
         drop = sum(fit.chi2_drop for fit in one.linear_fits)
@@ -34,7 +35,7 @@ def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Cand
             effect=one.name, probability=one.probability, parameters={}, log_evidence=one.gain, gain=drop
         )
     again = one.refit
-    held = predictive(again.products, (*again.nuisances, *again.slopes))
+    after = predictive(again.products, (*again.nuisances, *again.slopes))
     modulus = modulus_with(again)
     return Candidate(
         effect=one.name,
@@ -42,7 +43,7 @@ def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Cand
         parameters=_parameters(again, modulus),
         log_evidence=one.gain,
         gain=linear.null.chi2 - again.fit.chi2,
-        heldout=None if held is None or base is None else held - base,
+        heldout=predictive_gain(base, after),
         refitted=True,
         modulus=_over_alternatives(modulus.known, one),
     )

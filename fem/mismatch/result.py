@@ -55,9 +55,10 @@ def mixture(weights: Sequence[float], moduli: Sequence[Modulus], *, about: float
 class Candidate:
     """One explanation in the ranking: an effect, or two joined by "+", sorted.
 
-    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model; linear where
-    the effect was not refitted. `gain`: by how much chi-square falls. `heldout`: log predictive score on
-    grasps left out, against no effect. `refitted`: with the effect's full nonlinear model.
+    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, as the linear
+    signatures decide. `gain`: by how much chi-square falls. `heldout`: gain in log predictive density on
+    grasps left out, against no effect, and its standard error. `refitted`: with the effect's full nonlinear
+    model.
     """
 
     effect: str
@@ -65,7 +66,7 @@ class Candidate:
     parameters: dict[str, Parameter]
     log_evidence: float
     gain: float
-    heldout: float | None = None
+    heldout: tuple[float, float] | None = None
     refitted: bool = False
     modulus: Modulus | None = None
 

@@ -37,7 +37,7 @@ def candidate(effect, probability, **parameters):
         parameters=made,
         log_evidence=200.0 * probability,
         gain=410.0 * probability,
-        heldout=150.0 * probability,
+        heldout=(150.0 * probability, 12.0),
         refitted=True,
         modulus=Modulus(value=0.315, sd=0.006),
     )

@@ -34,6 +34,7 @@ BARE = {
             "log_evidence": 7.0,
             "chi2_gain": 0,
             "heldout_gain": None,
+            "heldout_gain_sd": None,
             "refitted": False,
             "E_MPa": None,
         }

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.estimation.coloured_noise import drawn_coloured_noise
 from fem.estimation.compliance_fit import about_episode_mean
@@ -54,16 +55,30 @@ def noise_left_mm2(markers: MarkerEquations, rng: np.random.Generator) -> float:
     return float(np.mean([(markers.residual(tracks.sd_mm[:, None] * noise) ** 2).sum() for noise in drawn]))
 
 
-def predictive(products: GramMatrix, columns: Sequence[int]) -> float | None:
-    """Sum over recordings of ln p(recording | all others); None where there are no others."""
+def predictive(products: GramMatrix, columns: Sequence[int]) -> Float[np.ndarray, " g"] | None:
+    """ln p(recording | all others) of each recording; None where there are no others."""
     count = len(products.rows)
     if count < 2:
         return None
     whole = products.fit(columns).log_evidence
-    return sum(
-        whole - products.fit(columns, keep=[j for j in range(count) if j != k]).log_evidence
-        for k in range(count)
+    return np.array(
+        [
+            whole - products.fit(columns, keep=[j for j in range(count) if j != k]).log_evidence
+            for k in range(count)
+        ]
     )
+
+
+def predictive_gain(
+    before: Float[np.ndarray, " g"] | None, after: Float[np.ndarray, " g"] | None
+) -> tuple[float, float] | None:
+    """Sum over recordings of the gain in log predictive density, and its standard error: that of a sum of
+    independent gains (Vehtari, Gelman and Gabry 2017, Statistics and Computing 27, equation 23).
+    """
+    if before is None or after is None:
+        return None
+    gain = after - before
+    return float(gain.sum()), float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
 def _residual_squares(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> float:
