@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from fem.mismatch.screen import UNKNOWN
+from fem.mismatch.result import UNKNOWN
 from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.settings import Grading

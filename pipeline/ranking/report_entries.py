@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
-from fem.mismatch.screen import UNKNOWN
+from fem.mismatch.result import UNKNOWN
 from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
 from pipeline.batch.layout import FruitResults, Results
