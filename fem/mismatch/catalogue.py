@@ -5,7 +5,7 @@ from importlib import import_module
 
 from fem.mismatch import effects
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, NextGrasp
+from fem.mismatch.effect_spec import EffectSpec
 
 
 def _collected() -> tuple[Effect, ...]:
@@ -18,7 +18,3 @@ def _collected() -> tuple[Effect, ...]:
 EFFECTS: tuple[Effect, ...] = _collected()
 SPECS: dict[str, EffectSpec] = {effect.spec.name: effect.spec for effect in EFFECTS}
 """By name, in the order of the catalogue."""
-SEPARATORS: dict[frozenset[str], NextGrasp] = {
-    frozenset((spec.name, other)): grasp for spec in SPECS.values() for other, grasp in spec.separated_by
-}
-"""What to record to tell two effects apart."""

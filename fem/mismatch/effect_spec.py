@@ -67,27 +67,6 @@ ENTRY: dict[Correction, Entry] = {
 """Where each correction is made; an effect without one enters the response of the flesh or contact."""
 
 
-class NextGrasp(StrEnum):
-    """A recording that separates explanations: its value completes "record next: ..."."""
-
-    TURNED = (
-        "grasp the same spots once more with the fruit turned by 180 degrees between the jaws: what belongs "
-        "to a sensor or jaw stays with it, what belongs to the fruit moves along"
-    )
-    CYCLES = (
-        "grasp one spot twice in a row to the same depth, with a slow unloading: damage shows in the second "
-        "load"
-    )
-    SPEEDS = "grasp one spot at two speeds that differ tenfold, each with a hold of ten seconds"
-    DEPTHS = "grasp one spot to two depths that differ by half, at the same speed"
-    ACROSS = "grasp across the last direction, and along the stem if the jaws allow it"
-    SHEARED_HOLD = (
-        "grasp one spot, hold it for ten seconds, then move the jaws sideways and hold again: juice that has "
-        "been lost shows in the squeeze alone, creep in both"
-    )
-    DRY = "grasp once more with a dry, wiped skin and a sideways move during the hold"
-
-
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpec:
     """One number that the search varies, within the bounds `low` and `high`.
@@ -259,8 +238,7 @@ class EffectSpec:
     family "interaction", being where pad and skin meet, and of the scope GRIPPER, since it stays with a jaw.
 
     `correction`: what grading puts right for it; None where it changes how flesh or contact answers a force.
-    `of_the_pit`: there is none of it without a pit. `separated_by`: the recording that separates it from
-    another effect; each pair stands in one of the two specs. `holds_large_deformation`: its law counts from
+    `of_the_pit`: there is none of it without a pit. `holds_large_deformation`: its law counts from
     small strain on, and holds the flesh's large deformation too. `in_recorded_forces`: the recorded forces
     already contain all that it does. The plain model, driven by those forces, then predicts the markers as
     well as with it: `respond` returns the plain model's displacement unchanged, E needs no correction, and
@@ -277,7 +255,6 @@ class EffectSpec:
     parameters: tuple[EffectParameter, ...]
     correction: Correction | None = None
     of_the_pit: bool = False
-    separated_by: tuple[tuple[str, NextGrasp], ...] = ()
     holds_large_deformation: bool = False
     in_recorded_forces: bool = False
     knows_time: bool = False

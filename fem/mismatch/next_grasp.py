@@ -1,23 +1,28 @@
 """What to record next: what parts the explanations that are left.
 
 Computed over some thirty candidate grasps (fem.mismatch.design): the one whose smallest expected ln evidence
-between two of them is greatest. Where that cannot be computed, the catalogue's fixed separators.
+between two of them is greatest. Where that cannot be computed, a fixed recommendation.
 """
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.catalogue import SEPARATORS, SPECS
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.design.candidate_grasps import PlaceKind
 from fem.mismatch.design.compared_candidates import ComparedCandidate, compared_candidates
 from fem.mismatch.design.predictions import Explained
-from fem.mismatch.effect_spec import NextGrasp
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN, NextGraspPlan, ProposedGrasp, ProposedPad
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.screening import LinearRound
 
+TURNED = (
+    "grasp the same spots once more with the fruit turned by 180 degrees between the jaws: what belongs "
+    "to a sensor or jaw stays with it, what belongs to the fruit moves along"
+)
+SPEEDS = "grasp one spot at two speeds that differ tenfold, each with a hold of ten seconds"
+ACROSS = "grasp across the last direction, and along the stem if the jaws allow it"
 LISTED = 5
 """Candidates that an answer lists. Set by hand, to be read at a glance."""
 LEAST_PROBABILITY = 0.01
@@ -32,29 +37,18 @@ MOST_EXPLAINED = 4
 def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
     """A sentence, or None where nothing is left to tell apart.
 
-    The separators are those of what each pair leaves the same and what not; a turned fruit parts every effect
-    of the jaws from every effect of the fruit.
+    A turned fruit separates every effect of the jaws from every effect of the fruit.
     """
     if isinstance(verdict, str):
         if verdict == UNKNOWN:
-            return (
-                f"nothing in the catalogue explains this; first {NextGrasp.SPEEDS}; then {NextGrasp.TURNED}"
-            )
+            return f"nothing in the catalogue explains this; first {SPEEDS}; then {TURNED}"
         if verdict != NONE and grasps < 2:
-            return (
-                "one recording alone cannot be checked against another: "
-                f"{NextGrasp.ACROSS}; then {NextGrasp.TURNED}"
-            )
+            return f"one recording alone cannot be checked against another: {ACROSS}; then {TURNED}"
         return None
-    for one in verdict:
-        for other in verdict:
-            found = SEPARATORS.get(frozenset((one, other)))
-            if found is not None:
-                return found
     of_the_jaws = [one in SPECS and SPECS[one].of_the_jaws for one in verdict]
     if any(of_the_jaws) and not all(of_the_jaws):
-        return NextGrasp.TURNED
-    return NextGrasp.ACROSS
+        return TURNED
+    return ACROSS
 
 
 def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelection) -> NextGraspPlan | None:

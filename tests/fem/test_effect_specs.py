@@ -2,11 +2,11 @@
 
 import pytest
 
-from fem.mismatch.catalogue import EFFECTS, SEPARATORS, SPECS
+from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Entry, NextGrasp, Scope
+from fem.mismatch.effect_spec import Entry, Scope
 from fem.mismatch.evidence.model_error import model_error_shares
-from fem.mismatch.next_grasp import next_grasp
+from fem.mismatch.next_grasp import TURNED, next_grasp
 
 
 def test_ranks_and_names_are_each_effects_own():
@@ -34,20 +34,13 @@ def test_what_is_searched_lies_within_what_settings_may_hold(effect: Effect):
                 assert low <= ends[0] < ends[1] <= high, spec.name
 
 
-def test_each_pair_is_declared_in_one_of_its_two_effects():
-    stated = [frozenset((spec.name, other)) for spec in SPECS.values() for other, _ in spec.separated_by]
-    assert len(stated) == len(set(stated)) == len(SEPARATORS)
-    assert set().union(*stated) <= SPECS.keys()
-
-
 def test_every_effect_of_the_jaws_is_told_from_every_effect_of_the_fruit_by_turning_it():
     jaws = [name for name, spec in SPECS.items() if spec.scope in (Scope.SENSOR, Scope.GRIPPER)]
     fruit = [name for name, spec in SPECS.items() if spec.scope in (Scope.FRUIT, Scope.LOT)]
     assert len(jaws) + len(fruit) == len(SPECS)
     for one in jaws:
         for other in fruit:
-            wanted = SEPARATORS.get(frozenset((one, other)), NextGrasp.TURNED)
-            assert next_grasp((one, other), grasps=4) == wanted
+            assert next_grasp((one, other), grasps=4) == TURNED
 
 
 def test_what_is_wrong_with_the_jaws_is_put_right_in_the_recordings_and_nothing_else_is():

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.equation_cache import gels_stick, pull_of
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.signature_variant import ONE_WAY, Variant
@@ -49,7 +49,6 @@ SPEC = EffectSpec(
             model_share=0.05,
         ),
     ),
-    separated_by=(("slip", NextGrasp.DRY),),
     in_recorded_forces=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.linear_law import matrix_operator
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
@@ -68,12 +68,6 @@ SPEC = EffectSpec(
             log=True,
             model_share=0.1,
         ),
-    ),
-    separated_by=(
-        ("viscoelastic", NextGrasp.SHEARED_HOLD),
-        ("poisson_ratio", NextGrasp.SPEEDS),
-        ("clock_lag", NextGrasp.SPEEDS),
-        ("sensor_drift", NextGrasp.SPEEDS),
     ),
     knows_time=True,
 )

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -62,7 +62,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.GEL_CREEP,
-    separated_by=(("viscoelastic", NextGrasp.SPEEDS),),
     knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

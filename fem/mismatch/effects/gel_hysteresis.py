@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -56,7 +56,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.GEL_HYSTERESIS,
-    separated_by=(("damage", NextGrasp.TURNED), ("plastic_set", NextGrasp.TURNED)),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

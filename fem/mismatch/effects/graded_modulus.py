@@ -6,7 +6,7 @@ E is that halfway. d by the distances to both (fem.mismatch.model.forward_model)
 from collections.abc import Sequence
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
@@ -33,7 +33,6 @@ SPEC = EffectSpec(
             model_share=0.18,
         ),
     ),
-    separated_by=(("pit_size", NextGrasp.ACROSS),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT_OFFSET
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, vector
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, vector
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
@@ -41,7 +41,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PIT_OFFSET,
     of_the_pit=True,
-    separated_by=(("sensor_gain", NextGrasp.TURNED),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

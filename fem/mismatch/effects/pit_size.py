@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT_SIZE
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
@@ -31,7 +31,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PIT_SIZE,
     of_the_pit=True,
-    separated_by=(("gripper_compliance", NextGrasp.DEPTHS),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

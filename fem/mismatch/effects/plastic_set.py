@@ -16,7 +16,7 @@ from jaxtyping import Float
 from fem.materials.strain_path import deviator, von_mises
 from fem.materials.von_mises_set import von_mises_set
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, path_response, path_state
@@ -59,7 +59,6 @@ SPEC = EffectSpec(
             strain_power=1.0,
         ),
     ),
-    separated_by=(("damage", NextGrasp.CYCLES),),
     remembers_grasps=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -53,7 +53,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.FORCE_LAW,
-    separated_by=(("graded_modulus", NextGrasp.DEPTHS), ("stiffening", NextGrasp.DEPTHS)),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

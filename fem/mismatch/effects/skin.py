@@ -11,7 +11,6 @@ from fem.mismatch.effect_spec import (
     EffectParameter,
     EffectSpec,
     EffectWords,
-    NextGrasp,
     ParameterSpec,
     Scope,
 )
@@ -39,11 +38,6 @@ SPEC = EffectSpec(
             searched=(ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_share=0.1),),
             modulus_power=1.0,
         ),
-    ),
-    separated_by=(
-        ("gripper_compliance", NextGrasp.DEPTHS),
-        ("poisson_ratio", NextGrasp.ACROSS),
-        ("graded_modulus", NextGrasp.ACROSS),
     ),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.model.forward_model import ForwardModel
@@ -61,7 +61,6 @@ SPEC = EffectSpec(
             model_share=0.2,
         ),
     ),
-    separated_by=(("pose_error", NextGrasp.DRY),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

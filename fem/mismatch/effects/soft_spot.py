@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number, vector
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.force_products import OfFlesh
 from fem.mismatch.model.forward_model import ForwardModel
@@ -74,7 +74,6 @@ SPEC = EffectSpec(
             model_share=0.12,
         ),
     ),
-    separated_by=(("sensor_gain", NextGrasp.TURNED),),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

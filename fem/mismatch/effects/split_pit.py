@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.parted_pit import OfHalves, part_together, parted_response
@@ -61,10 +61,6 @@ SPEC = EffectSpec(
         ),
     ),
     of_the_pit=True,
-    separated_by=(
-        ("loose_pit", NextGrasp.DEPTHS),
-        ("pit_size", NextGrasp.ACROSS),
-    ),
 )
 """By hand, wide: `limits`, `low`, `high`, `model_sd`, `model_share` until there are cases to measure."""
 

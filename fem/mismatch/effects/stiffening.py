@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from fem.materials.fung_neo_hookean import fung_at_small_strain
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
@@ -58,14 +58,6 @@ SPEC = EffectSpec(
             strain_power=-2.0,
             low_is_a_law=True,
         ),
-    ),
-    separated_by=(
-        ("damage", NextGrasp.CYCLES),
-        ("plastic_set", NextGrasp.CYCLES),
-        ("gripper_compliance", NextGrasp.DEPTHS),
-        ("skin", NextGrasp.DEPTHS),
-        ("poisson_ratio", NextGrasp.DEPTHS),
-        ("graded_modulus", NextGrasp.DEPTHS),
     ),
     holds_large_deformation=True,
 )

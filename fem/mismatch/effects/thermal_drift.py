@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
 from fem.mismatch.gel_fault import GelFault, drift_between
 from fem.mismatch.model.forward_model import ForwardModel
@@ -68,7 +68,6 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.THERMAL_DRIFT,
-    separated_by=(("sensor_drift", NextGrasp.SPEEDS), ("gel_creep", NextGrasp.SPEEDS)),
     knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""

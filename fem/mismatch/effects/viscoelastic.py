@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import AtValue, Variant, value_of
@@ -58,10 +58,6 @@ SPEC = EffectSpec(
             model_share=0.05,
             numbered=True,
         ),
-    ),
-    separated_by=(
-        ("clock_lag", NextGrasp.SPEEDS),
-        ("sensor_drift", NextGrasp.SPEEDS),
     ),
     knows_time=True,
 )
