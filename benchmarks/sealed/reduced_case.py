@@ -20,8 +20,6 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.procedure import detected
-from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -124,10 +122,6 @@ class ReducedCase:
             {**words, "columns": [renumbered[j] for j in words["columns"]]} for words in self.signatures
         ]
         return replace(self, columns=columns, signatures=signatures, rows=rows, products=products)
-
-    def linear_verdict(self, linear: LinearRound) -> str:
-        """Before any refit: "none", or the effect that gains most."""
-        return linear.best[0].name if detected(linear).mismatch else NONE
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:

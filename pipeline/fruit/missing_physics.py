@@ -116,7 +116,6 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
             AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
             for one in said.amounts
         ),
-        large_deformation=said.large_deformation,
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)
             for name, (ratio, sd) in said.moduli.items()

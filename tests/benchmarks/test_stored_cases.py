@@ -1,9 +1,10 @@
-"""Stored linear problems replay through the selection code to the gains they had, and to the truth.
+"""Stored linear problems of an independent simulator: the finder's decision on them, within seconds.
 
-Cases are the first labelled cases of an external contact simulation. `git show
-4ce97fb9:benchmarks/sealed/bank_features.py` wrote them.
+`python benchmarks/mismatch_bank.py reduce CASES ROUNDS` wrote them: labelled cases with noise (`open-*`), and
+bodies without noise and mismatch. That simulator shares no code with this repository.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,85 +13,75 @@ from sealed_truths import put_on_path
 from synthetic_problem import EFFECTS, problem
 
 put_on_path()
-from reduced_case import OF_MODEL_ERROR, gains_of, store, stored  # noqa: E402
+from reduced_case import OF_MODEL_ERROR, ReducedCase, gains_of, store, stored  # noqa: E402
 
 from fem.mismatch.evidence.model_error import model_error_shares  # noqa: E402
+from fem.mismatch.procedure import detected  # noqa: E402
 from fem.mismatch.result import NONE, UNKNOWN  # noqa: E402
-from fem.mismatch.selection.decision import Weighed, credible_set, probabilities  # noqa: E402
-from fem.mismatch.selection.screening import log_positive, violates_sign_constraint  # noqa: E402
+from fem.mismatch.selection.decision import credible_set, probabilities  # noqa: E402
+from fem.mismatch.selection.linear_explanations import linear_explanations  # noqa: E402
 
-CASES = sorted((Path(__file__).parent / "cases").glob("*.npz"))
+CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
 LARGEST_BYTES = 300_000
+MISSED = {"open-24": "loose_pit", "open-25": NONE}
+"""Known misses: a pit 29 % too small looks like a loose one, and little slip (0.24) like nothing."""
+
+
+def verdict_of(case: ReducedCase) -> tuple[str, ...]:
+    """The names of the verdict by linear signatures, likeliest first."""
+    linear = case.linear()
+    if not detected(linear).mismatch:
+        return (NONE,)
+    explanations = linear_explanations(linear)
+    shares, unknown = probabilities([explanation.weighed for explanation in explanations])
+    names = [*(explanation.name for explanation in explanations), UNKNOWN]
+    return credible_set(names, [*shares, unknown])
 
 
 def test_there_are_cases():
-    assert len(CASES) >= 12
+    truths = [stored(path).facts["answer"]["effect"] for path in CASES.values()]
+    assert len(truths) >= 12
+    assert len(set(truths)) >= 12
 
 
-def gains_of_symmetric_priors(linear):
-    """Gains as these files have them, greatest first: an amount of the wrong sign gains nothing, and no other
-    evidence is of its sign.
-    """
-    gains = {}
-    for fit in linear.linear_fits:
-        among_nuisances = linear.products.fit([*linear.nuisances, *fit.columns])
-        gain = fit.gain - log_positive(linear.products, fit.columns, among_nuisances)
-        if violates_sign_constraint(linear.products, fit.columns, fit.amounts):
-            gain = min(gain, 0.0)
-        gains[fit.name] = max(gain, gains.get(fit.name, -np.inf))
-    return dict(sorted(gains.items(), key=lambda pair: -pair[1]))
+@pytest.mark.parametrize("name", CASES)
+def test_a_case_replays_to_the_gains_it_had(name):
+    case = stored(CASES[name])
+    found = gains_of(case.linear())
+    assert found == pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_a_case_replays_to_the_gains_it_had(path):
-    case = stored(path)
-    found = gains_of_symmetric_priors(case.linear())
-    assert found.keys() == case.facts["gains"].keys()
-    assert list(found) == list(case.facts["gains"])
-    assert np.array(list(found.values())) == pytest.approx(
-        np.array(list(case.facts["gains"].values())), abs=1e-3, rel=1e-4
-    )
+@pytest.mark.parametrize("name", CASES)
+def test_a_signature_that_is_5_percent_off_does_not_replay(name):
+    """That of the likeliest effect, its direction turned by 5 % of another one."""
+    case = stored(CASES[name])
+    first = max(case.facts["gains"], key=lambda effect: case.facts["gains"][effect])
+    altered = gains_of(with_signature_off(case, first, share=0.05).linear())
+    assert altered != pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_the_linear_round_names_the_truth_but_for_known_misses(path):
-    """With the model error of its time, and with that of today's file. Skin and pit offset come second in the
-    linear round, and first once every law is fitted in full.
-    """
-    case = stored(path)
-    truth = case.facts["truth"]
-    for replayed in (case, case.with_shipped_model_error()):
-        linear = replayed.linear()
-        verdict = replayed.linear_verdict(linear)
-        if truth in ("skin", "pit_offset"):
-            assert verdict != NONE
-            assert linear.best[1].name == truth
-        else:
-            assert verdict == truth
+def with_signature_off(case: ReducedCase, effect: str, *, share: float) -> ReducedCase:
+    """The case with a share of the plain model's response, as large as the signature, added to it."""
+    own = {j for words in case.signatures if words["effect"] == effect for j in words["columns"]}
+    products = []
+    for rows, known in zip(case.rows, case.products, strict=True):
+        change = np.eye(len(known))
+        for at, j in enumerate(rows, 1):
+            if int(j) in own:
+                change[at, 1] = share * np.sqrt(known[at, at] / known[1, 1])
+        products.append(change @ known @ change.T)
+    return replace(case, products=products)
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_the_credible_set_of_the_linear_round_holds_the_truth(path):
-    case = stored(path).with_shipped_model_error()
-    linear = case.linear()
-    weighed = [
-        Weighed(
-            name=fit.name,
-            gain=fit.gain,
-            misfit=(linear.null.chi2 - fit.chi2_drop) / case.count,
-            direct=fit.direct,
-        )
-        for fit in linear.best
-    ]
-    weighed.append(Weighed(name=NONE, gain=0.0, misfit=linear.null.chi2 / case.count))
-    shares, unknown = probabilities(weighed)
-    names = [*(explanation.name for explanation in weighed), UNKNOWN]
-    assert case.facts["truth"] in credible_set(names, [*shares, unknown])
+@pytest.mark.parametrize("name", CASES)
+def test_the_verdict_names_the_truth_but_for_known_misses(name):
+    case = stored(CASES[name]).with_shipped_model_error()
+    assert verdict_of(case)[0] == MISSED.get(name, case.facts["answer"]["effect"])
 
 
-@pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
-def test_a_case_is_small(path):
-    assert path.stat().st_size < LARGEST_BYTES
+@pytest.mark.parametrize("name", CASES)
+def test_a_case_is_small(name):
+    assert CASES[name].stat().st_size < LARGEST_BYTES
 
 
 def test_a_problem_is_read_as_it_was_written(tmp_path):
