@@ -38,7 +38,7 @@ from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import graded_case, mismatch_case
+from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 from samples.mismatch.bank import (
@@ -112,27 +112,19 @@ def reduce_cases(chosen: argparse.Namespace) -> None:
 
 
 def linear_problem(folder: Path) -> ReducedCase:
-    """A case after the finder's linear round. Its facts hold E as graded, the answer (answers.json beside the
-    folder), and with an effect the least standard deviation of each effect's amplitude (Cramer and Rao).
+    """A case after the finder's linear round. Its facts hold the answer (answers.json beside the folder), and
+    with an effect the least standard deviation of each effect's amplitude (Cramer and Rao).
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        fruit = grasped_fruit(case.task, StageLog(str))
-        graded, _ = graded_case(case, fruit)
-    forward, _ = plain_forward_model(mismatch_case(case, fruit), solids=graded.solids)
-    forward = replace(forward, graded=graded.models)
+        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, EFFECTS)
     problem = reduced(forward, recorded, linear)
     answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
     answer = answers[folder.name]
     E_MPa = forward.places / (forward.compliance * (1 + float(linear.null.amounts[0])))
-    facts = {
-        "answer": answer,
-        "E_MPa": E_MPa,
-        "E_graded_MPa": [graded.modulus.value, graded.modulus.sd],
-        "bounds": {},
-    }
+    facts = {"answer": answer, "E_MPa": E_MPa, "bounds": {}}
     if answer["effect"] != NONE:
         facts["bounds"] = amplitude_bounds(information_of(forward, linear), problem, E_MPa=E_MPa)
     return replace(problem, facts=problem.facts | facts)

@@ -15,7 +15,6 @@ from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
-from pipeline.batch.task import FruitTask
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, joined_traces
@@ -76,22 +75,16 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
     )
 
 
-def at_finite_strain(task: FruitTask) -> FruitTask:
-    """The task with flesh at finite strain, whatever the batch says: all real flesh deforms so."""
-    flesh = task.settings.flesh.model_copy(update={"model": "neo-hookean"})
-    return replace(task, settings=task.settings.model_copy(update={"flesh": flesh}))
-
-
 def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[GradedCase, list[str]]:
-    """E without an effect, as `drupe grade` infers it from these recordings at finite strain, before doubts
-    about the inputs widen it, and the models that it is inferred with; and what must be known of it. `jobs`:
-    threads. Raises FemFailure.
+    """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
+    widen it, and the models that it is inferred with; and what must be known of it. `jobs`: threads.
+    Raises FemFailure.
     """
     fruit = with_stated_surface(case, fruit)
     solids: dict[Support, UnitModulusSolid] = {}
     try:
         found = fruit_modulus(
-            at_finite_strain(case.task),
+            case.task,
             fruit.placed,
             fruit.mesh,
             poisson_ratio=fruit.poisson_ratio,

@@ -35,18 +35,6 @@ def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"
     return forward.memoised(_KEY, compute)
 
 
-def graded_large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
-    """The same as grading has it (fem.estimation.finite_response), the fruit's turn included; None where
-    grading has it not for every recording.
-    """
-    found = []
-    for recording, model in zip(forward.base.grasps, forward.graded, strict=False):
-        if model is None or model.displacement_correction is None:
-            return None
-        found.append(model.displacement_correction[recording.used])
-    return found or None
-
-
 def leave_large_deformation(forward: ForwardModel) -> None:
     """Takes the plain model's response as it is."""
     forward.memoised(_KEY, lambda: None)

@@ -16,13 +16,7 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.evidence.large_deformation import (
-    LARGE_DEFORMATION,
-    MEAN,
-    SD,
-    graded_large_deformation,
-    large_deformation,
-)
+from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, MEAN, SD, large_deformation
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, turned_fruit
 from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
@@ -87,9 +81,6 @@ def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 
     """Displacement of the markers, mm, that large deformation and the fruit's turn add at the plain 1/E; None
     where the plain model holds it already, or where it cannot be computed.
     """
-    graded = graded_large_deformation(forward)
-    if graded is not None:
-        return [forward.compliance * own for own in graded]
     large = large_deformation(forward)
     if not isinstance(large, list):
         return None
