@@ -267,38 +267,41 @@ def table_row(each: ScoredRound) -> dict[str, Any]:
 
 def figure(rounds: Sequence[ScoredRound]) -> Figure:
     """Psychometric curves on the left, the reliability diagram on the right."""
-    drawing = Figure(figsize=(12, 5), dpi=100, layout="constrained")
+    drawing = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
     left, right = drawing.subplots(1, 2)
     stimuli, fitted = curves(rounds, 1)
     known = [
         each.scored for each in rounds if each.scored.kind == "single" and each.over_bound(1) is not None
     ]
-    seen = ([case.detected for case in known], [case.named_first for case in known])
-    for words, colour, curve, truths in zip(
-        ("detected", "named first"), ("C0", "C1"), fitted, seen, strict=True
-    ):
+    kinds = (
+        ("detected", "C0", 0.96, [case.detected for case in known]),
+        ("named first", "C1", 1.04, [case.named_first for case in known]),
+    )
+    for (words, colour, shift, truths), curve in zip(kinds, fitted, strict=True):
         order = np.argsort(stimuli)
         for group in np.array_split(order, min(8, max(len(order) // 4, 1))) if len(order) else ():
-            _point(
-                left, np.exp(np.mean(np.log(np.array(stimuli)[group]))), [truths[k] for k in group], colour
-            )
+            middle = shift * float(np.exp(np.mean(np.log(np.array(stimuli)[group]))))
+            _point(left, middle, [truths[k] for k in group], colour)
         if curve is not None:
             x = np.geomspace(min(stimuli) / 2, max(stimuli) * 2, 300)
             label = f"{words}: half at {curve.half:.2g} bounds"
-            left.plot(x, expit(curve.steepness * np.log(x / curve.half)), color=colour, label=label)
+            line = "-" if words == "detected" else "--"
+            left.plot(x, expit(curve.steepness * np.log(x / curve.half)), line, color=colour, label=label)
     left.set(
         xscale="log", xlabel="amplitude over its bound (model error included)", ylabel="share of cases",
-        ylim=(-0.02, 1.02), title=f"{len(stimuli)} cases with one effect",
+        ylim=(-0.03, 1.03), title=f"{len(stimuli)} cases with one effect",
     )  # fmt: skip
     if left.get_legend_handles_labels()[0]:
-        left.legend(loc="upper left")
+        left.legend(loc="center right")
     right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
     bins = reliability_bins([each.scored for each in rounds])
     for stated, _, count, total in bins:
         _point(right, stated, [True] * count + [False] * (total - count), "C2")
-        right.annotate(f"{total}", (stated, count / total), textcoords="offset points", xytext=(7, -4))
+        right.annotate(
+            f"{total}", (stated, count / total), textcoords="offset points", xytext=(-8, -4), ha="right"
+        )
     right.set(
-        xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1), ylim=(-0.02, 1.02),
+        xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1), ylim=(-0.03, 1.03),
         title=f"{sum(total for *_, total in bins)} cases with a mismatch detected",
     )  # fmt: skip
     return drawing
@@ -317,7 +320,9 @@ def loaded(folder: Path, fruit: str) -> dict[str, ReducedCase]:
     if not paths:
         raise SystemExit(f"{folder} has no stored round (*.npz): write them with mismatch_bank.py reduce")
     cases = {path.stem: stored(path) for path in paths}
-    kept = {name: case for name, case in cases.items() if fruit in ("all", parity(fruit_of(name, case)))}
+    kept = {
+        name: case for name, case in cases.items() if fruit == "all" or parity(fruit_of(name, case)) == fruit
+    }
     if not kept:
         raise SystemExit(f"none of the {len(cases)} rounds in {folder} is of a fruit of {fruit} number")
     return kept
