@@ -15,11 +15,11 @@ it uses. For very quiet sensors and thinned recordings physics would allow less.
 pull with is noise of the balance too (fem.mismatch.model.pulling_markers), which widens the bounds there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from reduced_case import ReducedCase
+from reduced_case import OF_MODEL_ERROR, ReducedCase
 
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
@@ -37,15 +37,33 @@ small amounts they are the same number but for pose_error, whose size 1 is 4 mm.
 its amplitude that times E; a drift's amount is in N/s, its amplitude that over the peak force, which is
 known when the case is scored. Of others (a spot, a gap, slip, plastic set, adhesion) the linear signature
 has no amplitude, and there is no bound here."""
+MAIN_PARAMETER = {
+    "viscoelastic": "g", "stiffening": "b", "skin": "Et_N_per_mm", "graded_modulus": "gamma",
+    "anisotropy": "axial", "poisson_ratio": "nu", "pit_offset": "offset_mm", "pit_size": "scale",
+    "damage": "dmax", "sensor_gain": "gain", "sensor_drift": "newton_per_s",
+    "gripper_compliance": "mm_per_N", "clock_lag": "lag_s", "pose_error": "shift_mm",
+    "sensor_nonlinear": "a", "gel_creep": "creep", "gel_hysteresis": "share",
+}  # fmt: skip
+"""Parameter of a label whose distance from WITHOUT is the amplitude; of a drift in N/s, as its bound."""
+WITHOUT = {"pit_size": 1.0, "sensor_gain": 1.0}
+"""That parameter without the effect, where it is not zero."""
+NUISANCE = "nuisance"
+"""Role of the plain model's columns (reduced_case)."""
 SHIFTS = 2
 """Of a wrong pose the first amounts, mm along the skin, are its size; the others turn it."""
 RELATIVE_FLOOR = 1e-12
 """Added to the scaled information's diagonal, so that exact twins give a wide bound and no failure."""
 
 
-def amplitude_bounds(information: np.ndarray, case: ReducedCase, *, E_MPa: float) -> dict[str, float]:
-    """Standard deviation of each effect's amplitude at the least, by the effect's name."""
-    plain = [0, *(j for j, one in enumerate(case.columns) if one["role"] == "nuisance")]
+def amplitude_bounds(
+    information: np.ndarray, case: ReducedCase, *, E_MPa: float, nuisances: Sequence[str] = (NUISANCE,)
+) -> dict[str, float]:
+    """Standard deviation of each effect's amplitude at the least, by the effect's name.
+
+    `nuisances`: roles of the columns that are eliminated beside 1/E. With OF_MODEL_ERROR among them the bound
+    includes the model's own error.
+    """
+    plain = [0, *(j for j, column in enumerate(case.columns) if column["role"] in nuisances)]
     found: dict[str, dict[str, float]] = {}
     for one in case.signatures:
         effect, own = one["effect"], list(one["columns"])
@@ -60,6 +78,23 @@ def amplitude_bounds(information: np.ndarray, case: ReducedCase, *, E_MPa: float
         known = found.setdefault(effect, {})
         known[pad] = min(sd, known.get(pad, np.inf))
     return {effect: float(np.mean(list(own.values()))) for effect, own in found.items()}
+
+
+def amplitude_of(effect: str, parameters: Mapping[str, Any], **without: float) -> float | None:
+    """Of an effect by the parameters of its label; None where it has no amplitude in these units.
+
+    `without`: that parameter without the effect, by the effect, where it is the case's own.
+
+    >>> amplitude_of("pit_size", {"scale": 0.75})
+    0.25
+    >>> amplitude_of("pose_error", {"pad": "left", "shift_mm": [0.0, 2.0], "tilt_deg": 1.0})
+    0.5
+    """
+    name = MAIN_PARAMETER.get(effect)
+    if name is None or name not in parameters:
+        return None
+    change = np.asarray(parameters[name]) - (WITHOUT | without).get(effect, 0.0)
+    return float(np.linalg.norm(change)) * (PER_AMOUNT[effect] if effect == "pose_error" else 1.0)
 
 
 def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
@@ -87,8 +122,9 @@ def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
 
 
 def bound(information: np.ndarray, columns: Sequence[dict[str, Any]], chosen: list[int]) -> np.ndarray:
-    """Variances of the chosen columns' amounts; nuisances alone have a prior."""
-    prior = [columns[j]["sd"] ** -2.0 if columns[j]["role"] == "nuisance" else 0.0 for j in chosen]
+    """Variances of the chosen columns' amounts; nuisances and model error alone have a prior."""
+    known = (NUISANCE, *OF_MODEL_ERROR)
+    prior = [columns[j]["sd"] ** -2.0 if columns[j]["role"] in known else 0.0 for j in chosen]
     matrix = information[np.ix_(chosen, chosen)] + np.diag(prior)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     scaled = matrix * scale[:, None] * scale + RELATIVE_FLOOR * np.eye(len(chosen))

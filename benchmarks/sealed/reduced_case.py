@@ -5,7 +5,7 @@ It is taken while a case is explained, and replays the linear round without the 
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.evidence.model_error import model_error_columns
+from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection.screening import LinearRound, linear_round
@@ -102,8 +102,14 @@ class ReducedCase:
 
     def with_shipped_model_error(self) -> "ReducedCase":
         """The same with the model error of today's file (fem.mismatch.evidence.model_error) for its own."""
+        return self.with_model_error(model_error_shares())
+
+    def with_model_error(self, shares: Mapping[str, float]) -> "ReducedCase":
+        """The same with a model error of these shares, by effect, for its own."""
         errors = model_error_columns(
-            self._signatures(self.gram()), compliance_ratio=float(self.facts["compliance_ratio"])
+            self._signatures(self.gram()),
+            compliance_ratio=float(self.facts["compliance_ratio"]),
+            shares=shares,
         )
         kept = [j for j, column in enumerate(self.columns) if column["role"] not in OF_MODEL_ERROR]
         renumbered = {j: k for k, j in enumerate(kept)}
@@ -122,6 +128,13 @@ class ReducedCase:
             {**words, "columns": [renumbered[j] for j in words["columns"]]} for words in self.signatures
         ]
         return replace(self, columns=columns, signatures=signatures, rows=rows, products=products)
+
+    def information(self) -> Float[np.ndarray, "c c"]:
+        """Products of all columns with each other, the sum over all recordings."""
+        total = np.zeros((len(self.columns),) * 2)
+        for rows, products in zip(self.rows, self.products, strict=True):
+            total[np.ix_(rows, rows)] += products[1:, 1:]
+        return total
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:

@@ -117,12 +117,8 @@ def draw_case(
     case_id = f"{'+'.join(effects)}-{level}-{fruit.number}-{record}" if effects else f"{fruit.name}-{record}"
     if is_written(cases, case_id):
         return case_id
-    rng = np.random.default_rng([SEED, 2, *case_id.encode()])
     plan, peaks = fruit.plan(), tuple(truth.peak_force_N for truth in truths)
-    extra = tuple(
-        InjectedEffect(effect=name, parameters=drawn_parameters(name, level_of(name, level, rng), rng))
-        for name in added
-    )
+    extra, rng = added_effects(case_id, added, level=level)
     drawn, stated = as_stated(plan.drawn, extra, rng)
     injected = tuple(with_amount(one, max(peaks), truths) for one in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "level": level, "seed": SEED}
@@ -133,6 +129,18 @@ def draw_case(
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
     reveal(cases, case_id, entry, salt=salt)
     return case_id
+
+
+def added_effects(
+    case_id: str, added: tuple[str, ...], *, level: int
+) -> tuple[tuple[InjectedEffect, ...], np.random.Generator]:
+    """Effects of DRAWN as a case has them, and the generator of all else that is drawn of it."""
+    rng = np.random.default_rng([SEED, 2, *case_id.encode()])
+    effects = tuple(
+        InjectedEffect(effect=name, parameters=drawn_parameters(name, level_of(name, level, rng), rng))
+        for name in added
+    )
+    return effects, rng
 
 
 def as_stated(

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, norm
+from scipy.stats import norm
 from sealed_truths import put_on_path
 from synthetic_problem import problem
 
 put_on_path()
-from model_error_shares import (  # noqa: E402
+from apparent_shares import (  # noqa: E402
     equations_without_model_error,
     file_text,
-    held_out_lines,
     model_error_of,
     squared_shares,
 )
@@ -46,7 +45,7 @@ def rows_of_amounts(amounts, information):
         squares = squared_shares(
             equations([[information]], [right], {"skin": [(0,)]}), compliance_ratio=RATIO
         )
-        yield {"case": f"cases/null-{number}-1", "squared_shares": squares}
+        yield {"fruit": f"null-{number}", "squared_shares": squares}
 
 
 def test_a_known_share_is_measured_noise_removed():
@@ -91,26 +90,28 @@ def test_amounts_are_those_beside_a_plain_model_without_model_error():
     assert np.sqrt(squares["skin"]) == pytest.approx(0.4 / 3.0, rel=0.15)
 
 
-def test_the_file_holds_root_mean_squares_by_name_and_says_where_they_are_from():
-    rows = [
-        {"case": "cases/null-200-1", "squared_shares": {"skin": 0.03**2, "slip": 0.0009**2}},
-        {"case": "cases/null-200-2", "squared_shares": {"skin": 0.04**2, "damage": 0.0123456**2}},
-        {"case": "cases/null-201-1", "squared_shares": {"skin": 0.0}},
-    ]
-    lines = file_text(rows, date(2026, 11, 28)).splitlines()
-    said = " ".join(line for line in lines if line.startswith("#"))
-    assert "3 cases of 2 fruit" in said
-    assert "2026-11-28" in said
+ROWS_OF_TWO_FRUIT = [
+    {"fruit": "null-200", "squared_shares": {"skin": 0.03**2, "slip": 0.0009**2}},
+    {"fruit": "null-200", "squared_shares": {"skin": 0.05**2, "damage": 0.0123456**2}},
+    {"fruit": "null-201", "squared_shares": {"skin": 0.01**2}},
+]
+
+
+def test_each_fruit_counts_once_however_many_cases_it_has():
+    """(0.03^2 + 0.05^2) / 2 = 0.0017 of the first fruit, 0.0001 of the second."""
+    assert model_error_of(ROWS_OF_TWO_FRUIT)["skin"] == pytest.approx(0.03)
+
+
+def test_the_file_holds_shares_by_name_and_names_their_origin():
+    text = file_text(
+        ROWS_OF_TWO_FRUIT, command="python benchmarks/mismatch_scores.py", written=date(2026, 11, 28)
+    )
+    lines = text.splitlines()
+    header = " ".join(line for line in lines if line.startswith("#"))
+    assert "3 cases of 2 fruit" in header
+    assert "python benchmarks/mismatch_scores.py, 2026-11-28" in header
     shares = {row["effect"]: row["share"] for row in csv.DictReader(x for x in lines if x[0] != "#")}
-    assert shares == {"damage": "0.0123", "skin": f"{0.05 / np.sqrt(3):.3g}"}
-
-
-def test_held_out_p_values_count_all_cases_and_compare_one_of_each_fruit():
-    p = {"200-1": 0.01, "200-2": 0.2, "201-1": 0.5, "201-2": 0.02, "202-1": 0.9}
-    rows = [{"case": f"cases/null-{name}", "p": value, "code": "0"} for name, value in p.items()]
-    below, uniform, _ = held_out_lines(rows)
-    assert below == "p below 0.05: 2 of 5 = 40% (5% to 85%)"
-    assert uniform.endswith(f"{kstest([0.01, 0.5, 0.9], 'uniform').pvalue:.2g}")
+    assert shares == {"damage": "0.0123", "skin": "0.03"}
 
 
 def test_usual_misfit_is_that_of_the_stored_recordings_without_mismatch():

@@ -1,0 +1,374 @@
+"""Scores of the mismatch decision on stored rounds, and the model's own error measured on them.
+
+    python benchmarks/mismatch_scores.py ROUNDS [--fruit even|odd|all] [--figure PNG] [--csv FILE]
+    python benchmarks/mismatch_scores.py ROUNDS [--fruit even|odd|all] --write-model-error
+
+ROUNDS holds linear rounds of cases with answers (`benchmarks/mismatch_bank.py reduce`). Every case is decided
+again with the shipped model error and today's decision. --fruit takes the fruit of even or odd numbers:
+measure the model error on one half and score the other. --write-model-error writes
+fem/mismatch/evidence/model_error.csv from the cases without mismatch, and scores nothing.
+
+"Named first" means detected, and the likeliest explanation but none is the true one. E is the plain model's
+changed by linear signatures, averaged over the posterior; the plain E has a relative error of PLAIN_E_SD.
+"""
+
+import argparse
+import csv
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.special import expit
+from scipy.stats import kstest
+
+sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
+from apparent_shares import apparent_row, file_text, fruit_of, model_error_of
+from clustered_share import clustered_interval
+from ideal_confusion import ideal_names
+from psychometric import Curve, fitted_curve
+from reduced_case import ReducedCase, stored
+from scored_round import PLAIN_E_SD, ScoredRound, posterior, scored_round
+from sealed_report import modulus_line, name_probabilities
+from sealed_scores import Scored, interval, share
+
+from fem.mismatch.evidence.model_error import FILE
+from fem.mismatch.procedure import detected
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection import decision
+from fem.mismatch.selection.decision import DETECTION_P
+from reports.figures import png_of
+
+EVIDENCE = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "evidence"
+TEMPERATURES, PRIORS_OF_NONE = (1.0, 1.25, 1.5, 2.0, 3.0), (0.5, 0.7)
+"""Tried for the log score."""
+LEAST_PROBABILITY = 1e-3
+"""Of the true explanation in the log score: a pair that was not tried has none."""
+ABOVE_BOUND = 2.0
+"""Amplitude over its noise-only bound from which an effect should be named. Set by hand."""
+MULTIPLES, DRAWS = (2, 4, 8), 200
+"""Of the ideal confusions: full bounds, and draws of each effect and multiple."""
+RELIABILITY_BINS = np.linspace(0.0, 1.0, 6)
+"""Of stated probabilities."""
+
+
+def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
+    """Of cases without mismatch, as fruit and p: how often p is small, and whether it is uniform."""
+    alarms = [p_value < DETECTION_P for _, p_value in p]
+    low, high = clustered_interval([fruit for fruit, _ in p], alarms)
+    by_fruit: dict[str, list[float]] = {}
+    for fruit, p_value in p:
+        by_fruit.setdefault(fruit, []).append(p_value)
+    uniform = kstest([each[0] for each in by_fruit.values()], "uniform").pvalue
+    return [
+        f"{title}: p < {DETECTION_P:g} in {sum(alarms)} of {len(alarms)} = {np.mean(alarms):.1%} "
+        f"({low:.1%} to {high:.1%}, beta-binomial over {len(by_fruit)} fruit)",
+        f"  Kolmogorov and Smirnov, the first case of each fruit against the uniform: {uniform:.2g}",
+        *(f"  {fruit}: {' '.join(f'{x:.3f}' for x in each)}" for fruit, each in by_fruit.items()),
+    ]
+
+
+def without_own_fruit(rounds: Sequence[ScoredRound]) -> list[tuple[str, float]]:
+    """Fruit and p of cases without mismatch, the model error measured on the other fruit alone."""
+    rows = [apparent_row(each.scored.case, each.stored) for each in rounds]
+    p = []
+    for each in rounds:
+        shares = model_error_of([row for row in rows if row["fruit"] != each.fruit])
+        p.append((each.fruit, detected(each.stored.with_model_error(shares).linear()).p_value))
+    return p
+
+
+def single_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """Single effects and pairs: detected, named first, in the verdict's set."""
+    singles = [each for each in rounds if each.scored.kind == "single"]
+    visible = [each for each in singles if (each.over_bound(0) or 0.0) > ABOVE_BOUND]
+    pairs = [each.scored for each in rounds if each.scored.kind == "pair"]
+    outside = [each.scored for each in rounds if each.scored.kind == "outside"]
+    lines = [f"  {'effect':20s} {'cases':>5s} {'detected':>9s} {'first':>6s} {'in set':>7s} {'set size':>9s}"]
+    for effect in sorted({each.scored.truth for each in singles}):
+        cases = [each.scored for each in singles if each.scored.truth == effect]
+        first = sum(case.named_first for case in cases)
+        size = np.mean([len(case.verdict) for case in cases])
+        lines.append(
+            f"  {effect:20s} {len(cases):5d} {sum(case.detected for case in cases):9d} {first:6d} "
+            f"{sum(case.covered for case in cases):7d} {size:9.2f}"
+        )
+    for title, group in (("single effects", singles), (f"  above {ABOVE_BOUND:g} bounds of noise", visible)):
+        cases = [each.scored for each in group]
+        sizes = [len(case.verdict) for case in cases]
+        lines += [
+            share(f"{title}: detected", [case.detected for case in cases]),
+            share(f"{title}: named first", [case.named_first for case in cases]),
+            share(f"{title}: in the verdict's set", [case.covered for case in cases]),
+            *([f"{title}: mean size of the set {np.mean(sizes):.2f}"] if sizes else []),
+        ]
+    return [
+        *lines,
+        share("pairs: both named", [case.both_named for case in pairs]),
+        share("outside the catalogue: unknown in the set", [UNKNOWN in case.verdict for case in outside]),
+    ]
+
+
+def curves(rounds: Sequence[ScoredRound], which: int) -> tuple[list[float], list[Curve | None]]:
+    """Amplitudes over a bound, and their curves of detected and of named first."""
+    known = [each for each in rounds if each.scored.kind == "single" and each.over_bound(which) is not None]
+    stimuli = [each.over_bound(which) or 0.0 for each in known]
+    seen = [[each.scored.detected for each in known], [each.scored.named_first for each in known]]
+    return stimuli, [fitted_curve(stimuli, each) for each in seen]
+
+
+def bound_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """Amplitude over its bound at which half are detected and named, and how much the bound loses."""
+    lines = [
+        "amplitude over bound of half the cases, by noise alone and in full (brackets: all or none seen)",
+        f"  {'effect':20s} {'cases':>5s} {'detected':>8s} {'named':>8s} {'det. full':>9s} {'named full':>10s}"
+        f" {'loss':>6s}",
+    ]
+    truths = sorted({each.scored.truth for each in rounds if each.over_bound(0) is not None})
+    for effect in ("all", *truths):
+        group = [each for each in rounds if effect in ("all", each.scored.truth)]
+        halves = ["-" if curve is None else _half(curve) for k in (0, 1) for curve in curves(group, k)[1]]
+        count = len(curves(group, 0)[0])
+        lost = [_loss(each, each.scored.truth) for each in group if each.over_bound(0) is not None]
+        lines.append(
+            f"  {effect:20s} {count:5d} {halves[0]:>8s} {halves[1]:>8s} {halves[2]:>9s} {halves[3]:>10s} "
+            f"{np.median(lost) if lost else np.nan:6.1f}"
+        )
+    every = sorted({effect for each in rounds for effect in each.bounds})
+    losses = [
+        f"{effect} {np.median([_loss(each, effect) for each in rounds if effect in each.bounds]):.1f}"
+        for effect in every
+    ]
+    return [*lines, "loss sqrt(I_noise / I_full), median over all cases with bounds: " + ", ".join(losses)]
+
+
+def _half(curve: Curve) -> str:
+    return f"{curve.half:.3g}" if curve.bracketed else f"({curve.half:.3g})"
+
+
+def _loss(each: ScoredRound, effect: str) -> float:
+    noise, full = each.bounds[effect]
+    return full / noise
+
+
+def log_score_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """Mean log probability of the truth by temperature and prior of none, without and with mismatch."""
+    none = [each for each in rounds if each.scored.kind == "sound"]
+    other = [each for each in rounds if each.scored.kind != "sound"]
+    lines = [f"mean log score of the truth, at least ln {LEAST_PROBABILITY:g} (shipped: {_shipped()})"]
+    for prior in PRIORS_OF_NONE:
+        left = (1 - prior) / (1 - decision.PRIOR[NONE])
+        priors = {kind: prior if kind == NONE else left * p for kind, p in decision.PRIOR.items()}
+        for temperature in TEMPERATURES:
+            with patch.multiple(decision, TEMPERATURE=temperature, PRIOR=priors):
+                scores = [[log_score(each) for each in group] for group in (none, other, rounds)]
+            words = " ".join(f"{np.mean(group):8.3f}" if group else f"{'-':>8s}" for group in scores)
+            lines.append(f"  prior of none {prior:g}, temperature {temperature:4.2f}: {words}")
+    return [*lines, f"  columns: {len(none)} without mismatch, {len(other)} with, all"]
+
+
+def _shipped() -> str:
+    return f"prior {decision.PRIOR[NONE]:g}, temperature {decision.TEMPERATURE:g}"
+
+
+def log_score(each: ScoredRound) -> float:
+    """ln of the posterior probability of the true explanation."""
+    return float(
+        np.log(max(dict(posterior(each.explanations)).get(each.scored.truth, 0.0), LEAST_PROBABILITY))
+    )
+
+
+def reliability_bins(cases: Sequence[Scored]) -> list[tuple[float, float, int, int]]:
+    """Of each bin that is not empty: mean stated probability, share right, how many right, of how many."""
+    stated = name_probabilities(cases)
+    bins = []
+    for low, high in pairwise(RELIABILITY_BINS):
+        group = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
+        if group:
+            count = sum(right for _, right in group)
+            bins.append((float(np.mean([p for p, _ in group])), count / len(group), count, len(group)))
+    return bins
+
+
+def modulus_lines(cases: Sequence[Scored]) -> list[str]:
+    """Coverage of E by kind of verdict."""
+    kinds: dict[str, list[Scored]] = {"all": list(cases)}
+    for case in cases:
+        single = case.verdict[0] if case.verdict[0] in (NONE, UNKNOWN) else "one name"
+        kinds.setdefault(single if len(case.verdict) == 1 else "several", []).append(case)
+    return [
+        f"E, with {PLAIN_E_SD:.0%} for the plain model's own error",
+        *(modulus_line(f"  verdict {kind}", group, "E_after") for kind, group in kinds.items()),
+    ]
+
+
+def ideal_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """How often each effect would come first if the linear model were exact, and what takes it."""
+    first = {each.fruit: each.linear for each in rounds if each.scored.kind == "sound"}
+    named = ideal_names(list(first.values()), multiples=MULTIPLES, draws=DRAWS, rng=np.random.default_rng(0))
+    lines = [
+        f"ideal: first of the posterior at {', '.join(map(str, MULTIPLES))} full bounds (pairs left out), "
+        f"most often instead at {MULTIPLES[-1]} bounds"
+    ]
+    for effect in sorted({effect for effect, _ in named}):
+        shares = [named[effect, k][effect] / named[effect, k].total() for k in MULTIPLES]
+        most = Counter({n: c for n, c in named[effect, MULTIPLES[-1]].items() if n != effect}).most_common(2)
+        total = named[effect, MULTIPLES[-1]].total()
+        taken = ", ".join(f"{name} {count / total:.0%}" for name, count in most)
+        lines.append(f"  {effect:20s} {' '.join(f'{x:5.0%}' for x in shares)}   {taken}")
+    return lines
+
+
+def tables(rounds: Sequence[ScoredRound]) -> list[str]:
+    """Everything that is printed."""
+    cases = [each.scored for each in rounds]
+    none = [each for each in rounds if each.scored.kind == "sound"]
+    lines = [f"{len(cases)} cases of {len({each.fruit for each in rounds})} fruit", ""]
+    if none:
+        lines += false_alarms("without mismatch", [(each.fruit, each.scored.p) for each in none])
+        if len({each.fruit for each in none}) > 1:
+            lines += false_alarms("  model error of the other fruit", without_own_fruit(none))
+    return [
+        *lines,
+        "",
+        *single_lines(rounds),
+        "",
+        *bound_lines(rounds),
+        "",
+        *log_score_lines(rounds),
+        "",
+        "probability of the first name where a mismatch was detected: stated, share right, right of cases",
+        *(f"  {p:.2f} {right:.2f} {count} of {total}" for p, right, count, total in reliability_bins(cases)),
+        "",
+        *modulus_lines(cases),
+        *(["", *ideal_lines(rounds)] if none else []),
+    ]
+
+
+def table_row(each: ScoredRound) -> dict[str, Any]:
+    """One line of the table of all cases."""
+    case, first = each.scored, next(r for r in each.scored.row["ranking"] if r["effect"] != NONE)
+    return {
+        "case": case.case, "fruit": each.fruit, "kind": case.kind, "truth": case.truth,
+        "amplitude": case.amplitudes.get(case.truth), "over_noise_bound": each.over_bound(0),
+        "over_full_bound": each.over_bound(1), "p_value": case.p, "detected": case.detected,
+        "first": first["effect"], "probability": first["probability"], "set": " | ".join(case.verdict),
+        "log_score": log_score(each), "E_true_MPa": case.label["E_MPa"],
+        "E_plain_MPa": case.row["E_before"]["value"], "E_MPa": case.row["E_after"]["value"],
+        **{f"p_{name}": p for name, p in each.detection.p_values.items()},
+    }  # fmt: skip
+
+
+def figure(rounds: Sequence[ScoredRound]) -> Figure:
+    """Psychometric curves on the left, the reliability diagram on the right."""
+    drawing = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
+    left, right = drawing.subplots(1, 2)
+    stimuli, fitted = curves(rounds, 1)
+    known = [
+        each.scored for each in rounds if each.scored.kind == "single" and each.over_bound(1) is not None
+    ]
+    kinds = (
+        ("detected", "C0", 0.96, [case.detected for case in known]),
+        ("named first", "C1", 1.04, [case.named_first for case in known]),
+    )
+    for (words, colour, shift, truths), curve in zip(kinds, fitted, strict=True):
+        order = np.argsort(stimuli)
+        for group in np.array_split(order, min(8, max(len(order) // 4, 1))) if len(order) else ():
+            middle = shift * float(np.exp(np.mean(np.log(np.array(stimuli)[group]))))
+            _point(left, middle, [truths[k] for k in group], colour)
+        if curve is not None:
+            x = np.geomspace(min(stimuli) / 2, max(stimuli) * 2, 300)
+            label = f"{words}: half at {curve.half:.2g} bounds"
+            line = "-" if words == "detected" else "--"
+            left.plot(x, expit(curve.steepness * np.log(x / curve.half)), line, color=colour, label=label)
+    left.set(
+        xscale="log", xlabel="amplitude over its bound (model error included)", ylabel="share of cases",
+        ylim=(-0.03, 1.03), title=f"{len(stimuli)} cases with one effect",
+    )  # fmt: skip
+    if left.get_legend_handles_labels()[0]:
+        left.legend(loc="center right")
+    right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+    bins = reliability_bins([each.scored for each in rounds])
+    for stated, _, count, total in bins:
+        _point(right, stated, [True] * count + [False] * (total - count), "C2")
+        right.annotate(
+            f"{total}", (stated, count / total), textcoords="offset points", xytext=(-8, -4), ha="right"
+        )
+    right.set(
+        xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1), ylim=(-0.03, 1.03),
+        title=f"{sum(total for *_, total in bins)} cases with a mismatch detected",
+    )  # fmt: skip
+    return drawing
+
+
+def _point(axes: Any, x: float, truths: Sequence[bool], colour: str) -> None:
+    """A share with its 95 % interval."""
+    middle = float(np.mean(truths))
+    low, high = interval(sum(map(bool, truths)), len(truths))
+    axes.errorbar(x, middle, [[middle - low], [high - middle]], fmt="o", color=colour, capsize=3)
+
+
+def loaded(folder: Path, fruit: str) -> dict[str, ReducedCase]:
+    """Stored rounds by name, of the fruit asked for. Exits where there is none."""
+    paths = sorted(path for path in folder.glob("*.npz") if not path.name.endswith(".partial.npz"))
+    if not paths:
+        raise SystemExit(f"{folder} has no stored round (*.npz): write them with mismatch_bank.py reduce")
+    cases = {path.stem: stored(path) for path in paths}
+    kept = {
+        name: case for name, case in cases.items() if fruit == "all" or parity(fruit_of(name, case)) == fruit
+    }
+    if not kept:
+        raise SystemExit(f"none of the {len(cases)} rounds in {folder} is of a fruit of {fruit} number")
+    return kept
+
+
+def parity(fruit: str) -> str:
+    """Of the number at the end of a fruit's name.
+
+    >>> parity("null-200")
+    'even'
+    """
+    return "odd" if int(fruit.rsplit("-", 1)[1]) % 2 else "even"
+
+
+def main() -> None:
+    """Write the model error, or print the scores."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("rounds", type=Path)
+    parser.add_argument("--fruit", choices=("even", "odd", "all"), default="all")
+    parser.add_argument("--write-model-error", action="store_true")
+    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--csv", type=Path)
+    chosen = parser.parse_args()
+    cases = loaded(chosen.rounds, chosen.fruit)
+    if chosen.write_model_error:
+        rows = [apparent_row(n, case) for n, case in cases.items() if case.facts["answer"]["effect"] == NONE]
+        if not rows:
+            raise SystemExit(f"{chosen.rounds} has no round without mismatch")
+        command = f"python benchmarks/mismatch_scores.py ROUNDS --fruit {chosen.fruit} --write-model-error"
+        text = file_text(rows, command=command, written=datetime.now(UTC).date())
+        (EVIDENCE / FILE).write_text(text, encoding="utf-8")
+        print(text)
+        return
+    rounds = [scored_round(name, case) for name, case in cases.items()]
+    print("\n".join(tables(rounds)))
+    if chosen.csv is not None:
+        rows = [table_row(each) for each in rounds]
+        with chosen.csv.open("w", encoding="utf-8", newline="") as file:
+            lines = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
+            lines.writeheader()
+            lines.writerows(rows)
+    if chosen.figure is not None:
+        chosen.figure.write_bytes(png_of(figure(rounds)))
+
+
+if __name__ == "__main__":
+    main()

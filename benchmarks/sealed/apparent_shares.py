@@ -1,0 +1,93 @@
+"""The model's own error: apparent amounts of effects in stored rounds of fruit without mismatch."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from datetime import date
+from typing import Any
+
+import numpy as np
+from reduced_case import ReducedCase
+
+from fem.mismatch.evidence.signature_equations import SignatureEquations
+from fem.mismatch.selection.screening import LinearRound
+
+LEAST_SHARE = 0.001
+"""Smaller shares are left out of the file. Set by hand: a thousandth of an effect's prior changes nothing."""
+ORIGIN = """\
+# Apparent amount of each effect without mismatch, over its prior standard deviation and the compliance ratio:
+# root mean square over fruit (mean over the cases of a fruit first).
+# {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
+# Written by: {command}, {written:%Y-%m-%d}
+"""
+
+
+def apparent_row(name: str, case: ReducedCase) -> dict[str, Any]:
+    """A case without mismatch: its fruit, and the square of each effect's apparent share."""
+    squares = squared_shares(
+        equations_without_model_error(case.linear()), compliance_ratio=float(case.facts["compliance_ratio"])
+    )
+    return {"case": name, "fruit": fruit_of(name, case), "squared_shares": squares}
+
+
+def equations_without_model_error(linear: LinearRound) -> SignatureEquations:
+    """Equations of all signatures beside a plain model without model error columns."""
+    signatures: dict[str, list[tuple[int, ...]]] = {}
+    for fit in linear.linear_fits:
+        signatures.setdefault(fit.name, []).append(fit.columns)
+    nuisances = [j for j in linear.nuisances if linear.products.columns[j].same_as is None]
+    return SignatureEquations.of(linear.products, nuisances, signatures)
+
+
+def squared_shares(equations: SignatureEquations, *, compliance_ratio: float) -> dict[str, float]:
+    """Square of each effect's apparent amount over prior standard deviation and compliance ratio, noise
+    removed: the median over all columns of its signatures, each signature fitted alone.
+
+        a = (N + L)^-1 b,      x = max(a^2 - v, 0) / (sd ratio)^2,      v = diag (N + L)^-1
+    """
+    squares = {}
+    for effect, ways in equations.ways.items():
+        each: list[float] = []
+        for columns in ways:
+            at, sd = list(columns), equations.sd[list(columns)]
+            covariance = np.linalg.inv(equations.normal[np.ix_(at, at)] + np.diag(sd**-2.0))
+            amounts = covariance @ equations.right[at]
+            each += list(np.maximum(amounts**2 - np.diag(covariance), 0.0) / (sd * compliance_ratio) ** 2)
+        if each:
+            squares[effect] = float(np.median(each))
+    return squares
+
+
+def model_error_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """The share of each effect, by name: root mean square over fruit, of each the mean over its cases.
+
+    A case that shows no signature of an effect, as of a third contact in forces that balance, counts as zero.
+    """
+    effects = {effect for row in rows for effect in row["squared_shares"]}
+    squares: dict[str, dict[str, list[float]]] = {effect: {} for effect in effects}
+    for effect in effects:
+        for row in rows:
+            squares[effect].setdefault(row["fruit"], []).append(row["squared_shares"].get(effect, 0.0))
+    return {
+        effect: float(np.sqrt(np.mean([np.mean(cases) for cases in fruit.values()])))
+        for effect, fruit in sorted(squares.items())
+    }
+
+
+def file_text(rows: Sequence[Mapping[str, Any]], *, command: str, written: date) -> str:
+    """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
+    fruit = len({row["fruit"] for row in rows})
+    with io.StringIO() as file:
+        file.write(ORIGIN.format(cases=len(rows), fruit=fruit, command=command, written=written))
+        lines = csv.writer(file, lineterminator="\n")
+        lines.writerow(["effect", "share"])
+        lines.writerows(
+            [effect, f"{size:.3g}"] for effect, size in model_error_of(rows).items() if size >= LEAST_SHARE
+        )
+        return file.getvalue()
+
+
+def fruit_of(name: str, case: ReducedCase) -> str:
+    """The fruit that a case was drawn from: all its cases share the model's error."""
+    origin = case.facts["answer"].get("drawn_from", {})
+    return str(origin.get("fruit", name.rsplit("-", 1)[0]))

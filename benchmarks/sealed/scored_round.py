@@ -1,0 +1,157 @@
+"""The mismatch decision on a stored round with today's model error, and its truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from apparent_shares import fruit_of
+from cramer_rao import NUISANCE, amplitude_bounds, amplitude_of
+from reduced_case import OF_MODEL_ERROR, ReducedCase
+from sealed_scores import Scored, scored
+
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.procedure import CaseDetection, detected
+from fem.mismatch.result import NINETY, NONE, UNKNOWN, Candidate, Modulus
+from fem.mismatch.selection.decision import credible_set, probabilities
+from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.reported_modulus import reported_modulus
+from fem.mismatch.selection.screening import LinearRound
+from samples.mismatch.bank import added_effects
+
+PLAIN_E_SD = 0.02
+"""Relative error of the plain model's E, added to each explanation's. Set by hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoredRound:
+    """A case and its answer. `stored` is as it was read, all else has today's model error."""
+
+    scored: Scored
+    fruit: str
+    stored: ReducedCase
+    linear: LinearRound
+    explanations: tuple[LinearExplanation, ...]
+    detection: CaseDetection
+
+    @cached_property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Of each effect that has both: the least sd of its amplitude by noise alone, and with nuisances and
+        model error as the decision sees them.
+        """
+        noise = self.stored.facts.get("bounds") or {}
+        full = full_bounds(self.stored.with_shipped_model_error()) if noise else {}
+        return {effect: (noise[effect], full[effect]) for effect in noise if effect in full}
+
+    def over_bound(self, which: int) -> float | None:
+        """Amplitude of a single effect over its bound by noise (0) or in full (1)."""
+        truth = self.scored.truth
+        known = self.bounds.get(truth) if truth in self.scored.amplitudes else None
+        return None if known is None else self.scored.amplitudes[truth] / known[which]
+
+
+def full_bounds(case: ReducedCase) -> dict[str, float]:
+    """Bounds of amplitudes by the products that decide, the model's own error among the nuisances."""
+    return amplitude_bounds(
+        case.information(),
+        case,
+        E_MPa=float(case.facts["E_MPa"]),
+        nuisances=(NUISANCE, *OF_MODEL_ERROR),
+    )
+
+
+def scored_round(name: str, case: ReducedCase) -> ScoredRound:
+    """The decision on a stored round with today's model error, and its truth."""
+    linear = case.with_shipped_model_error().linear()
+    explanations = linear_explanations(linear)
+    detection = detected(linear)
+    answer = case.facts["answer"]
+    effects = () if answer["effect"] in (NONE, UNKNOWN) else str(answer["effect"]).split("+")
+    kind = {NONE: "sound", UNKNOWN: "outside"}.get(answer["effect"], "pair" if len(effects) > 1 else "single")
+    before = case.gram().fit(case.nuisances).amounts[0]
+    plain_E = float(case.facts["E_MPa"] * (1 + before) / (1 + linear.null.amounts[0]))
+    plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
+    ranking = posterior(explanations)
+    names = credible_set([name for name, _ in ranking], [p for _, p in ranking])
+    verdict = names if detection.mismatch else (NONE,)
+    after = averaged_modulus(explanations, ranking, NONE if verdict == (NONE,) else verdict, plain)
+    row = {
+        "case": name,
+        "ablation": "whole",
+        "attempt": 0,
+        "catalogue": SPECS,
+        "detected": detection.mismatch,
+        "verdict": verdict,
+        "ranking": [
+            {"effect": effect, "probability": p, "refitted": False, "parameters": {}} for effect, p in ranking
+        ],
+        "p": detection.p_value,
+        "E_before": _in_words(plain),
+        "E_after": _in_words(after),
+    }
+    truth = {**answer, "amplitudes": amplitudes(name, answer, effects)}
+    return ScoredRound(
+        scored=scored(row, {"kind": kind, "attempts": [truth]}),
+        fruit=fruit_of(name, case),
+        stored=case,
+        linear=linear,
+        explanations=tuple(explanations),
+        detection=detection,
+    )
+
+
+def posterior(explanations: Sequence[LinearExplanation]) -> list[tuple[str, float]]:
+    """Names with their probabilities, likeliest first; "unknown" is among them."""
+    shares, unknown = probabilities([explanation.weighed for explanation in explanations])
+    named = [(explanation.name, float(p)) for explanation, p in zip(explanations, shares, strict=True)]
+    return sorted([*named, (UNKNOWN, unknown)], key=lambda pair: -pair[1])
+
+
+def averaged_modulus(
+    explanations: Sequence[LinearExplanation],
+    ranking: Sequence[tuple[str, float]],
+    verdict: str | tuple[str, ...],
+    plain: Modulus,
+) -> Modulus:
+    """E as the finder reports it, each explanation by its linear signature."""
+    changes = {explanation.name: explanation.modulus_change for explanation in explanations}
+    hypotheses = [
+        Hypothesis(
+            name=name,
+            gain=0.0,
+            probability=p,
+            linear_fits=(),
+            refit=None,
+            modulus_change=changes.get(name),
+        )
+        for name, p in ranking
+    ]
+    candidates = [
+        Candidate(effect=name, probability=p, parameters={}, log_evidence=0.0, gain=0.0)
+        for name, p in ranking
+    ]
+    return reported_modulus(verdict, hypotheses, candidates, plain)
+
+
+def _in_words(modulus: Modulus) -> dict[str, Any]:
+    spread = NINETY * modulus.sd
+    return {"value": modulus.value, "interval": [modulus.value - spread, modulus.value + spread]}
+
+
+def amplitudes(name: str, answer: Mapping[str, Any], effects: Sequence[str]) -> dict[str, float]:
+    """Of the true effects that have one. A wrong Poisson's ratio counts from the true one, and what the case
+    states is drawn again.
+    """
+    sizes = {}
+    for effect in effects:
+        parameters = answer["parameters"] if len(effects) == 1 else answer["parameters"][effect]
+        without = {}
+        added = tuple(answer.get("drawn_from", {}).get("added", ()))
+        if effect == "poisson_ratio" and effect in added:
+            drawn, _ = added_effects(name, added, level=int(answer["drawn_from"]["level"]))
+            without = {effect: next(each.number("nu") for each in drawn if each.effect == effect)}
+        size = amplitude_of(effect, parameters, **without)
+        if size is not None:
+            sizes[effect] = size
+    return sizes
