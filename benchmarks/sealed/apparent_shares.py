@@ -41,7 +41,7 @@ def equations_without_model_error(linear: LinearRound) -> SignatureEquations:
 
 def squared_shares(equations: SignatureEquations, *, compliance_ratio: float) -> dict[str, float]:
     """Square of each effect's apparent amount over prior standard deviation and compliance ratio, noise
-    removed: the median over all columns of its signatures, each signature fitted alone.
+    removed: the mean over all columns of its signatures, each signature fitted alone.
 
         a = (N + L)^-1 b,      x = max(a^2 - v, 0) / (sd ratio)^2,      v = diag (N + L)^-1
     """
@@ -54,7 +54,7 @@ def squared_shares(equations: SignatureEquations, *, compliance_ratio: float) ->
             amounts = covariance @ equations.right[at]
             each += list(np.maximum(amounts**2 - np.diag(covariance), 0.0) / (sd * compliance_ratio) ** 2)
         if each:
-            squares[effect] = float(np.median(each))
+            squares[effect] = float(np.mean(each))
     return squares
 
 

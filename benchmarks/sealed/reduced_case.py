@@ -21,7 +21,7 @@ from fem.mismatch.evidence.model_error import model_error_columns, model_error_s
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection.screening import LinearRound, linear_round
-from fem.mismatch.signature_variant import ONE_WAY
+from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 
 FORMAT = 2
 """Of the file; a reader refuses another."""
@@ -94,7 +94,10 @@ class ReducedCase:
         return [
             (
                 effects[words["effect"]],
-                Signature(variant=ONE_WAY, columns=tuple(gram.columns[j] for j in words["columns"])),
+                Signature(
+                    variant=_variant(effects[words["effect"]], words["label"]),
+                    columns=tuple(gram.columns[j] for j in words["columns"]),
+                ),
                 tuple(words["columns"]),
             )
             for words in self.signatures
@@ -135,6 +138,12 @@ class ReducedCase:
         for rows, products in zip(self.rows, self.products, strict=True):
             total[np.ix_(rows, rows)] += products[1:, 1:]
         return total
+
+
+def _variant(effect: Effect, label: str) -> Variant:
+    """That of a pad where the effect is a pad's; others are not told apart."""
+    of_pad = any(parameter.kind == "pad" for parameter in effect.spec.parameters)
+    return OfPad(pad=label) if of_pad and label else ONE_WAY
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:

@@ -23,6 +23,7 @@ import numpy as np
 
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.signature_variant import OfPad
 
 FILE = "model_error.csv"
 
@@ -41,18 +42,24 @@ def model_error_columns(
     compliance_ratio: float,
     shares: Mapping[str, float] | None = None,
 ) -> list[Regressor]:
-    """One column for each of the signatures', with its fields; alternatives of one effect share its error.
+    """One column for each of the signatures', with its fields; alternatives of one effect, on one pad if it is
+    a pad's, resemble each other and share its error.
 
     `signatures`: of a case, with the numbers of their columns.
     """
+
+    def place(effect: Effect, signature: Signature) -> tuple[str, str]:
+        variant = signature.variant
+        return effect.spec.name, variant.pad if isinstance(variant, OfPad) else ""
+
     known = model_error_shares() if shares is None else shares
-    count = Counter(effect.spec.name for effect, _, _ in signatures)
+    count = Counter(place(effect, signature) for effect, signature, _ in signatures)
     return [
         replace(
             column,
             name=f"model error {effect.spec.name}",
             mean=0.0,
-            sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name]),
+            sd=share * compliance_ratio * column.sd / np.sqrt(count[place(effect, signature)]),
             positive=False,
             of_forces=None,
             same_as=number,
