@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance, rigid_motion
@@ -223,6 +224,9 @@ def _without_rigid_motion(
 CLEAR = 3.0
 """A denoised normal force counts as contact above this many standard deviations of its noise. Set by hand, at
 the usual level: noise alone exceeds it in one of 700 markers. Other levels were not tried."""
+OFF_CONTACT = 3.0
+"""Pitches from the markers that touch beyond which a marker bears noise alone: a rim that noise hides is one or
+two wide."""
 ON_A_LINE = 1e-3
 """Width over length below which markers tell no turn."""
 HALF_TURN = np.array([1.0, -1.0, -1.0])
@@ -260,9 +264,10 @@ class _PadFrames:
         )
         if float((driven.force_N[used].sum(axis=1) * turn[:, :, 2]).sum()) < 0:
             rest, middle, turn = rest * HALF_TURN, middle * HALF_TURN, turn * HALF_TURN
-        forces = driven.force_N[used] @ turn
-        pushes = (forces[:, :, 2] > CLEAR * force_sd_N) & recorded.force_N[used].any(axis=2)
-        touching = (recorded.episode[used] >= 0) | pushes
+        forces, felt = driven.force_N[used] @ turn, recorded.episode[used] >= 0
+        noise_N = max(force_sd_N, _noise_off_contact_N(rest, forces[:, :, 2], felt))
+        pushes = (forces[:, :, 2] > CLEAR * noise_N) & recorded.force_N[used].any(axis=2)
+        touching = felt | pushes
         return cls(
             rest_mm=rest,
             turn=turn,
@@ -274,6 +279,19 @@ class _PadFrames:
                 )
             ),
         )
+
+
+def _noise_off_contact_N(
+    rest_mm: Float[np.ndarray, "n 3"], normal_N: Float[np.ndarray, "f n"], felt: Bool[np.ndarray, "f n"]
+) -> float:
+    """Root mean square of the normal forces at markers at least OFF_CONTACT pitches from those that touch.
+
+    Besides the noise of a frame it has the error of each marker's zero, which all frames share.
+    """
+    apart = cdist(rest_mm, rest_mm)
+    pitch = float(np.median(np.sort(apart, axis=1)[:, 1]))
+    off = felt.any(axis=1)[:, None] & ~(felt @ (apart < OFF_CONTACT * pitch))
+    return float(np.sqrt(np.mean(normal_N[off] ** 2))) if off.any() else 0.0
 
 
 def _loads(
