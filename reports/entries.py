@@ -93,14 +93,12 @@ class Suspicion:
 @dataclass(frozen=True, kw_only=True)
 class ScreenEntry:
     """What the screen for missing physics says of a fruit: suspects, the likeliest first, none where nothing
-    was found; or in `why_not` why it says nothing (a sentence without a full stop). `large_deformation`: how
-    much of what Neo-Hookean flesh does beyond small strain is seen, and its standard deviation, where nothing
-    but that is found; no fault. `note`: what was left out.
+    was found; or in `why_not` why it says nothing (a sentence without a full stop). `note`: what was left
+    out.
     """
 
     p_value: float | None = None
     suspects: tuple[Suspect, ...] = ()
-    large_deformation: tuple[float, float] | None = None
     why_not: str = ""
     note: str = ""
 
@@ -108,13 +106,12 @@ class ScreenEntry:
     def verdict(self) -> str:
         """As the ranking has it.
 
-        >>> ScreenEntry(p_value=0.4).verdict, ScreenEntry(p_value=0.4, large_deformation=(1.0, 0.1)).verdict
-        ('none found', 'large_deformation')
+        >>> ScreenEntry(p_value=0.4).verdict, ScreenEntry(why_not="no gel").verdict
+        ('none found', 'not screened: no gel')
         """
         if self.why_not:
             return f"not screened: {self.why_not}"
-        seen = "none found" if self.large_deformation is None else "large_deformation"
-        return OR.join(one.name for one in self.suspects) or seen
+        return OR.join(one.name for one in self.suspects) or "none found"
 
 
 @dataclass(frozen=True, kw_only=True)

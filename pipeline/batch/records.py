@@ -154,9 +154,8 @@ class ScreenRecord(_Record):
     likeliest first, or in `failure` why it says nothing.
 
     `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
-    all fruit of a batch have in common. `large_deformation`: share of what Neo-Hookean flesh does beyond
-    small strain, and its standard deviation, where nothing but that is found. `suspected`: E with each of
-    the names that is a known effect. `note`: what was left out.
+    all fruit of a batch have in common. `suspected`: E with each of the names that is a known effect. `note`:
+    what was left out.
     """
 
     p_value: float | None = None
@@ -164,7 +163,6 @@ class ScreenRecord(_Record):
     statistics: dict[str, float] = {}
     gains: dict[str, float] = {}
     amounts: tuple[AmountRecord, ...] = ()
-    large_deformation: tuple[float, float] | None = None
     suspected: tuple[SuspectedRecord, ...] = ()
     note: str = ""
     failure: str = ""

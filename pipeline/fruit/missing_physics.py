@@ -64,7 +64,9 @@ def screened_fruit(
     )
 
     confirmed = in_the_model(task.settings.mismatch)
-    large = task.settings.flesh.model == "neo-hookean"
+    large = task.settings.flesh.model == "neo-hookean" and not any(
+        model.small_strain_alone for _, model, _ in usable
+    )
 
     def compute() -> KeptScreen:
         try:
@@ -116,7 +118,6 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
             AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
             for one in said.amounts
         ),
-        large_deformation=said.large_deformation,
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)
             for name, (ratio, sd) in said.moduli.items()

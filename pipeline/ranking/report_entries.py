@@ -37,11 +37,6 @@ from reports.entries import (
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
-    "large_deformation": EffectWords(  # in records of before it was part of the plain model
-        short="large deformation of the flesh, which is not a fault",
-        meaning="Soft flesh deforms more than the linear law predicts under the same force.",
-        advice='To account for it, set [flesh] model = "neo-hookean" in batch.toml.',
-    ),
     UNKNOWN: EffectWords(
         short="an effect that drupe does not know",
         meaning="The recordings differ from the model by more than noise.",
@@ -217,7 +212,6 @@ def _screen(record: FruitRecord) -> ScreenEntry | None:
     return ScreenEntry(
         p_value=said.p_value,
         suspects=tuple(map(_suspect, said.names)),
-        large_deformation=said.large_deformation,
         why_not=said.failure.rstrip("."),
         note=said.note,
     )

@@ -102,11 +102,18 @@ def test_what_was_found_stands_in_the_record(place):
 
 @pytest.mark.parametrize(("law", "holds"), [("linear", False), ("neo-hookean", True)])
 def test_the_screen_knows_whether_gradings_law_holds_large_deformation(place, law, holds):
-    place.answers(replace(SAID, large_deformation=(0.9, 0.1)))
+    place.answers(SAID)
     place.task.settings = Settings(category="nectarine", poisson_ratio=0.45, flesh={"model": law})
-    record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
+    stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
     assert place.asked[0][1]["holds_large_deformation"] == holds
-    assert record.large_deformation == (0.9, 0.1)
+
+
+def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place):
+    place.answers(SAID)
+    found = graded(estimate(), estimate())
+    found.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
+    stage.screened_fruit(place.task, place.fruit, found, {})
+    assert place.asked[0][1]["holds_large_deformation"] is False
 
 
 def test_the_same_inputs_are_screened_once_and_another_modulus_again(place):
@@ -148,12 +155,6 @@ def graded_record(**screen):
     return graded_fruit("N01", 0.5, changes={"screen": ScreenRecord(**screen)})
 
 
-def test_large_deformation_is_said_as_what_it_is_and_suspected_of_nothing():
-    alone = _screen(graded_record(p_value=0.4, large_deformation=(0.9, 0.1)))
-    assert (alone.verdict, alone.suspects) == ("large_deformation", ())
-    assert alone.large_deformation == (0.9, 0.1)
-
-
 def test_two_effects_at_once_are_told_with_the_words_of_both():
     (both,) = _screen(graded_record(p_value=0.01, names=("pit_offset+slip",))).suspects
     assert both.name == "pit_offset+slip"
@@ -161,7 +162,7 @@ def test_two_effects_at_once_are_told_with_the_words_of_both():
 
 
 def test_every_name_that_the_screen_may_suggest_has_words():
-    for name in (*SPECS, "large_deformation", "unknown"):
+    for name in (*SPECS, "unknown"):
         (suspect,) = _screen(graded_record(p_value=0.01, names=(name,))).suspects
         assert suspect.short
 
