@@ -23,7 +23,7 @@ poisson_ratio = 0.45
 edge_mm = 12.0
 pad_edge_mm = 4.0
 """
-QUICK = SETTINGS + '[flesh]\nmodel = "linear"\n'
+QUICK = SETTINGS.replace("[mesh]", '[flesh]\nmodel = "linear"\n[mesh]')
 
 
 @dataclass(frozen=True)
