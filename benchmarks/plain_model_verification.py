@@ -18,13 +18,11 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from fem.estimation.compliance_fit import fit_compliance
-from fem.estimation.finite_response import finite_response
+from fem.estimation.finite_response import finite_response, neo_hookean_solid
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.unit_response import marker_tracks
-from fem.materials.neo_hookean import NeoHookean
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -59,10 +57,9 @@ def line(case: MismatchCase, true_MPa: float) -> str:
     tracks, _ = marker_tracks(prepared.history, grasp_model(prepared.history, solid), prepared.used)
     small = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=True)
     small_s, started = time.process_time() - started, time.process_time()
-    law = NeoHookean(poisson_ratio=case.poisson_ratio)
     finite = finite_response(
         prepared.history,
-        FiniteStrainSolid(solid=solid, law=law),
+        neo_hookean_solid(solid),
         recorded=grasp.history,
         force_sd_N=prepared.force_sd_N,
         modulus_MPa=1 / small.compliance,

@@ -106,8 +106,8 @@ class ScreenEntry:
     def verdict(self) -> str:
         """As the ranking has it.
 
-        >>> ScreenEntry(p_value=0.4).verdict
-        'none found'
+        >>> ScreenEntry(p_value=0.4).verdict, ScreenEntry(why_not="no gel").verdict
+        ('none found', 'not screened: no gel')
         """
         if self.why_not:
             return f"not screened: {self.why_not}"

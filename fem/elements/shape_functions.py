@@ -4,6 +4,8 @@ Node order: corners first, then mid-edges. T10: 01, 12, 20, 03, 13, 23. T6: 01, 
 Reference coordinates are the barycentric ones without the first: corner 0 sits at the origin.
 """
 
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -72,10 +74,13 @@ def t6_gradient(reference: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 2 6
     return _quadratic_gradient(barycentric(reference), TRI_EDGES)
 
 
-def tet_quadrature() -> tuple[Float[np.ndarray, "14 3"], Float[np.ndarray, "14"]]:
-    """Points and weights, exact to degree 5 on the reference tetrahedron (volume 1/6); weights positive.
+def tet_quadrature(
+    degree: Literal[2, 5] = 5,
+) -> tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, " q"]]:
+    """Points and weights, exact to this degree on the reference tetrahedron (volume 1/6); weights positive.
 
-    Source: the 14-point rule of Walkington, "Quadrature on simplices of arbitrary dimension", 2000.
+    Source: the 14-point rule of Walkington, "Quadrature on simplices of arbitrary dimension", 2000; the
+    4-point rule of Hammer, Marlowe and Stroud, "Numerical integration over simplexes and cones", 1956.
 
     The integral of x over the reference tetrahedron is 1/24.
 
@@ -83,6 +88,9 @@ def tet_quadrature() -> tuple[Float[np.ndarray, "14 3"], Float[np.ndarray, "14"]
     >>> round(24 * float(weights @ points[:, 0]), 12)
     1.0
     """
+    if degree == 2:
+        a = (5 - np.sqrt(5)) / 20
+        return a + (1 - 4 * a) * np.eye(4)[:, 1:], np.full(4, 1 / 24)
     points, weights = [], []
     for a, w in ((0.3108859192633006, 0.1126879257180159), (0.0927352503108912, 0.0734930431163619)):
         for corner in range(4):

@@ -35,13 +35,14 @@ Set by hand."""
 class FruitInference:
     """The fruit's modulus; of each grasp its own with the prior's pit, or why it has none.
 
-    `models`: those of the grasps about the prior's pit, in their order. `moves`: how often the pit was moved
-    in the mesh.
+    `models`: those of the grasps about the prior's pit, in their order; `final_models`: about the pit that E
+    is inferred with. `moves`: how often the pit was moved in the mesh.
     """
 
     modulus: FruitModulus
     grasps: tuple[ModulusEstimate | FemFailure, ...]
     models: tuple[GraspModel | FemFailure, ...]
+    final_models: tuple[GraspModel | FemFailure, ...]
     moves: int
 
 
@@ -64,7 +65,7 @@ def infer_modulus(
         raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
     several = len(estimates) > 1
     found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
-    at, moves = np.zeros(4), 0
+    at, moves, final = np.zeros(4), 0, about_prior
     doubts: tuple[str, ...] = ()
     while found.pit is not None:
         place = found.pit.learnt * np.append(found.pit.offset_mm, found.pit.ln_size)
@@ -88,10 +89,12 @@ def infer_modulus(
                 "a grasp fails at the pit's place from the grasps, so this place is only a first estimate",
             )
             break
-        at, moves = place, moves + 1
+        at, moves, final = place, moves + 1, tuple(models)
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
     found = replace(found, warnings=(*found.warnings, *doubts))
-    return FruitInference(modulus=found, grasps=tuple(grasps), models=about_prior, moves=moves)
+    return FruitInference(
+        modulus=found, grasps=tuple(grasps), models=about_prior, final_models=final, moves=moves
+    )
 
 
 def _as_far_as_it_goes(

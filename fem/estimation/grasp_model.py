@@ -33,7 +33,7 @@ class GraspModel:
     it. `displacement_correction`:
     what large deformation adds to the response, in every frame of the recording
     (fem.estimation.finite_response); None:
-    small strain.
+    small strain. `small_strain_alone`: why large deformation is left out, where it could not be solved for.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
@@ -43,6 +43,7 @@ class GraspModel:
     discretisation: float
     fruit_moves: bool
     displacement_correction: Float[np.ndarray, "t n 3"] | None = None
+    small_strain_alone: str = ""
 
     def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """Displacement of the markers times E, mm MPa, frame by frame."""

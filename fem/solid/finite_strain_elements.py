@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,9 +32,9 @@ class FiniteFlesh:
     pattern: ElementPattern
 
     @classmethod
-    def of(cls, mesh: FleshMesh, law: UnitLaw) -> "FiniteFlesh":
-        """Gradients at the 14 points of every element, and the pattern of the stiffness matrix."""
-        points, weights = tet_quadrature()
+    def of(cls, mesh: FleshMesh, law: UnitLaw, *, degree: Literal[2, 5] = 5) -> "FiniteFlesh":
+        """Gradients at the points of every element, 14 or for degree 2 four, and the stiffness's pattern."""
+        points, weights = tet_quadrature(degree)
         reference = t10_gradient(points)  # (q, i, a)
         n, m = len(mesh.nodes_mm), len(mesh.tets)
         gradient, measure = np.empty((m, 10, 3, len(weights))), np.empty((m, len(weights)))

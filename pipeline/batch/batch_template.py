@@ -62,7 +62,7 @@ category = "{category}"              # {known}, or a file of your own
 # pad_edge_mm = 1.5                  # under the pads, 0.3 to 10 mm; default: a fifth of each contact's width
 
 # [flesh]
-# model = "linear"                   # or "neo-hookean": large deformation, slower
+# model = "neo-hookean"              # or "linear": small strain, quicker, E 1 to 10 % too high
 
 # [reference]                        # where a row of fruits.csv is a body of known modulus
 # correct = false                    # divide every E by what the body shows

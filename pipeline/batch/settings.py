@@ -191,9 +191,9 @@ class MeshSettings(Strict):
 
 
 class FleshSettings(Strict):
-    """How the flesh deforms: "linear" (small strain) or "neo-hookean" (large deformation, slower)."""
+    """How the flesh deforms: "neo-hookean" (large deformation) or "linear" (small strain, quicker)."""
 
-    model: Literal["linear", "neo-hookean"] = "linear"
+    model: Literal["neo-hookean", "linear"] = "neo-hookean"
 
 
 class Device(Strict):

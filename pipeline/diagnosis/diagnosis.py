@@ -16,9 +16,9 @@ from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.diagnosis.diagnosed_case import Case
-from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace, notes_on_verdict
+from pipeline.diagnosis.notes import doubts_of_modulus, notes_on, notes_on_trace
 from pipeline.fruit.bare_traces import BareTraces, bare_recordings, joined_traces
-from pipeline.fruit.elasticity import fruit_modulus
+from pipeline.fruit.elasticity import at_small_strain, fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
@@ -111,7 +111,8 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
         for grasp, own in zip(fruit.placed, found.grasps, strict=True)
         if isinstance(own, FemFailure)
     ]
-    return graded, [*lost, *(f"E without an effect: {said}." for said in found.modulus.warnings)]
+    said = [*at_small_strain(fruit.placed, found), *found.modulus.warnings]
+    return graded, [*lost, *(f"E without an effect: {sentence}." for sentence in said)]
 
 
 def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: int) -> Explanation:
@@ -150,7 +151,6 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         [
             *of_grading,
             *found.notes,
-            *notes_on_verdict(case, found),
             *notes_on(case, fruit, log.warnings),
         ]
     )

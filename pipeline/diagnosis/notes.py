@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, Explanation
 from pipeline.batch.settings import SensorSettings
 from pipeline.diagnosis.diagnosed_case import Case
@@ -31,11 +30,6 @@ FEW_RECORDINGS = (
 )
 FEW = 3
 """Grasps up to which a note asks for more: the cases that calibrated the model error have four."""
-LARGE_DEFORMATION = (
-    "Stiffening starts at small strain, so large deformation of the flesh alone shows as some stiffening; "
-)
-TAKE_IT_IN = 'model = "neo-hookean" under [flesh] accounts for it in every fruit of the batch.'
-TAKEN_IN = 'this answer ignores the batch\'s model = "neo-hookean", which accounts for it.'
 CATEGORY_PIT = (
     "There is no pit.ply, so drupe uses the category's pit; a different true pit may appear as an effect."
 )
@@ -116,16 +110,6 @@ def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> li
             "it from a common factor on force and gel stiffness). The intervals here exclude it."
         )
     ]
-
-
-def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
-    """What the batch's settings have to do with the answer."""
-    named = [found.verdict] if isinstance(found.verdict, str) else found.verdict
-    parts = {part for name in named for part in name.split("+")}
-    if case.batch is None or not any(SPECS[part].holds_large_deformation for part in parts & SPECS.keys()):
-        return []
-    large = case.task.settings.flesh.model == "neo-hookean"
-    return [LARGE_DEFORMATION + (TAKEN_IN if large else TAKE_IT_IN)]
 
 
 def doubts_of_modulus(case: Case, found: Explanation) -> tuple[str, ...]:

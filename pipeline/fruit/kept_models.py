@@ -33,6 +33,7 @@ class KeptModel(StageRecord):
     discretisation: float
     fruit_moves: bool
     displacement_correction: Float32[np.ndarray, "t n 3"] | None
+    small_strain_alone: str
 
     @model_validator(mode="after")
     def _of_its_markers(self) -> Self:
@@ -55,6 +56,7 @@ class KeptModel(StageRecord):
             discretisation=model.discretisation,
             fruit_moves=model.fruit_moves,
             displacement_correction=None if correction is None else correction.astype(np.float32),
+            small_strain_alone=model.small_strain_alone,
         )
 
     def model(self) -> GraspModel:
@@ -72,6 +74,7 @@ class KeptModel(StageRecord):
             discretisation=self.discretisation,
             fruit_moves=self.fruit_moves,
             displacement_correction=None if correction is None else correction.astype(float),
+            small_strain_alone=self.small_strain_alone,
         )
 
 

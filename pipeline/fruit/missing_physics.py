@@ -64,7 +64,9 @@ def screened_fruit(
     )
 
     confirmed = in_the_model(task.settings.mismatch)
-    large = task.settings.flesh.model == "neo-hookean"
+    large = task.settings.flesh.model == "neo-hookean" and not any(
+        model.small_strain_alone for _, model, _ in usable
+    )
 
     def compute() -> KeptScreen:
         try:

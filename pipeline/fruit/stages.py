@@ -24,7 +24,7 @@ from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_fruit
 from pipeline.files.plain_file import printable
 from pipeline.fruit.effect_spread import effect_spread
-from pipeline.fruit.elasticity import modulus_record
+from pipeline.fruit.elasticity import at_small_strain, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
@@ -137,6 +137,7 @@ def measured_fruit(
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
         records = [*failed, *map(grasp_record, placed, found.grasps)]
         facts.grasps = tuple(sorted(records, key=lambda r: r.grasp))
+        without_large = at_small_strain(placed, found)
         spread = effect_spread(task, fruit, found.modulus.E_MPa)
         misplaced = of_a_pit_found(
             modulus_record(found.modulus).pit_found, given=task.folder.pit_ply.is_file()
@@ -151,6 +152,7 @@ def measured_fruit(
             doubted=relative_sd(doubts),
             sensor=sensor_scale([one.recording for one in placed], task.settings.sensor),
             plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
+            small_strain=len(without_large) / len(placed),
         )
         _refuse_implausible(task, found.modulus.E_MPa)
         facts.mismatch = in_words(used(task.settings.mismatch)) or None
@@ -161,7 +163,7 @@ def measured_fruit(
             else:
                 said = causes_alone(own.warnings, explained=signs_explained(grasp))
                 log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
-        log.warnings += found.modulus.warnings
+        log.warnings += [*without_large, *found.modulus.warnings]
     return fruit, found
 
 

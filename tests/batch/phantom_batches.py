@@ -37,7 +37,7 @@ NOISE = SensorNoise(
 """A quiet marker gel: single markers of a Tac3D scatter by 0.1 to 0.4 mN from frame to frame. Most carry 1 to
 4 mN here; with twice the noise of force single recordings of the cored ball come out 0.1 to 1.7 % too low."""
 AIR_FRAMES, AIR_STEP_MM, HOLD_FRAMES = 30, 0.05, 4
-HEADER = 'category = "phantom"\npoisson_ratio = 0.45\n'
+HEADER = 'category = "phantom"\npoisson_ratio = 0.45\n[flesh]\nmodel = "linear"\n'
 Surface = tuple[np.ndarray, np.ndarray]
 
 

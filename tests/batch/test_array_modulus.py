@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball
-from sample_batches import drupe, ready_batch
+from sample_batches import SETTINGS, drupe, ready_batch
 
 from drupe import grade, modulus, read, read_recording
 from drupe.refusal import DrupeError
@@ -22,6 +22,7 @@ FRAME_S = 0.02
 @pytest.fixture(scope="module")
 def graded(tmp_path_factory):
     batch = ready_batch(tmp_path_factory.mktemp("arrays") / "batch", 1)
+    (batch / "batch.toml").write_text(SETTINGS)  # large deformation, as it is without [flesh]
     assert drupe("grade", "--no-screen", batch, "--jobs", 1).status == 0
     return batch
 

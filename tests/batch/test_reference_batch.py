@@ -10,6 +10,7 @@ from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball, phantom
 from sample_batches import drupe
 
 SETTINGS = 'category = "stone.toml"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 8.0\npad_edge_mm = 2.0\n'
+SETTINGS += '[flesh]\nmodel = "linear"\n'  # as the truth
 CATEGORY = """
 category = "stone"
 given_by_batch = ["pit", "poisson_ratio"]

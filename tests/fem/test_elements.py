@@ -36,10 +36,12 @@ def test_gradients_are_the_differences_of_the_values(shape, gradient, d):
         assert np.allclose(gradient(points)[:, k], difference, atol=1e-9)
 
 
-def test_tetrahedron_quadrature_is_exact_to_degree_five():
-    points, weights = tet_quadrature()
+@pytest.mark.parametrize("degree", [2, 5])
+def test_tetrahedron_quadrature_is_exact_to_its_degree(degree):
+    points, weights = tet_quadrature(degree)
     assert (weights > 0).all()
-    for i, j, k in [(a, b, c) for a in range(6) for b in range(6 - a) for c in range(6 - a - b)]:
+    powers = range(degree + 1)
+    for i, j, k in [(a, b, c) for a in powers for b in powers for c in powers if a + b + c <= degree]:
         exact = factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 3)
         assert weights @ (points[:, 0] ** i * points[:, 1] ** j * points[:, 2] ** k) == pytest.approx(
             exact, rel=1e-13

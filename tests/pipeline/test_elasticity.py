@@ -221,3 +221,28 @@ def test_the_record_holds_a_pit_from_two_grasps_and_none_from_one(workplace, mes
     assert record.pit_found.size == pytest.approx(np.exp(both.pit.ln_size))
     assert record.common_sd_MPa == pytest.approx(both.parts_sd_MPa["discretisation"])
     assert type(record).model_validate_json(record.model_dump_json()) == record
+
+
+def test_a_recording_without_equilibrium_at_finite_strain_enters_E_at_small_strain(
+    workplace, mesh, monkeypatch
+):
+    """E is that at small strain, a warning names the recording, and the error bar is a tenth of E wider."""
+    task, _ = workplace
+    linear = modulus(task, mesh, "along-x", "along-y")
+    assert elasticity.at_small_strain(grasps("along-x", "along-y"), linear) == []
+
+    def unsettled(small, *_, **__):
+        raise FemFailure(FemProblem.NOT_CONVERGED, "E still changes in round 10")
+
+    monkeypatch.setattr(elasticity, "with_finite_strain", unsettled)
+    task.settings.flesh.model = "neo-hookean"
+    found = modulus(task, mesh, "along-x", "along-y")
+    assert found.modulus.E_MPa == pytest.approx(linear.modulus.E_MPa, rel=1e-9)
+    for kept in (found, modulus(task, mesh, "along-x", "along-y")):
+        first, second = elasticity.at_small_strain(grasps("along-x", "along-y"), kept)
+        assert first.startswith("along-x: ")
+        assert "E still changes in round 10" in first
+        assert second.startswith("along-y: ")
+    plain, wider = (elasticity.modulus_record(found.modulus, small_strain=share) for share in (0.0, 1.0))
+    assert wider.parts_sd_MPa[elasticity.SMALL_STRAIN] == pytest.approx(0.1 * plain.E_MPa)
+    assert wider.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.1 * plain.E_MPa))

@@ -108,6 +108,14 @@ def test_the_screen_knows_whether_gradings_law_holds_large_deformation(place, la
     assert place.asked[0][1]["holds_large_deformation"] == holds
 
 
+def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place):
+    place.answers(SAID)
+    found = graded(estimate(), estimate())
+    found.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
+    stage.screened_fruit(place.task, place.fruit, found, {})
+    assert place.asked[0][1]["holds_large_deformation"] is False
+
+
 def test_the_same_inputs_are_screened_once_and_another_modulus_again(place):
     place.answers(SAID)
     both = graded(estimate(), estimate())

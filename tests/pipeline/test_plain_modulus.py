@@ -29,7 +29,7 @@ def case_with(surface_sd_mm):
 
 def inference(*, grasps=(), warnings=()):
     modulus = SimpleNamespace(E_MPa=0.7, E_sd_MPa=0.02, warnings=warnings)
-    return SimpleNamespace(modulus=modulus, models=grasps, grasps=grasps)
+    return SimpleNamespace(modulus=modulus, models=grasps, final_models=grasps, grasps=grasps)
 
 
 @pytest.mark.parametrize(("stated_mm", "counts_mm"), [(None, 0.2), (0.05, 0.05)])

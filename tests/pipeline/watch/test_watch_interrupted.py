@@ -243,7 +243,7 @@ def test_ctrl_c_after_a_comparison_that_was_refused_tells_so_by_its_status(batch
     def without_memory():
         monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
         with (batch / "batch.toml").open("a") as settings:
-            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+            settings.write("[flesh]\nmodel = 'linear'\n")
 
     watch, _ = watched.begun(*one_by_one(batch, "A", "B"), without_memory, *QUIET, interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -283,7 +283,7 @@ def test_settings_that_were_refused_and_are_undone_leave_a_whole_batch(batch, wa
     def without_memory():
         monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
         with (batch / "batch.toml").open("a") as file:
-            file.write("[flesh]\nmodel = 'neo-hookean'\n")
+            file.write("[flesh]\nmodel = 'linear'\n")
 
     def undone():
         monkeypatch.setattr(grading, "free_memory_MiB", memory_MiB)
@@ -323,7 +323,7 @@ def test_a_comparison_that_was_refused_is_forgotten_when_one_is_made(batch, watc
     def without_memory():
         monkeypatch.setattr(grading, "free_memory_MiB", lambda: 1.0)
         with (batch / "batch.toml").open("a") as settings:
-            settings.write("[flesh]\nmodel = 'neo-hookean'\n")
+            settings.write("[flesh]\nmodel = 'linear'\n")
 
     watch, _ = watched.begun(
         *one_by_one(batch, "A", "B"),
