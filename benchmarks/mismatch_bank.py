@@ -123,7 +123,7 @@ def linear_problem(folder: Path) -> ReducedCase:
     problem = reduced(forward, recorded, linear)
     answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
     answer = answers[folder.name]
-    E_MPa = forward.places / (forward.compliance * (1 + float(linear.null.amounts[0])))
+    E_MPa = forward.modulus_scale / (forward.compliance * (1 + float(linear.null.amounts[0])))
     facts = {"answer": answer, "E_MPa": E_MPa, "bounds": {}}
     if answer["effect"] != NONE:
         facts["bounds"] = amplitude_bounds(information_of(forward, linear), problem, E_MPa=E_MPa)

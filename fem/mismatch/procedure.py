@@ -21,7 +21,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
 from fem.mismatch.selection.model_selection import Hypothesis, select_model
@@ -67,9 +67,10 @@ def explain(
         forward, fits = plain_forward_model(
             case, solids={} if graded is None else graded.solids, workers=workers
         )
-        if graded is not None:
-            forward = replace(forward, graded=graded.models)
-        plain = modulus_of(forward) if graded is None else graded.modulus
+        if graded is None:
+            plain = modulus_of(forward)
+        else:
+            forward, plain = as_graded(replace(forward, graded=graded.models), graded.modulus), graded.modulus
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)
@@ -213,8 +214,14 @@ def plain_forward_model(
     base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
     fits = plain_fits(base)
     compliance, before = _median_compliance(fits), _median_compliance(registered)
-    places = compliance / before if compliance > 0 and before > 0 else 1.0
-    return ForwardModel(base=base, compliance=compliance, places=places, workers=workers), fits
+    scale = compliance / before if compliance > 0 and before > 0 else 1.0
+    return ForwardModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
+
+
+def as_graded(forward: ForwardModel, graded: Modulus) -> ForwardModel:
+    """The same, with E of every explanation in proportion to the graded one."""
+    ratio = graded.value / modulus_of(forward).value
+    return replace(forward, modulus_scale=forward.modulus_scale * ratio)
 
 
 def plain_fits(base: Baseline) -> list[CompliantFit]:

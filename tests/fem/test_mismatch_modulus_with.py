@@ -12,6 +12,7 @@ from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.reported_values import _ninety
+from fem.mismatch.result import NINETY
 from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import screened
@@ -50,18 +51,18 @@ def test_intervals_stay_within_what_makes_sense():
     logarithmic = ParameterSpec(name="b", unit="1", low=0.1, high=400.0, log=True)
     low, high = _ninety(0.8, 1.0, logarithmic)
     assert 0 < low < 0.8 < high
-    assert np.log(high / 0.8) == pytest.approx(np.log(0.8 / low)) == pytest.approx(1.645 / 0.8)
+    assert np.log(high / 0.8) == pytest.approx(np.log(0.8 / low)) == pytest.approx(NINETY / 0.8)
     assert _ninety(60.0, 0.6, logarithmic) == pytest.approx((60 - 0.987, 60 + 0.987), rel=1e-3)
     bounded = ParameterSpec(name="gap_mm", unit="mm", low=0.0, high=3.0)
-    assert _ninety(1.0, 1.0, bounded) == (0.0, 2.645)
-    assert _ninety(2.0, 1.0, bounded, scale=0.5) == (0.355, 1.5)
+    assert _ninety(1.0, 1.0, bounded) == pytest.approx((0.0, 1 + NINETY))
+    assert _ninety(2.0, 1.0, bounded, scale=0.5) == pytest.approx((2 - NINETY, 1.5))
 
 
 def test_two_inferences_of_E_that_disagree_leave_it_as_uncertain_as_their_scatter(thick_skin):
     """The evidence's 1/E moved by a fifth: E of 1 and of 1/1.2 lie ln(1.2) / 2 from their mean."""
     before = modulus_with(thick_skin)
     fit = thick_skin.fit
-    agreed = thick_skin.forward.places / (thick_skin.forward.compliance * before.at.value) - 1
+    agreed = thick_skin.forward.modulus_scale / (thick_skin.forward.compliance * before.at.value) - 1
     sds = []
     for share in (1.0, 1.2):
         amounts = fit.amounts.copy()
@@ -78,7 +79,7 @@ def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     change = asked(again, 0.02)
     assert found.change[0] == pytest.approx(change, rel=0.1)
     own = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])
-    other = again.forward.places / (again.forward.compliance * (1 + again.fit.amounts[0]))
+    other = again.forward.modulus_scale / (again.forward.compliance * (1 + again.fit.amounts[0]))
     apart = np.log(found.at.value / other) / 2
     expected = found.at.value * np.linalg.norm([found.at.sd / found.at.value, change * own, apart])
     assert found.known.sd == pytest.approx(expected, rel=0.1)

@@ -13,6 +13,9 @@ from fem.estimation.modulus import estimate_modulus
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.mismatch.effect import Response
 from fem.mismatch.effects import pit_size
+from fem.mismatch.evidence.large_deformation import leave_large_deformation
+from fem.mismatch.procedure import as_graded
+from fem.mismatch.result import Modulus
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -48,7 +51,9 @@ def graded(case, histories, models):
 
 @pytest.fixture(scope="module")
 def forward(case, models):
-    return replace(plain_forward_model(case)[0], graded=models)
+    forward = replace(plain_forward_model(case)[0], graded=models)
+    leave_large_deformation(forward)  # flesh here moves by small strain
+    return forward
 
 
 def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded, forward):
@@ -71,6 +76,14 @@ def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, grad
     for found in (modulus_of(lost), modulus_of(lost, against_itself)):
         assert found.value == pytest.approx(alone.E_MPa, rel=2e-3)
         assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
+
+
+def test_E_is_in_proportion_to_the_graded_one(forward):
+    half = Response(unit=[one.tracks.unit_displacement / 2 for one in forward.base.grasps])
+    graded = as_graded(forward, Modulus(value=0.3, sd=0.01))
+    assert modulus_of(graded).value == pytest.approx(0.3)
+    ratio = modulus_of(forward, half).value / modulus_of(forward).value
+    assert modulus_of(graded, half).value == pytest.approx(0.3 * ratio)
 
 
 def test_where_grading_has_none_it_is_the_mean_of_the_recordings_own_fits(forward):

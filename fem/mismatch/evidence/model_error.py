@@ -42,8 +42,8 @@ def model_error_columns(
     compliance_ratio: float,
     shares: Mapping[str, float] | None = None,
 ) -> list[Regressor]:
-    """One column for each of the signatures', with its fields; alternatives of one effect, on one pad if it is
-    a pad's, resemble each other and share its error.
+    """One column for each of the signatures', with its fields; alternatives of one effect, on one pad if the
+    effect is a pad's, resemble each other and share its error.
 
     `signatures`: of a case, with the numbers of their columns.
     """

@@ -47,17 +47,17 @@ class ForwardModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
     `graded`: of each recording the model by which grading infers E, about the prior's pit; None where it has
-    no E of the recording; empty: of none. `places`: E with the markers where registration puts them, as
-    grading has them, over E with them where they touched (fem.mismatch.model.touched_skin). `workers`: how
-    many threads may work on it at once. `path_share`: on which share of their frames laws with a history are
-    followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this model is used
-    in, None outside of a search.
+    no E of the recording; empty: of none. `modulus_scale`: E as graded over E by this response, which has
+    the markers where they touched (fem.mismatch.model.touched_skin) and large deformation in another way.
+    `workers`: how many threads may work on it at once. `path_share`: on which share of their frames laws with
+    a history are followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this
+    model is used in, None outside of a search.
     """
 
     base: Baseline
     compliance: float
     graded: tuple[GraspModel | None, ...] = field(default=(), repr=False, compare=False)
-    places: float = 1.0
+    modulus_scale: float = 1.0
     workers: int = 1
     path_share: float = 1.0
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)

@@ -112,7 +112,7 @@ def _inferred(
         if model is not None
     ]
     found = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
-    return Modulus(value=forward.places * found.E_MPa, sd=forward.places * found.E_sd_MPa)
+    return Modulus(value=forward.modulus_scale * found.E_MPa, sd=forward.modulus_scale * found.E_sd_MPa)
 
 
 def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Beyond) -> Modulus:
@@ -176,7 +176,7 @@ def _apart(again: Refit, modulus: Modulus) -> float:
     compliance = again.forward.compliance * (1 + float(again.fit.amounts[0]))
     if compliance <= 0:
         return 0.0
-    return abs(float(np.log(modulus.value * compliance / again.forward.places))) / 2
+    return abs(float(np.log(modulus.value * compliance / again.forward.modulus_scale))) / 2
 
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
