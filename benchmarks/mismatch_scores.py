@@ -25,7 +25,8 @@ from unittest.mock import patch
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.special import expit
+from scipy.optimize import brentq
+from scipy.special import expit, polygamma
 from scipy.stats import kstest
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
@@ -225,6 +226,23 @@ def ideal_lines(rounds: Sequence[ScoredRound]) -> list[str]:
     return lines
 
 
+def usual_misfit(misfit: Sequence[tuple[str, float]]) -> tuple[float, float]:
+    """Mean over cases without mismatch, as fruit and chi-square per number, and the degrees of freedom f of
+    the chi-square that it scatters as: trigamma(f / 2) is the variance of its logarithm between fruit.
+    """
+    by_fruit: dict[str, list[float]] = {}
+    for fruit, x in misfit:
+        by_fruit.setdefault(fruit, []).append(np.log(x))
+    variance = np.var([np.mean(each) for each in by_fruit.values()], ddof=1)
+    freedom = brentq(lambda f: polygamma(1, f / 2) - variance, 0.1, 1e4)
+    return float(np.mean([x for _, x in misfit])), float(freedom)
+
+
+def misfit_of(each: ScoredRound) -> float:
+    """Chi-square per number that the plain model leaves."""
+    return each.linear.null.chi2 / each.linear.numbers
+
+
 def tables(rounds: Sequence[ScoredRound]) -> list[str]:
     """Everything that is printed."""
     cases = [each.scored for each in rounds]
@@ -234,6 +252,8 @@ def tables(rounds: Sequence[ScoredRound]) -> list[str]:
         lines += false_alarms("without mismatch", [(each.fruit, each.scored.p) for each in none])
         if len({each.fruit for each in none}) > 1:
             lines += false_alarms("  model error of the other fruit", without_own_fruit(none))
+            usual, freedom = usual_misfit([(each.fruit, misfit_of(each)) for each in none])
+            lines.append(f"  misfit: mean {usual:.4f}, degrees of freedom {freedom:.1f}")
     return [
         *lines,
         "",
@@ -260,6 +280,7 @@ def table_row(each: ScoredRound) -> dict[str, Any]:
         "over_full_bound": each.over_bound(1), "p_value": case.p, "detected": case.detected,
         "first": first["effect"], "probability": first["probability"], "set": " | ".join(case.verdict),
         "log_score": log_score(each), "E_true_MPa": case.label["E_MPa"],
+        "misfit": misfit_of(each),
         "E_plain_MPa": case.row["E_before"]["value"], "E_MPa": case.row["E_after"]["value"],
         **{f"p_{name}": p for name, p in each.detection.p_values.items()},
     }  # fmt: skip

@@ -127,8 +127,8 @@ def test_a_large_misfit_that_no_effect_explains_is_unknown():
 
 
 def test_what_recordings_show_directly_cannot_be_unknown_physics():
-    without = weighed((NONE, 0.0, 6.0), ("adhesion", 30.0, 5.9))
-    directly = weighed((NONE, 0.0, 6.0), ("adhesion", 30.0, 5.9), direct=30.0)
+    without = weighed((NONE, 0.0, 8.0), ("adhesion", 30.0, 7.9))
+    directly = weighed((NONE, 0.0, 8.0), ("adhesion", 30.0, 7.9), direct=30.0)
     assert without["unknown"] > 0.5 > directly["unknown"]
 
 
