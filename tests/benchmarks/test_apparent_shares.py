@@ -115,7 +115,8 @@ def test_the_file_holds_shares_by_name_and_names_their_origin():
 
 
 def test_usual_misfit_is_that_of_the_stored_cases_without_mismatch():
-    rows = [row for row in csv.DictReader(ROWS.open(encoding="utf-8")) if row["kind"] == "sound"]
+    lines = ROWS.read_text(encoding="utf-8").splitlines()
+    rows = [row for row in csv.DictReader(lines) if row["kind"] == "sound"]
     assert len(rows) == 18
     mean, freedom = usual_misfit([(row["fruit"], float(row["misfit"])) for row in rows])
     assert mean == pytest.approx(MISFIT, rel=0.01)

@@ -1,7 +1,7 @@
 """Stored linear problems of an independent simulator: the finder's decision on them, within seconds.
 
-`python benchmarks/mismatch_bank.py reduce CASES ROUNDS` wrote them, from labelled cases. That simulator shares
-no code with this repository.
+`python benchmarks/mismatch_bank.py reduce CASES ROUNDS` wrote them, from labelled cases. That simulator
+shares no code with this repository.
 """
 
 from dataclasses import replace
