@@ -301,8 +301,8 @@ def _noise_off_contact_N(
     """
     apart = cdist(rest_mm, rest_mm)
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1]))
-    near = np.asarray(felt @ (apart < OFF_CONTACT * pitch), dtype=bool)
-    off = felt.any(axis=1, keepdims=True) & ~near
+    near = np.asarray(felt @ (apart < OFF_CONTACT * pitch))
+    off = ~near & near.any(axis=1, keepdims=True)
     return float(np.sqrt(np.mean(normal_N[off] ** 2))) if off.any() else 0.0
 
 

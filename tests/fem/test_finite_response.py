@@ -8,12 +8,14 @@ import h5py
 import numpy as np
 import pytest
 from fem_shapes import ball
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.finite_response import (
     _chosen,
     _kernel,
+    _PadFrames,
     _predicted,
     finite_response,
     neo_hookean_solid,
@@ -193,18 +195,20 @@ HIDDEN_N = 0.015
 """Three times the usual noise of a marker's force in a frame."""
 
 
-def test_errors_of_the_markers_zeros_load_no_skin_beyond_the_contact(history, finite, found):
-    """Where they do, light contacts seem wider than they are, and E is 1 % too high."""
+def test_errors_of_the_markers_zeros_load_no_skin_beyond_the_contact(history):
+    """With the noise of a frame alone, every tenth marker off the contact would bear load."""
     noisy = with_errors_of_zero(history)
-    again = finite_response(
-        without_rim(noisy),
-        finite,
-        recorded=noisy,
-        force_sd_N=0.0009,
-        modulus_MPa=found.modulus_MPa,
-        scale_sd=SCALE_SD,
-    )
-    assert again.modulus_MPa == pytest.approx(found.modulus_MPa, rel=5e-3)
+    driven = without_rim(noisy)
+    used = loaded_frames(driven)
+    off, loaded = 0, 0
+    for truth, *both in zip(history.pads, noisy.pads, driven.pads, strict=True):
+        fields = _PadFrames.of(*both, used, 0.0009).fields
+        for touching, field in zip((truth.episode >= 0)[used], fields, strict=True):
+            contact = cKDTree(truth.rest_mm[touching, :2])
+            off += int((contact.query(truth.rest_mm[:, :2])[0] > 1.5).sum())
+            loaded += int((contact.query(field.near.data)[0] > 1.5).sum())
+    assert off > 400
+    assert loaded < 0.01 * off
 
 
 def test_forces_that_pull_are_refused(history, finite):
