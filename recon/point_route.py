@@ -10,9 +10,9 @@ from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
+from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, blank_box, with_print_error
-from recon.silhouettes.hull import sampled
 
 TRUSTED_SHARE = 0.6
 """Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""

@@ -12,6 +12,7 @@ from jaxtyping import Float, UInt8
 from scipy.optimize import least_squares
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
 
 USUAL_THICKNESS_MM = 1.9
@@ -143,8 +144,7 @@ class _Edges:
         return cls(np.asarray(cv2.GaussianBlur(lab, (0, 0), 0.8)))
 
     def at(self, pixels: Float[np.ndarray, "n m 2"]) -> Float[np.ndarray, "n m 3"]:
-        x, y = np.moveaxis(pixels.astype(np.float32), 2, 0)
-        return np.asarray(cv2.remap(self.lab, x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3), float)
+        return np.asarray(sampled(self.lab, pixels, outside=float("nan")), float)
 
 
 def _ring(

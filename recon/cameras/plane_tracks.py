@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from recon.cameras.photos import Photo
 from recon.cameras.plane_bundle import PlaneScene, Sightings, projected
+from recon.picture_values import sampled
 
 SIDE_PX = 1000
 """Of the picture from above: about as fine as the photos show the ground. Set by hand."""
@@ -42,8 +43,8 @@ def _from_above(
     pose = scene.poses[view]
     ahead = grid @ pose[2, :2] + pose[2, 3] > 0
     inside = ahead & (at > 2).all(1) & (at < [width - 3, height - 3]).all(1)
-    at = np.where(inside[:, None], at, -10).astype(np.float32).reshape(side, side, 2)
-    seen = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    at = np.where(inside[:, None], at, -10).reshape(side, side, 2)
+    seen = sampled(grey, at, outside=0.0)
     shown = inside.reshape(side, side).astype(np.float32)
     share = cv2.GaussianBlur(shown, (0, 0), EVEN_PX) + 1e-3
     mean = cv2.GaussianBlur(seen * shown, (0, 0), EVEN_PX) / share

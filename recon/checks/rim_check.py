@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.wording import listed
 
 SAMPLES = 180
@@ -70,8 +71,7 @@ def rim_offset(
         return None
     part = image[low[1] : high[1], low[0] : high[0]].astype(np.float32) / 255
     colours = cv2.GaussianBlur(cv2.cvtColor(part, cv2.COLOR_BGR2Lab), (0, 0), 1.0)
-    x, y = np.moveaxis((place - low).astype(np.float32), 2, 0)
-    profile = cv2.remap(colours, x, y, cv2.INTER_LINEAR)
+    profile = sampled(colours, place - low)
     steps = np.asarray(np.linalg.norm(profile[:, 4:] - profile[:, :-4], axis=2), float)
     columns = np.column_stack([normal, np.ones(SAMPLES)])
     tried = [_held(np.zeros(3), steps, offsets[2:-2], columns), _held(None, steps, offsets[2:-2], columns)]
@@ -100,17 +100,7 @@ def _held(
         for _ in range(12):
             fit = np.linalg.lstsq(columns * weight[:, None], offsets[best] * weight, rcond=None)[0]
             away = np.abs(offsets[best] - columns @ fit)
-            scale = max(
-                1.5
-                * float(
-                    np.median(
-                        away[clear],
-                    )
-                )
-                if clear.any()
-                else 0.5,
-                0.5,
-            )
+            scale = max(1.5 * float(np.median(away[clear])) if clear.any() else 0.5, 0.5)
             weight = clear / np.sqrt(1 + (away / scale) ** 2)
     else:
         fit = start

@@ -7,8 +7,8 @@ from jaxtyping import Float, Int
 
 from recon.checks.camera_shadow import in_camera_shadow, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
-from recon.native import open3d
 from recon.surface.coverage import SEEN_BY
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import face_areas, facing, neighbour_mean, vertex_normals
 
 SPREADING = 8
@@ -46,16 +46,8 @@ def sd_on_patch_mm(
     sqrt(mean over p of sd(x_p)²), sd linear within each triangle. Points that stand evenly on a contact patch
     give the root mean square over its area.
     """
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
-    found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=1)
-    corners = sd_mm[faces[found["primitive_ids"].numpy().astype(int)]]
-    u, v = found["primitive_uvs"].numpy().astype(float).T
-    sd = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-    return float(np.sqrt(np.mean(sd**2)))
+    corners, shares = RayMesh(vertices, faces).nearest(points)
+    return float(np.sqrt(np.mean(np.sum(shares * sd_mm[corners], axis=1) ** 2)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,6 @@ known before any outline is looked for.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat
 from recon.cameras.view_plan import plan_words, view_plan
-from recon.checks.quality import NOTHING_KNOWN, warnings_of, widest_gap_deg
+from recon.checks.quality import ReconQuality, warnings_of, widest_gap_deg
 from recon.checks.verdict import require_seen
 from recon.silhouettes.hull import ball
 from recon.surface.coverage import seen_and_unseen
@@ -47,8 +46,7 @@ def view_doubts(
     skin = middle + radius_mm * directions
     views = np.sum([facing(skin, directions, place) > 0 for place in places], axis=0)
     share, unseen_mm2 = seen_and_unseen(skin, faces, views)
-    quality = replace(
-        NOTHING_KNOWN,
+    quality = ReconQuality(
         views_given=len(given),
         views_used=len(places),
         reprojection_px=poses.reprojection_px,

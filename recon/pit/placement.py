@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from recon.pit.priors import PitPrior
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.poisson import distances_mm
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import bodies, open_edges, volume_mm3
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
@@ -133,7 +133,9 @@ def least_gap_mm(one: Mesh, other: Mesh) -> float:
     Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
     edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
     """
-    ways = [distances_mm(v[np.unique(f)], *mesh).min() for (v, f), mesh in ((one, other), (other, one))]
+    ways = [
+        RayMesh(*mesh).distances_mm(v[np.unique(f)]).min() for (v, f), mesh in ((one, other), (other, one))
+    ]
     return float(min(ways))
 
 

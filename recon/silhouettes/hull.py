@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.silhouettes.mask import Window
 from recon.triangle_mesh import unique_edges
 
@@ -63,25 +64,6 @@ class Silhouette:
         if not contours:
             return np.zeros((0, 2))
         return self.window.from_small(max(contours, key=cv2.contourArea)[:, 0].astype(float))
-
-
-def sampled(
-    picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float
-) -> Float[np.ndarray, " n *c"]:
-    """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it.
-
-    >>> picture = np.array([[0.0, 2.0]], dtype=np.float32)
-    >>> sampled(picture, np.array([[0.5, 0.0], [9.0, 0.0]]), outside=-1.0)
-    array([ 1., -1.], dtype=float32)
-    """
-    row = 1024
-    padded = np.full((-(-len(pixels) // row) * row, 2), -9.0, np.float32)
-    padded[: len(pixels)] = np.clip(pixels, -9.0, 30000.0)
-    maps = padded.reshape(-1, row, 2)
-    found = cv2.remap(
-        picture, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,) * 4
-    )
-    return np.asarray(found.reshape(len(padded), *picture.shape[2:])[: len(pixels)])
 
 
 def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Camera) -> Silhouette:

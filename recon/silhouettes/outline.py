@@ -3,7 +3,7 @@ itself.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.silhouettes.hull import Silhouette
 from recon.silhouettes.mask import Window
 from recon.silhouettes.ring_path import best_rings
@@ -51,6 +52,10 @@ class Outline:
     points: Float[np.ndarray, "n 2"]
     normals: Float[np.ndarray, "n 2"]
     clear_share: float
+
+    def profile(self, picture: np.ndarray, shifts: Float[np.ndarray, " k"]) -> np.ndarray:
+        """A picture's values (n, k, ...) along the normals, `shifts` px outside the curve."""
+        return sampled(picture, self.points[:, None] + shifts[None, :, None] * self.normals[:, None])
 
 
 def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
@@ -103,17 +108,10 @@ def _gain(
     reach_px = float(shifts[-1])
     wide = round(EDGE_PX / step_px)
     longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
-    at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
-    values = cv2.remap(
-        log_odds.astype(np.float32),
-        at[:, wide:-wide],
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    values = outline.profile(log_odds.astype(np.float32), longer[wide:-wide])
     values = np.clip(values, -most_log_odds, most_log_odds) * step_px
     total = np.cumsum(values, axis=1)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = outline.profile(colours, longer)
     sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
     k = np.arange(len(shifts)) + wide
     apart = (sums[:, k + 1 + wide] - sums[:, k + 1] - sums[:, k] + sums[:, k - wide]) / wide
@@ -135,15 +133,15 @@ def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outlin
     colours = cv2.LUT(window.image, LINEAR_LIGHT)
     fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
     if search:
-        fine = _on_steepest(fine, colours, STEEPEST_REACH_PX)
-    return _on_step(fine, colours, *STEP_BAND_PX, STEP_SHARE), whole
+        fine = _on_steepest(fine, colours)
+    return _on_step(fine, colours), whole
 
 
-def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: float) -> Outline:
-    """A curve moved to the steepest change of colour within `reach_px`; nearer ones count for more."""
+def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
+    """A curve moved to the steepest change of colour nearby; nearer ones count for more."""
+    reach_px = STEEPEST_REACH_PX
     shifts = np.arange(-reach_px - 1, reach_px + 1.25, 0.5)
-    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = curve.profile(colours, shifts)
     apart = ndimage.gaussian_filter1d(profile[:, 4:] - profile[:, :-4], 1.5, axis=0, mode="wrap")
     inner = shifts[2:-2]
     slope = np.linalg.norm(apart, axis=2) * (1 - 0.3 * (inner / reach_px) ** 2)
@@ -155,17 +153,11 @@ def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: 
     return _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
 
 
-def _on_step(
-    curve: Outline,
-    colours: Float[np.ndarray, "h w 3"],
-    nearest_px: float,
-    furthest_px: float,
-    at_share: float,
-) -> Outline:
-    """A curve moved to where the colour lies so far between those of two bands beside it."""
+def _on_step(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
+    """A curve moved to where the colour has STEP_SHARE of the fruit's between two bands beside it."""
+    (nearest_px, furthest_px), at_share = STEP_BAND_PX, STEP_SHARE
     shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
-    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = curve.profile(colours, shifts)
     fruit = profile[:, shifts <= -nearest_px].mean(1)
     behind = profile[:, shifts >= nearest_px].mean(1)
     step = fruit - behind
@@ -181,11 +173,10 @@ def _on_step(
     shift = where[np.arange(len(where)), pick]
     clear = np.isfinite(shift) & (square > CLEAR_STEP**2)
     if clear.sum() < 0.2 * len(clear):
-        return Outline(curve.points, curve.normals, float(clear.mean()))
+        return replace(curve, clear_share=float(clear.mean()))
     shift = _fill_ring(np.where(clear, shift, 0.0), clear)
-    moved = curve.points + shift[:, None] * curve.normals
-    fine = _even(moved, smooth=1.0)
-    return Outline(fine.points, fine.normals, float(clear.mean()))
+    moved = _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
+    return replace(moved, clear_share=float(clear.mean()))
 
 
 def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:
@@ -201,7 +192,7 @@ def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline
         return found
     weight = ndimage.gaussian_filter1d(wrong.astype(float), 4.0, mode="wrap")[:, None]
     even = _even(found.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
-    return Outline(even.points, even.normals, found.clear_share * float(1 - wrong.mean()))
+    return replace(even, clear_share=found.clear_share * float(1 - wrong.mean()))
 
 
 def enlarged(outline: Outline, factor: int) -> Outline:

@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from recon.cameras.similarity import moved
-from recon.native import open3d
 from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import facing, vertex_normals
 
 VIEWS = 3
@@ -166,11 +166,7 @@ class _Skin:
     """A mesh that is asked for its nearest points."""
 
     def __init__(self, side: ScannedSide) -> None:
-        o3d = open3d()
-        self._tensor = o3d.core.Tensor
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        faces = side.faces.astype(np.uint32)
-        self._scene.add_triangles(self._tensor(side.vertices.astype(np.float32)), self._tensor(faces))
+        self._mesh = RayMesh(side.vertices, side.faces)
         self._side = side
         self._normals = vertex_normals(side.vertices, side.faces)
 
@@ -178,10 +174,7 @@ class _Skin:
         self, points: Float[np.ndarray, "k 3"]
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
         """The nearest points of the skin, its smooth normals and how well it was seen there."""
-        found = self._scene.compute_closest_points(self._tensor(points.astype(np.float32)), nthreads=1)
-        u, v = found["primitive_uvs"].numpy().T.astype(float)
-        corners = self._side.faces[found["primitive_ids"].numpy().astype(int)]
-        weights = np.stack([1 - u - v, u, v], axis=1)
+        corners, weights = self._mesh.nearest(points)
         normals = np.einsum("kc,kcx->kx", weights, self._normals[corners])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         places = np.einsum("kc,kcx->kx", weights, self._side.vertices[corners])

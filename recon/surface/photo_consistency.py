@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
-from recon.silhouettes.hull import sampled
+from recon.picture_values import sampled
 from recon.triangle_mesh import facing
 
 SIDE = 7
@@ -150,8 +150,7 @@ def _seen(
     start = (square @ P[:, :3].T + P[:, 3]).astype(np.float32)
     step = (normals @ P[:, :3].T).astype(np.float32)
     h = start[:, None] + offsets_mm.astype(np.float32)[None, :, None, None] * step[:, None, None]
-    pixels = (h[..., :2] / h[..., 2:]).reshape(-1, 2)
-    return sampled(view.grey, pixels, outside=0.0).reshape(len(square), len(offsets_mm), -1)
+    return sampled(view.grey, h[..., :2] / h[..., 2:], outside=0.0)
 
 
 def _peak(

@@ -32,17 +32,3 @@ def poisson_surface(
             "from all sides.",
         )
     return vertices, faces
-
-
-def distances_mm(
-    points: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "m 3"], faces: Int[np.ndarray, "k 3"]
-) -> Float[np.ndarray, " n"]:
-    """Distance of points to the nearest point of a mesh."""
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
-    return np.asarray(
-        scene.compute_distance(o3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy(), float
-    )

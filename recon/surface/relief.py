@@ -59,6 +59,12 @@ class Relief:
     edge_depth_mm: float = 0.0
 
 
+def unsearched(vertices: Float[np.ndarray, "n 3"]) -> Relief:
+    """The surface as its outlines show it."""
+    none = np.zeros(len(vertices))
+    return Relief(vertices=vertices, measured=none > 0, bridged=none, regions=())
+
+
 def relief(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -87,7 +93,7 @@ def relief(
     count = len(coarse.outline.points)
     convex = roundness(coarse.outline.curvature * coarse.radius_mm)
     bridged = np.clip(split(1 - convex[:, None], coarse.level, finer)[:, 0], 0.0, 1.0)
-    nothing = Relief(vertices=vertices, measured=np.zeros(len(vertices), bool), bridged=bridged, regions=())
+    nothing = replace(unsearched(vertices), bridged=bridged)
     views = grey_views(images, cameras)
     halves = views[::2], views[1::2]
     if len(halves[1]) < FEWEST_VIEWS:

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from recon.silhouettes.hull import ball
 from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, GreyView, Patches
-from recon.triangle_mesh import neighbour_mean, vertex_normals
+from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
@@ -68,10 +66,8 @@ def connected_parts(
     where: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
 ) -> list[Bool[np.ndarray, " n"]]:
     """The connected parts of a set of vertices."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges = edges[where[edges].all(axis=1)]
-    graph = sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(where),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    edges = sides_of(faces)
+    label = parts_of(edges[where[edges].all(axis=1)], len(where))
     return [where & (label == part) for part in np.unique(label[where])]
 
 
@@ -97,7 +93,7 @@ def mean_curvature(
     """Mean curvature, 1/mm, negative where convex: the mean of 2 n . (x_j - x_i) / |x_j - x_i|² over the
     neighbours j.
     """
-    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    i, j = sides_of(faces).T
     step = points[j] - points[i]
     each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)
     mean = np.bincount(i, each, len(points)) / np.bincount(i, minlength=len(points))

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from recon.native import open3d
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface import meshlab
-from recon.surface.poisson import distances_mm
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
 LARGEST_HOLE = 0.25
@@ -49,7 +49,7 @@ def repaired(
             f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
             "more photos from all sides.",
         )
-    away = distances_mm(whole, corners, triangles)
+    away = RayMesh(corners, triangles).distances_mm(whole)
     return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))
 
 

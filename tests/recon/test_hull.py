@@ -17,11 +17,11 @@ from known_ball import (
     whole_window,
 )
 
+from recon.picture_values import sampled
 from recon.silhouettes.hull import (
     Silhouette,
     ball,
     drawn,
-    sampled,
     silhouette_of_mask,
     split,
     visual_hull,

@@ -6,7 +6,8 @@ import pytest
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface import meshlab
-from recon.surface.poisson import distances_mm, poisson_surface
+from recon.surface.poisson import poisson_surface
+from recon.surface.ray_mesh import RayMesh
 from recon.surface.repair import repaired
 from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
 
@@ -62,7 +63,7 @@ def test_few_faces_are_kept_and_how_far_they_moved_the_surface_is_told():
     assert 900 <= len(found.faces) <= 1000
     assert open_edges(found.faces) == 0
     assert volume_mm3(found.vertices, found.faces) == pytest.approx(BALL_MM3, rel=0.01)
-    away = distances_mm(vertices, found.vertices, found.faces)
+    away = RayMesh(found.vertices, found.faces).distances_mm(vertices)
     assert found.deviation_rms_mm == pytest.approx(np.sqrt(np.mean(away**2)), rel=0.05)
     assert found.deviation_max_mm == pytest.approx(away.max(), rel=0.05)
     # a chord of a circle of radius r and length a lies a² / 8 r under it; 1000 even faces have a = 2.4 mm
@@ -138,7 +139,7 @@ def test_the_distance_to_a_balls_mesh_is_that_to_the_ball():
     rays = rng.normal(size=(200, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     radius = rng.uniform(5.0, 40.0, 200)
-    found = distances_mm(radius[:, None] * rays, vertices, faces)
+    found = RayMesh(vertices, faces).distances_mm(radius[:, None] * rays)
     np.testing.assert_allclose(found, np.abs(radius - RADIUS_MM), atol=0.03)
 
 
