@@ -14,6 +14,7 @@ from recon.cameras.mat_poses import Poses, cameras_from_mat
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo, require_enough
 from recon.cameras.printed_mat import Mat
+from recon.cameras.similarity import scaling
 from recon.checks.ground_check import rim_evidence
 from recon.checks.quality import ReconQuality, depth_doubts, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.checks.surface_error import surface_error
@@ -62,8 +63,7 @@ class ReconOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstruction:
-    """A closed fruit mesh (mm, faces outward), its relative scale error and surface error, and how it came
-    about.
+    """A closed fruit mesh (mm, faces outward), its scale error (relative) and surface error, and its origin.
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
@@ -184,7 +184,7 @@ def _reconstructed(
                     top_measured=top_share(skin.vertices, skin.measured),
                 )
             vertices, faces = mesh.vertices * scale.factor, mesh.faces
-            cameras = tuple(c.moved(np.diag([*[scale.factor] * 3, 1.0])) for c in cameras)
+            cameras = tuple(c.moved(scaling(scale.factor)) for c in cameras)
             places = np.array([c.place for c in cameras])
             views = seeing_views(vertices, faces, places)
             share, hole_mm2 = seen_and_unseen(vertices, faces, views)

@@ -1,6 +1,4 @@
-"""Imports of native libraries that load system libraries: a missing one is a sentence with the package to
-install.
-"""
+"""Imports of native libraries: where a system library is missing, a sentence says what to install."""
 
 from types import ModuleType
 

@@ -12,7 +12,7 @@ from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
 from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box, blank_box, with_print_error
+from recon.scale import Box, blank_box, box_about_z, with_print_error
 
 TRUSTED_SHARE = 0.6
 """Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
@@ -29,8 +29,7 @@ SEED = 1
 def fruit_points(
     maps: PointMaps, photos: Sequence[Photo], *, mat: Mat | None, height_mm: float | None
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], float]:
-    """Points of the fruit's skin in mm (z up, ground at z = 0), their outward normals, and the relative scale
-    error.
+    """Points of the skin in mm (z up, ground at z = 0), outward normals, and the relative scale error.
 
     The more trusted 60 % of the points count. With a mat, the tag corners' points fix the similarity to the
     mat's frame; without it, the ground's plane fixes z, the fruit's height the scale (fixed later on the
@@ -113,7 +112,7 @@ def _world_from_ground(
     wide = float(np.percentile(np.hypot(above_ground[:, 0], above_ground[:, 1]), 90))
     T[:3] *= height_mm / tall
     half = 1.7 * height_mm / tall * max(wide, 0.5 * tall)
-    return T, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))
+    return T, box_about_z(half, 1.7 * height_mm)
 
 
 def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s h w 3"]:

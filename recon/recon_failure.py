@@ -1,6 +1,4 @@
-"""How a fruit's photos can fail to become a mesh: one exception, whose problem is a word and whose detail a
-sentence.
-"""
+"""How photos can fail to become a mesh: an exception whose problem is a word, its detail a sentence."""
 
 from enum import StrEnum
 

@@ -1,6 +1,4 @@
-"""Where size comes from: the mat's print, or the fruit's measured height; and the box in which a fruit may
-stand.
-"""
+"""Where size comes from (mat, height or coin), and the box in which a fruit may stand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,12 +25,15 @@ Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
 def blank_box(mat: Mat) -> Box:
-    """Lowest and highest corner of the space over the mat's blank centre, with room for a fruit that
-    overhangs it.
-    """
+    """The space over the mat's blank centre, with room for a fruit that overhangs it."""
     inner = min(float(np.abs(corners[:, :2]).max(1).min()) for corners in mat.corners_mm.values())
     half = max(inner, 0.12 * mat.width_mm)
-    return np.array([-1.45 * half, -1.45 * half, 0.0]), np.array([1.45 * half, 1.45 * half, 2.7 * half])
+    return box_about_z(1.45 * half, 2.7 * half)
+
+
+def box_about_z(half: float, high: float) -> Box:
+    """The box within `half` of the z axis in x and y, from the ground up to `high`."""
+    return np.array([-half, -half, 0.0]), np.array([half, half, high])
 
 
 def scaled_to_height(
@@ -61,8 +62,7 @@ def with_print_error(scale_sd: float) -> float:
 
 
 def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float) -> float:
-    """Relative standard deviation of a scale taken from the height: the caliper's error and that of two mesh
-    ends.
+    """Relative standard deviation of a scale by height: the caliper's error and that of two mesh ends.
 
     >>> round(spread_of_scale(60.0, height_sd_mm=0.3, surface_sd_mm=0.0), 6)
     0.005

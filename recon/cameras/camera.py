@@ -1,6 +1,4 @@
-"""A camera with its pose: world points to pixels. Pixel centres are whole numbers; axes x right, y down, z
-ahead.
-"""
+"""A camera with its pose: world to pixels, whose centres are whole numbers; x right, y down, z ahead."""
 
 from dataclasses import dataclass, replace
 
@@ -26,6 +24,21 @@ class Camera:
     k1: float
     cam_from_world: Float[np.ndarray, "4 4"]
 
+    @classmethod
+    def of(
+        cls, photo: Photo, focal_px: float, k1: float, cam_from_world: Float[np.ndarray, "4 4"]
+    ) -> "Camera":
+        """The camera that took a photo."""
+        height, width = photo.image.shape[:2]
+        return cls(
+            name=photo.name,
+            width_px=width,
+            height_px=height,
+            focal_px=float(focal_px),
+            k1=float(k1),
+            cam_from_world=cam_from_world,
+        )
+
     @property
     def middle_px(self) -> Float[np.ndarray, "2"]:
         """The principal point: the picture's middle."""
@@ -34,14 +47,12 @@ class Camera:
     @property
     def place(self) -> Float[np.ndarray, "3"]:
         """The camera's centre in the world."""
-        return np.asarray(-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])
+        return place_of(self.cam_from_world)
 
     @property
     def intrinsics(self) -> Float[np.ndarray, "3 3"]:
         """The matrix K of the pinhole."""
-        K = np.diag([self.focal_px, self.focal_px, 1.0])
-        K[:2, 2] = self.middle_px
-        return K
+        return pinhole(self.focal_px, (self.height_px, self.width_px))
 
     def into(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """World points in the camera's axes; the third column is their depth."""
@@ -71,6 +82,25 @@ class Camera:
         cam_from_new = self.cam_from_world @ np.linalg.inv(new_from_world)
         cam_from_new[:3] *= scale
         return replace(self, cam_from_world=cam_from_new)
+
+
+def pinhole(focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """The matrix K of a camera whose photos are (height, width) pixels."""
+    return np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1.0]])
+
+
+def place_of(cam_from_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    """A camera's centre in the world."""
+    return np.asarray(-cam_from_world[:3, :3].T @ cam_from_world[:3, 3])
+
+
+def aim_of(poses: Float[np.ndarray, "v 4 4"]) -> Float[np.ndarray, "3"]:
+    """The point nearest to the optical axes of all cameras (cam_from_world)."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for pose in poses:
+        off = np.eye(3) - np.outer(pose[2, :3], pose[2, :3])
+        A, b = A + off, b + off @ place_of(pose)
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
 
 
 def straightened(photo: Photo, camera: Camera) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:

@@ -29,11 +29,9 @@ SPOTS = 180
 RADIUS_STEP = 0.02
 """Of the tried radii, relative: over an element of 1 / 9 radius, five steps of it."""
 LEAST_STEP = 3.0
-"""Least step of colour that counts as an edge, CIE Lab units: over four of the 41 places across a rim, and a
-picture element in the view from above."""
+"""Least step of colour of an edge, CIE Lab units, over four places across a rim or one pixel from above."""
 OUTERMOST = 0.5
-"""Of the steps along a ray that reach this share of its strongest, the outermost is the rim: coins
-have rings."""
+"""Coins have rings: of steps along a ray that reach this share of the strongest, the outermost is the rim."""
 OUTERMOST_VOTES = 0.8
 """Of the tried radii that reach this share of the most votes, the largest is the first guess."""
 FEWEST_VIEWS = 3

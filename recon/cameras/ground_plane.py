@@ -6,8 +6,7 @@ from jaxtyping import Float
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TRIALS = 600
-"""Planes through three points that are tried: where a quarter of the points is ground, one of 600 misses it
-with probability 0.01 %."""
+"""Planes through three points that are tried; if a quarter is ground, all miss it with probability 0.01 %."""
 FEWEST_POINTS = 15
 """On a plane, at least; fewer may share one by chance. Set by hand."""
 STEEPEST_DEG = 10.0
@@ -21,8 +20,7 @@ def ground_plane(
     above: Float[np.ndarray, "m 3"] | None,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """A point of the plane that most points lie within `tolerance` of, and its upward unit normal (RANSAC,
-    least squares).
+    """A point, and the upward unit normal, of the plane within `tolerance` of most points (RANSAC).
 
     Up is where `above` (the cameras) is, all on one side; without it, where most of the remaining points are.
     Raises ReconFailure (no-overlap) where fewer than fifteen points share a plane.

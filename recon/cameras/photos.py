@@ -1,6 +1,4 @@
-"""Reads the photos of one fruit: upright BGR images, small enough to work on, and the focal length if a
-camera wrote it.
-"""
+"""Reads the photos of one fruit: upright BGR images of a workable size, and the focal length in EXIF."""
 
 import struct
 from dataclasses import dataclass
@@ -205,8 +203,7 @@ def require_enough(count: int, *, where: str) -> None:
 
 
 def exif_focal_px(data: bytes, *, longest_px: int) -> float | None:
-    """Focal length in pixels from the EXIF tag FocalLengthIn35mmFilm of a JPEG or of a HEIC's EXIF block;
-    None where there is none.
+    """Focal length (px) from EXIF's FocalLengthIn35mmFilm of a JPEG or a HEIC's EXIF block, or None.
 
     f_px = f_35 / 36 mm * longest side. Tag numbers: Exif 2.32 (CIPA DC-008), 0x8769 and 0xA405.
     """

@@ -1,6 +1,4 @@
-"""What a picture's header tells before anything is decoded: its kind, its size, and if it can be decoded by
-rows.
-"""
+"""What a picture's header tells before decoding: its kind, its size, and if it can be decoded by rows."""
 
 import struct
 from collections.abc import Iterator
@@ -68,8 +66,7 @@ def picture_px(data: bytes) -> tuple[int, int] | None:
 
 
 def first_scan(jpeg: bytes) -> int:
-    """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own; its
-    length where it never does.
+    """Where a JPEG's picture begins, behind headers that may hold a small one; its length if it never does.
 
     The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0
     or a restart marker alone); phones put a film after it.

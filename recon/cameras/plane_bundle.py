@@ -21,8 +21,7 @@ LOSS_PX = 1.0
 STEPS = 40
 """Of Gauss-Newton at most; it ends where steps no longer gain. Set by hand."""
 ROUNDS, STEADY = 4, 0.02
-"""How often the misses' spread is told anew at most, and the change of its logarithm that ends it (a tenth of
-what 60 points tell of it)."""
+"""How often the misses' spread is told anew, and the change of its logarithm that ends it (by hand)."""
 LEAST_SPREAD_PX = 1e-3
 """px, least spread of the misses: keeps exact data from a division by zero."""
 

@@ -4,11 +4,13 @@ picture of it as from above differs from photo to photo by a turn and a shift on
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from recon.cameras.camera import pinhole
 from recon.cameras.photos import Photo
 
 SINES = (0.25, 0.45, 0.72, 1.0)
@@ -53,13 +55,12 @@ def down_view(
     picture's (width, height), for a camera held level whose axis meets the ground at arcsin(`sine`).
     """
     cosine = float(np.sqrt(max(1.0 - sine * sine, 0.0)))
-    K = np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1]])
     turn = np.array([[1.0, 0, 0], [0, sine, -cosine], [0, cosine, sine]])
     scale = 0.8 * focal_px * np.sqrt(sine)
     half = REACH * scale
     side = round(2 * half)
     onto = np.array([[scale * sine, 0, half], [0, scale * sine, half + scale * cosine], [0, 0, 1]])
-    return onto @ turn @ np.linalg.inv(K), (side, side)
+    return onto @ turn @ np.linalg.inv(pinhole(focal_px, size)), (side, side)
 
 
 def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
@@ -95,13 +96,8 @@ def _ahead(H: Float[np.ndarray, "3 3"], size: tuple[int, int]) -> Bool[np.ndarra
 
 def ground_pairs(features: Sequence[GroundFeatures]) -> list[GroundPair]:
     """Pairs of photos whose ground is the same plane: at least FEWEST_INLIERS matches fit one homography."""
-    pairs = []
-    for a in range(len(features)):
-        for b in range(a + 1, len(features)):
-            pair = _pair(a, b, features[a], features[b])
-            if pair is not None:
-                pairs.append(pair)
-    return pairs
+    pairs = (_pair(a, b, features[a], features[b]) for a, b in combinations(range(len(features)), 2))
+    return [pair for pair in pairs if pair is not None]
 
 
 def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundPair | None:

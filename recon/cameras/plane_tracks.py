@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from recon.cameras.camera import place_of
 from recon.cameras.photos import Photo
 from recon.cameras.plane_bundle import PlaneScene, Sightings, projected
 from recon.picture_values import sampled
@@ -61,7 +62,7 @@ def ground_tracks(
     The median of all photos' grounds shows the ground without the fruit; about its corners (Shi, Tomasi
     1994) each photo is searched by normalised cross correlation within `search_px` picture elements.
     """
-    distance = float(np.median([np.linalg.norm(-p[:3, :3].T @ p[:3, 3] - [*foot, 0.0]) for p in scene.poses]))
+    distance = float(np.median([np.linalg.norm(place_of(p) - [*foot, 0.0]) for p in scene.poses]))
     side = SIDE_PX
     unit = 2 * REACH * distance / side
     y, x = np.mgrid[:side, :side].astype(float)
@@ -129,10 +130,9 @@ def _median(
         stack = np.stack([np.where(s[rows], p[rows], np.inf) for p, s in zip(pictures, shown, strict=True)])
         stack.sort(axis=0)
         count = np.isfinite(stack).sum(0)
-        low = np.take_along_axis(stack, np.maximum((count - 1) // 2, 0)[None], 0)[0]
-        high = np.take_along_axis(stack, np.maximum(count // 2, 0).clip(max=len(stack) - 1)[None], 0)[0]
-        out[rows] = np.where(count > 0, (low + np.where(np.isfinite(high), high, low)) / 2, 0)
-    return np.where(np.isfinite(out), out, 0).astype(np.float32)
+        ranks = np.maximum([(count - 1) // 2, count // 2], 0)
+        out[rows] = np.where(count > 0, np.take_along_axis(stack, ranks, 0).mean(0), 0)
+    return out.astype(np.float32)
 
 
 def _searched(
@@ -171,9 +171,7 @@ def _searched(
 def _top(
     like: Float[np.ndarray, "3 3"],
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
-    """Top of the quadratic through 3 x 3 values by least squares and its curvature A, None where there is no
-    top within a pixel.
-    """
+    """Top and curvature A of the quadratic fitted to 3 x 3 values; None without a top within a pixel."""
     gx = (like[:, 2].sum() - like[:, 0].sum()) / 6
     gy = (like[2].sum() - like[0].sum()) / 6
     xx = (like[:, 0].sum() + like[:, 2].sum() - 2 * like[:, 1].sum()) / 3

@@ -1,6 +1,4 @@
-"""The printed marker mat: where each tag's corners lie, how to read mat.json, how to see the tags in a
-photo.
-"""
+"""The printed marker mat: corners of its tags, how to read mat.json, how to find the tags in a photo."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -15,8 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
-"""Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
-and 18 mm within 95 mm."""
+"""Sides of tags, 30 mm mat to poster, and their reach; `drupe mat` prints 9 and 18 mm within 95 mm."""
 BORDERS = (1, 2)
 """Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
 PLACED, SHARP = 0.3, 0.05
@@ -31,9 +28,7 @@ _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
 
 @dataclass(frozen=True)
 class Mat:
-    """Tags on a plane, mm, z up: `corners_mm[id]` is (4, 3), top-left first, clockwise; the centre is
-    blank.
-    """
+    """Tags on a plane, mm, z up: `corners_mm[id]` is (4, 3), top-left first, clockwise; blank centre."""
 
     dictionary: str
     corners_mm: dict[int, Float[np.ndarray, "4 3"]]
@@ -190,8 +185,7 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 def detect_tags(
     image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
-    """The mat's tags in a photo: their numbers and corners, px (pixel centres whole), to a fraction of a
-    pixel.
+    """The mat's tags in a photo: numbers and corners, px (centres whole), to a fraction of a pixel.
 
     Corners come in the mat's order, whichever corner of a printed tag is its first: AprilTag's own images are
     turned by half a turn against OpenCV's. `borders` are tried in turn until the tags fit the mat. Tags that

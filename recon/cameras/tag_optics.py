@@ -1,6 +1,4 @@
-"""What printed tags tell of a photo's optics: how wide an edge is smeared, and how bright the paper came
-out.
-"""
+"""What printed tags tell of a photo's optics: how far edges are smeared, and how bright the paper is."""
 
 from dataclasses import dataclass
 
@@ -10,8 +8,7 @@ from jaxtyping import Float, UInt8
 from recon.picture_values import sampled
 
 STEPS = 33
-"""Places across an edge, from a sixteenth of the side before to one behind it: a step of a few tenths of a
-pixel."""
+"""Places across an edge, a sixteenth of the side before it to one behind: a few tenths of a pixel apart."""
 ROWS = 9
 """Profiles along the middle half of an edge that are averaged against noise. Set by hand."""
 LEAST_CONTRAST = 10.0

@@ -18,9 +18,7 @@ NO_PHOTOS = frozenset(
         ".mov", ".mp4", ".m4v", ".avi", ".3gp", ".wav", ".m4a", ".mp3", ".lrv",
     }
 )  # fmt: skip
-"""Notes, and what cameras and phones write beside a photo: how it was edited, a small copy of a film, the
-film of a moving photo.
-"""
+"""Notes, and what cameras write beside a photo: edits, a film's small copy, the film of a moving photo."""
 READ_KINDS = {"JPEG": ".jpg", "PNG": ".png", "HEIC": ".heic"}
 """Kinds of pictures that are read, and the suffix that each should have."""
 MOST_ENTRIES = 2000

@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from recon.checks.ground_check import RimEvidence
 
 HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
-"""Bounds of the bands of the rim that are compared, by direction above the horizontal: shadows lie low, and
-straight below there is no left and right."""
+"""Bounds of the rim's bands, above the horizontal: shadows lie low; straight below has no left or right."""
 FEWEST_SAMPLES = 30
 """Samples that each side of a band must have: of a photo's 96 evenly around the rim 8 lie
 within the 30 degrees of a band's side, so that 24 photos have 190 and four photos suffice."""

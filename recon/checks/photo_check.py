@@ -1,6 +1,4 @@
-"""Photos looked at before any geometry: which are of no use, which need their light evened, and why, by
-name.
-"""
+"""Photos inspected before any geometry: which are of no use, which need their light evened, and why."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -19,8 +17,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed
 
 ENOUGH_VIEWS = 12
-"""Photos; where the best are as many, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off
-(docs/validation.md, Shape)."""
+"""With so many good photos, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off."""
 MOST_BLUR_PX = 1.25
 """Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
 LEAST_SHARP = 0.35
@@ -92,9 +89,7 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
 
 
 def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
-    """Without a mat the first photo says where the suture is: it stays, poor or not, or the set is
-    refused.
-    """
+    """Without a mat the first photo shows where the suture is: it stays, or the set is refused."""
     if first.name in lost:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,

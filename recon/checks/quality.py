@@ -1,6 +1,4 @@
-"""How good a reconstruction is, in numbers that a person can check, and the warnings that follow from
-them.
-"""
+"""How good a reconstruction is, in numbers that a person can check, and the warnings from them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -14,8 +14,7 @@ from recon.wording import listed
 SAMPLES = 180
 """Places along the rim: every two degrees."""
 REACH = 0.1
-"""How far from the rim a step is sought, over the fruit's width. Set by hand: a mesh that is farther off is
-refused."""
+"""Reach of the search about the rim, over the fruit's width; meshes farther off are refused. By hand."""
 STEP_PX = 0.5
 """px between the places looked at: half a pixel."""
 LEAST_STEP = 6.0
@@ -45,8 +44,7 @@ class RimOffset:
 def rim_offset(
     image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
 ) -> RimOffset | None:
-    """The shift and growth of the rim that bring it onto the photo's colour steps; None where there are too
-    few.
+    """The rim's shift and growth that bring it onto the photo's colour steps; None for too few steps.
 
     The rim is the convex hull of the projected vertices. On its normals, within a tenth of its diameter,
     steps of colour (CIE Lab) are sought; their offsets s are fitted by s = n . shift + growth, once from the
@@ -90,9 +88,7 @@ def _held(
     offsets: Float[np.ndarray, " k"],
     columns: Float[np.ndarray, "n 3"],
 ) -> tuple[Float[np.ndarray, "3"], int]:
-    """A fit and how many normals have their step within a pixel of it: from `start`, or from the
-    strongest steps.
-    """
+    """A fit from `start` or the strongest steps, and how many normals have a step within a pixel."""
     if start is None:
         best = steps.argmax(axis=1)
         clear = steps[np.arange(len(steps)), best] > LEAST_STEP

@@ -20,8 +20,7 @@ RIM_SAMPLES = 96
 CLEARANCE_PX = 4.0
 """A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
 FEWEST_SIGHTINGS = 3
-"""Photos that show a place of the ground free, at least, for its colour: one that errs stands out among
-three."""
+"""Photos that show a place of the ground, at least, for its colour: of three, one that errs stands out."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from recon.triangle_mesh import face_areas, facing, neighbour_mean, vertex_norma
 SPREADING = 8
 """Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
 OUTLIER = 2.5
-"""Robust spreads from where on a sample counts less. Set by hand, as usual in robust statistics (2.5 leaves 1
-% out)."""
+"""Robust spreads from where on a sample counts for less: 2.5 leaves 1 % out. Set by hand."""
 ROBUST_ROUNDS = 4
 """Of reweighting. Set by hand."""
 INDEPENDENT, LEAST_HELD = 3.0, 0.3

@@ -13,8 +13,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.triangle_mesh import volume_mm3
 
 FEWEST_VIEWS = 6
-"""Photos in use, at least: with 8 meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv), fewer
-leave gaps. Set by hand."""
+"""Photos in use, at least; with 8, meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv). By hand."""
 WIDEST_GAP_DEG = 120.0
 """Degrees about the fruit that no photo covers, at most: a third of a turn. Set by hand."""
 

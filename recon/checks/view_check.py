@@ -1,6 +1,4 @@
-"""Where the photos of a set were taken, by the mat's tags alone, and whether they show the fruit all around:
-known before any outline is looked for.
-"""
+"""Where photos were taken, by the mat's tags alone, and whether they show the fruit all around."""
 
 from collections.abc import Sequence
 
@@ -17,8 +15,7 @@ from recon.surface.coverage import seen_and_unseen
 from recon.triangle_mesh import facing
 
 USUAL_HEIGHT_MM = 50.0
-"""Of a fruit whose height is not given. Cameras stand 200 mm away or more: 20 mm of it move the share of the
-skin that is seen by a hundredth or two."""
+"""Height (mm) of a fruit where none is given; 20 mm more change the share of skin seen by 0.01 or 0.02."""
 LEVEL = 3
 """Subdivisions of the ball that stands for the fruit: 642 vertices, 4 degrees apart."""
 

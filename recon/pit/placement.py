@@ -1,6 +1,4 @@
-"""The pit in the fruit: placed by the category's prior, cut out of the fruit by an exact Boolean
-(manifold3d).
-"""
+"""The pit in the fruit: placed by the category's prior, cut out by an exact Boolean (manifold3d)."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,17 +15,14 @@ from recon.triangle_mesh import bodies, open_edges, volume_mm3
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 LEVEL = 3
-"""Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius. The check of flesh
-takes three more."""
+"""Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius."""
 LEAST_FLESH_MM = 0.5
 """Of flesh over the pit, mm: thinner than an element, and than any fruit's. Set by hand."""
 
 
 @dataclass(frozen=True)
 class EmbeddedPit:
-    """The flesh as one solid: outer skin and pit wall (faces look out of the flesh), and which faces are
-    pit wall.
-    """
+    """The flesh as one solid, faces out of it: outer skin and pit wall, and which faces are pit wall."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
@@ -55,8 +50,7 @@ def _compact(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) 
 def place_pit(
     fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
-    """The prior's pit for a closed fruit mesh given in the fruit frame: a closed mesh with the
-    superellipsoid's volume.
+    """The prior's pit in a closed fruit mesh (fruit frame): a closed mesh of the superellipsoid's volume.
 
     In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
     by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises

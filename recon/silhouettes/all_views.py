@@ -1,6 +1,4 @@
-"""All photos' outlines of the fruit together: cut from the outside in, then made sharp in rounds of carving
-and projecting back.
-"""
+"""All outlines of the fruit: cut from the outside in, then sharpened in rounds of carving and projecting."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,8 +48,7 @@ HULL_LEVEL, FIT_LEVEL = 4, 5
 SIDES_PX = (320, 420)
 """px of a photo's cut picture under each cover: finer when the fruit's place is known."""
 COVER_SHRINK = 4
-"""The ground's cover is worked out at a quarter of the photo's sides: its edge is wide of the fruit
-anyway."""
+"""The ground's cover is computed at a quarter of the photo's sides: its edge is off the fruit anyway."""
 SURE_SHARE = 0.06
 """So deep inside a hull, as a share of the window, pixels are surely fruit."""
 

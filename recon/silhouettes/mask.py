@@ -27,8 +27,7 @@ DEGREES_OF_FREEDOM = 5.0
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
 SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
-"""Of the shadows' histogram, and the share of them that any depth of shadow keeps though none was seen. Set
-by hand."""
+"""Of the shadows' histogram, and the share of them that unseen depths of shadow keep. Set by hand."""
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
 """Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
 STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)
@@ -126,9 +125,7 @@ def window_around(
     margin: float,
     small_side_px: int,
 ) -> Window | None:
-    """The box of the points' projections, widened by `margin` of its size; None where it misses the
-    picture.
-    """
+    """The box of the points' projections, widened by `margin` of its size; None outside the picture."""
     pixels = camera.project(points)
     lowest, highest = pixels.min(0), pixels.max(0)
     grow = margin * (highest - lowest).max()

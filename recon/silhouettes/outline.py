@@ -1,6 +1,4 @@
-"""A fruit's outline to a fraction of a pixel: the best closed path across the log odds, then the colour step
-itself.
-"""
+"""A fruit's outline to a fraction of a pixel: the best closed path by log odds, then the colour step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,8 +18,7 @@ from recon.silhouettes.ring_path import best_rings
 SAMPLES = 1024
 """Places along an outline: about one a pixel on a fruit 320 px wide."""
 LEASH = 4.0
-"""Log odds that a shift of the whole reach costs: keeps an outline that nothing tells where it is. Set by
-hand."""
+"""Log odds that a shift of the whole reach costs, where nothing else tells the place. Set by hand."""
 EDGE_GAIN = 15.0
 """Log odds that a clear step of colour is worth, at most: that of several pixels of colour. Set by hand."""
 EDGE_LAB = 40.0
@@ -37,17 +34,14 @@ STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
 in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets."""
 CLEAR_STEP = 0.05
-"""Length of the step in linear light of 0 to 1 from which a sample has an edge: grain is below. Set by
-hand."""
+"""Least step of an edge in linear light of 0 to 1, above a photo's grain. Set by hand."""
 LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
 """Light of each pixel value, of a display's usual gamma."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A closed curve in shrunk pixels of a window, its outward normals, and the share found on a clear
-    edge.
-    """
+    """A closed curve in shrunk pixels of a window, outward normals, and the share on a clear edge."""
 
     points: Float[np.ndarray, "n 2"]
     normals: Float[np.ndarray, "n 2"]

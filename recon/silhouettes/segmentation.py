@@ -1,6 +1,4 @@
-"""Which cells and pixels are fruit: background plate, log odds of each pixel, cut of each photo, voxel block
-by vote of the photos.
-"""
+"""Which cells and pixels are fruit: background plate, log odds of pixels, cuts of photos, block by vote."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,8 +38,7 @@ BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
 edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
 0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
 THINNED = 2
-"""Scales of the ground's noise and the share of the strange are means over tens of thousands of pixels: every
-second pixel and line tells them as well."""
+"""Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +65,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class SegmentationScene:
-    """Undistorted photos of one fruit on the plane z = 0, the box (mm) that it stands in, and the fruit model
-    that is asked, if any.
-    """
+    """Undistorted photos of a fruit on z = 0, the box (mm) that it stands in, and the fruit model, if any."""
 
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]]
     cameras: Sequence[Camera]

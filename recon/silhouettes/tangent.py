@@ -1,6 +1,4 @@
-"""A surface fitted to the outlines: where a view is tangent to it the outline gives its position, between
-those places its curvature is least.
-"""
+"""A surface that lies on the outlines where views are tangent to it, of least bending in between."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +23,7 @@ STIFFNESS = 6.0
 REACH_SHARE = 0.03
 """Of the fruit's size, within which a vertex belongs to a rim; twice that in the first round. Set by hand."""
 LEAST_SPREAD_PX = 0.35
-"""px, least spread of the misses: what outlines are off by at best (RIM_SD_PX of
-recon.checks.surface_error)."""
+"""px, least spread of the misses, as RIM_SD_PX of recon.checks.surface_error."""
 SPREADS = 3.0
 """Spreads from where on a miss counts ever less. Set by hand, as usual in robust statistics."""
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
@@ -38,9 +35,7 @@ SPREADING = 6
 
 @dataclass(frozen=True)
 class FittedSurface:
-    """A surface that lies on the outlines: its vertices, how many rims hold each of them, and the median miss
-    (mm).
-    """
+    """A surface on the outlines: vertices, how many rims hold each of them, and the median miss (mm)."""
 
     vertices: Float[np.ndarray, "n 3"]
     support: Float[np.ndarray, " n"]
@@ -136,9 +131,7 @@ def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | Non
 def _solved(
     matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"] | None
 ) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order, or in
-    SuperLU's minimum degree order.
-    """
+    """matrix^-1 right, matrix symmetric positive definite, eliminated in this or a minimum degree order."""
     place = np.arange(len(right)) if order is None else order
     rows = matrix[place]
     factor = splu(

@@ -17,11 +17,9 @@ VIEWS = 3
 GRAZING, FULL = 0.0, 0.3
 """Cosines between a normal and the VIEWS-best camera: from where on the skin was seen, and seen well."""
 TURNS, TRIAL_POINTS, TRIAL_STEPS, STEPS, FINALISTS = 24, 500, 20, 40, 4
-"""Starts 15 degrees apart; points and steps of a trial, steps of the end, and trials that come so far. Set by
-hand: stone fruit are nearly round."""
+"""Starts 15 degrees apart; points and steps of a trial; steps of the finalists, and their number. By hand."""
 RING_DEG = (15.0, 50.0)
-"""Elevations of the cameras where those are not known: a low and a high ring, as photos are advised to be
-taken."""
+"""Elevations of cameras that are not known: a low and a high ring, as advised."""
 FEWEST = 60
 """Points of one mesh, of 500, on skin that both saw, at least."""
 OUTLIER = 3.0

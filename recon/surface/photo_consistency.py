@@ -1,6 +1,4 @@
-"""Photo-consistency of small surface patches: how well the views agree on them, and where along the normals
-they agree best.
-"""
+"""Photo-consistency of small patches: how well views agree on them, and where along the normals best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,11 +20,9 @@ FACING = 0.35
 FEWEST_VIEWS = 3
 """That show a patch, at least: two agree by chance."""
 VIEW_COUNTS = (5, 8)
-"""Views compared. Few face the bottom of a narrow cavity; many average a highlight out that moves between
-them."""
+"""Views compared: few face the bottom of a narrow cavity; many average out a highlight that moves."""
 LEAST_CONTRAST = (1.2, 0.8)
-"""Least standard deviation of a patch, grey levels, as it is and without its gradient; noise of a photo after
-the blur is about 0.5."""
+"""Least standard deviation of a patch (grey levels), and without its gradient; a photo's noise is 0.5."""
 LEAST_SCORE = (0.5, 0.4)
 """Correlation, as it is and without the gradient, that is trusted. Set by hand."""
 DISTINCT, DISTINCT_STEPS = 0.1, 3

@@ -14,8 +14,7 @@ DEPTH = 6
 def poisson_surface(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, "k 3"]]:
-    """The surface whose indicator's gradient fits the normals and that passes by the points (Kazhdan, Hoppe
-    2013).
+    """The surface by the points whose indicator's gradient fits the normals (Kazhdan, Hoppe 2013).
 
     Points (mm) cover the whole fruit, normals look outward. Run in one thread: the same points give the same
     mesh.

@@ -14,8 +14,7 @@ FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
 0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies within 0.1 mm."""
 CURVATURE_ROUNDS = 6
-"""Times that curvature is averaged with the neighbours': over about a fifth of the radius, less than a cavity
-is wide."""
+"""Times that curvature is averaged with the neighbours': over a fifth of the radius."""
 MOST_CURVATURE = 3.0
 """Largest curvature (inverse radii): a patch bent more than that is noise of the mesh."""
 
@@ -90,9 +89,7 @@ def roundness(bending: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def mean_curvature(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Mean curvature, 1/mm, negative where convex: the mean of 2 n . (x_j - x_i) / |x_j - x_i|² over the
-    neighbours j.
-    """
+    """Mean curvature (1/mm, convex < 0): mean of 2 n . (x_j - x_i) / |x_j - x_i|² over neighbours j."""
     i, j = sides_of(faces).T
     step = points[j] - points[i]
     each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)

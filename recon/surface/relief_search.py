@@ -35,8 +35,7 @@ FINE_SEARCH = Search(highest=0.04, lowest=-0.05, steps=12, from_moved=True)
 STEM_COSINE = 0.75
 """Of the normal to the vertical: steeper skin is a side, where no stem is."""
 SHALLOW_SHARE = 0.055
-"""On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines: a
-suture, never a stem cavity."""
+"""On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines."""
 STIFFNESS = 1.2
 """Stiffness of the membrane against the weight of a depth found (a squared correlation, so at most 1):
 neighbours with depths of their own bend it, a lone one does not."""
@@ -126,9 +125,7 @@ def refined(
     views: Sequence[GreyView],
     zone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-    """A surface moved further inside a zone, by a smooth step that is 0 where no depth is found; and where
-    one was.
-    """
+    """A surface moved smoothly inside a zone, by 0 where no depth is found; and where one was."""
     patches, rows = patches_of(mesh, surface), np.flatnonzero(zone)
     offsets = np.linspace(FINE_SEARCH.highest, FINE_SEARCH.lowest, FINE_SEARCH.steps) * mesh.radius_mm
     scores = _averaged(_spread_scores(patches, views, rows, offsets), mesh.faces, FINE_AVERAGED)
@@ -181,9 +178,7 @@ def _averaged(
 def _hollow(
     deep: Bool[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " n"]:
-    """1 where the photos agree all around that the skin lies deep under the outlines, 0 elsewhere, soft
-    between.
-    """
+    """1 where photos agree all around that the skin lies deep under the outlines, else 0; soft between."""
     step = neighbour_mean(faces, len(deep))
     sure, low = trusted.astype(float), (trusted & deep).astype(float)
     for _ in range(HOLLOW_ROUNDS):
@@ -202,9 +197,7 @@ def _membrane(
     faces: Int[np.ndarray, "m 3"],
     stiffness: float,
 ) -> Float[np.ndarray, " n"]:
-    """argmin sum w (x - offset)² + pull x² + 4 stiffness |x - mean of neighbours|² over the free vertices, 0
-    at the others.
-    """
+    """argmin sum w (x - offset)² + pull x² + 4 stiffness |x - mean of neighbours|², 0 where not free."""
     out = np.zeros(len(offset))
     if not free.any():
         return out

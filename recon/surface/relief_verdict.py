@@ -98,9 +98,7 @@ def _gains(
     surface: Float[np.ndarray, "n 3"],
     where: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Rise of the correlation from the outline surface to another; nan elsewhere and where views do not
-    tell.
-    """
+    """Rise of the correlation from the outline surface to another; nan elsewhere and where unknown."""
     gain, rows = np.full(len(surface), np.nan), np.flatnonzero(where)
     if len(rows):
         gain[rows] = _risen(mesh.outline[rows], patches_of(mesh, surface)[rows], views)

@@ -13,8 +13,7 @@ from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
 LARGEST_HOLE = 0.25
-"""Half the diagonal of the box around the largest hole that is closed, over the diagonal of the
-surface's box.
+"""Half the diagonal of the largest hole's box that is closed, over the diagonal of the surface's box.
 
 Where no photo shows the place that a fruit stands on, Poisson's surface is open there: 0.16 for a drawn
 fruit. A flat lid over a round hole of 0.25 takes 3 % of a ball's volume. Set by hand."""
@@ -33,8 +32,7 @@ class RepairedMesh:
 def repaired(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
 ) -> RepairedMesh:
-    """The largest part of a surface, without double or non-manifold pieces, holes closed, at most `max_faces`
-    faces.
+    """The largest part of a surface as a manifold, holes closed, of at most `max_faces` faces.
 
     By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
     open, missing-library where neither can be loaded.

@@ -1,6 +1,4 @@
-"""How much too tall a fruit comes out that no photo shows from the side: the same steps on an ellipsoid, and
-its stem cavity.
-"""
+"""How much too tall a fruit comes out that no photo shows from the side, by an ellipsoid and its cavity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +19,7 @@ SAMPLES, WAVE = 1024, 8
 MARGIN_PX = 16
 """px about an outline: enough for its errors."""
 NOISE_PX, SEED = 0.5, 1
-"""Standard deviation of the outlines: exact ones are believed over the bending of the surface, and leave a
-ball at 45 degrees a cone."""
+"""Standard deviation of the outlines: exact ones outweigh bending and leave a ball at 45 degrees a cone."""
 NO_CONE = 0.02
 """Excess of a hull under which the fitted surface's is under 0.2 %, and not worked out."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45

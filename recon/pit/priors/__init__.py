@@ -1,6 +1,4 @@
-"""What is known of a category before any measurement (its pit, its flesh, its whole body): numbers in TOML
-files, each with its source.
-"""
+"""What is known of a category beforehand (pit, flesh, whole body): numbers in TOML files, with sources."""
 
 import difflib
 import math
@@ -37,8 +35,7 @@ MAY_BE_LEFT = {
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPit:
-    """A pit that somebody measured: a closed mesh, mm, z its stem end, x to the suture, about its box's
-    centre.
+    """A pit that somebody measured: a closed mesh, mm, z to the stem, x to the suture, its box about 0.
 
     `digest` (SHA-256) stands for the mesh wherever a prior is compared or written down.
     """
