@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from recon.cameras.photos import Photo
 
@@ -53,6 +53,11 @@ class Camera:
     def intrinsics(self) -> Float[np.ndarray, "3 3"]:
         """The matrix K of the pinhole."""
         return pinhole(self.focal_px, (self.height_px, self.width_px))
+
+    def shows(self, pixels: Float[np.ndarray, "*n 2"], border_px: float) -> Bool[np.ndarray, "*n"]:
+        """Which pixels lie in the picture, further than `border_px` from its outermost ones."""
+        outermost = np.array([self.width_px - 1, self.height_px - 1])
+        return np.asarray(((pixels > border_px) & (pixels < outermost - border_px)).all(axis=-1))
 
     def into(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """World points in the camera's axes; the third column is their depth."""

@@ -54,10 +54,11 @@ def profiles_of(
         down = rays[:, 2] < -1e-3 * np.linalg.norm(rays, axis=1)
         along = np.where(down, -s.camera.place[2] / np.where(down, rays[:, 2], -1.0), 0.0)
         spot = s.camera.place + along[:, None] * rays
-        inside = ((pixels > 0) & (pixels < [s.camera.width_px - 1, s.camera.height_px - 1])).all(1)
         points.append(spot)
         reached.append(
-            down & inside & (np.linalg.norm(spot - middle, axis=1) < 2 * FARTHEST_DIAMETERS * radius)
+            down
+            & s.camera.shows(pixels, 0)
+            & (np.linalg.norm(spot - middle, axis=1) < 2 * FARTHEST_DIAMETERS * radius)
         )
         colours.append(sampled(s.colours, pixels))
     spots, reach = np.concatenate(points), np.concatenate(reached)

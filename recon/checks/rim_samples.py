@@ -102,8 +102,7 @@ def visible_ground(
     """Pixels of ground points, and which of them are in the picture and free of the mesh."""
     ahead = camera.into(points)[:, 2] > 0
     pixels = camera.project(points)
-    inside = ((pixels > 2) & (pixels < [camera.width_px - 3, camera.height_px - 3])).all(1)
-    return pixels, ahead & inside & (sampled(outside_px, pixels) > clearance_px)
+    return pixels, ahead & camera.shows(pixels, 2) & (sampled(outside_px, pixels) > clearance_px)
 
 
 def _gains(
@@ -163,8 +162,7 @@ def _rim(
     points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
     pixel = camera.project(points)
     outer = np.abs(sampled(view.outside_px, pixel)) < 1.6
-    inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
-    keep = np.flatnonzero(outer & inside)
+    keep = np.flatnonzero(outer & camera.shows(pixel, 2))
     turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)
     keep = keep[np.argsort(turn, kind="stable")]
     if len(keep) > RIM_SAMPLES:

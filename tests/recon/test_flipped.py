@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from dull_fruit import CHERRY, PLUM, skin_of_kind
+from level_camera import camera_at
 from scipy.spatial.transform import Rotation
 
 from recon import underside
-from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo, read_photos
 from recon.checks.quality import NOTHING_KNOWN, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.flipped import ScannedSide, both_sides
-from recon.triangle_mesh import vertex_normals, volume_mm3
+from recon.triangle_mesh import neighbour_mean, vertex_normals, volume_mm3
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
 
@@ -34,13 +34,9 @@ def around(height_mm: float) -> np.ndarray:
 def photographed(vertices: np.ndarray, faces: np.ndarray, rng: np.random.Generator) -> ScannedSide:
     """As a reconstruction leaves it: smooth errors of 0.05 mm, 0.6 mm too thick where no camera looked."""
     normals = vertex_normals(vertices, faces)
-    i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    error = rng.normal(size=len(vertices))
+    mean, error = neighbour_mean(faces, len(vertices)), rng.normal(size=len(vertices))
     for _ in range(8):
-        mean = np.bincount(i[:, 0], error[i[:, 1]], len(vertices)) / np.bincount(
-            i[:, 0], minlength=len(vertices)
-        )
-        error = (error + mean) / 2
+        error = (error + mean @ error) / 2
     side = ScannedSide.of(vertices, faces, around(float(np.ptp(vertices[:, 2]))))
     off = NOISE_MM * error / error.std() + GUESS_MM * (1 - side.seen)
     return replace(side, vertices=vertices + off[:, None] * normals)
@@ -130,13 +126,7 @@ def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_pa
 
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
     """A scanned side as a reconstruction from the cameras around it."""
-    cameras = []
-    for k, place in enumerate(around(height_mm)):
-        pose = np.eye(4)
-        pose[:3, 3] = -place
-        cameras.append(
-            Camera(name=f"{k}.jpg", width_px=640, height_px=480, focal_px=900.0, k1=0.0, cam_from_world=pose)
-        )
+    cameras = [camera_at(place, [0.0, 0.0, height_mm / 2]) for place in around(height_mm)]
     quality = replace(NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6)
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,

@@ -1,5 +1,6 @@
 """Segmentation of drawn photos of an egg whose outline in every photo is a conic."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -161,10 +162,7 @@ def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():
     for k in (1, 4):
         pose = cameras[k].cam_from_world.copy()
         pose[0, 3] += 90.0  # the fruit at the picture's edge
-        cameras[k] = Camera(
-            name=cameras[k].name, width_px=WIDTH, height_px=HEIGHT, focal_px=cameras[k].focal_px, k1=0.0,
-            cam_from_world=pose,
-        )  # fmt: skip
+        cameras[k] = replace(cameras[k], cam_from_world=pose)
     kept, names = whole_views(SegmentationScene(given.images, cameras, LOW, HIGH), ball_block(9))
     assert names.tolist() == [0, 2, 3, 5, 6, 7]
     assert [c.name for c in kept.cameras] == [cameras[i].name for i in names]

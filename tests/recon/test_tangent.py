@@ -11,7 +11,7 @@ from recon.silhouettes.hull import Silhouette, ball, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
 from recon.silhouettes.tangent import FittedSurface, fitted_to_outlines
-from recon.triangle_mesh import rim_crossings, volume_mm3
+from recon.triangle_mesh import rim_crossings, sides_of, volume_mm3
 
 EGG = Egg()
 
@@ -94,7 +94,7 @@ def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
 
 def test_the_rim_of_a_ball_lies_on_the_polar_plane_of_the_camera():
     directions, faces = ball(4)
-    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    i, j = sides_of(faces).T
     radius, place = 20.0, np.array([50.0, -30.0, 80.0])
     a, b, t = rim_crossings(radius * directions, directions, i, j, place)
     rim = radius * ((1 - t)[:, None] * directions[a] + t[:, None] * directions[b])
