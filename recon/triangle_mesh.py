@@ -48,6 +48,14 @@ def parts_of(edges: Int[np.ndarray, "e 2"], count: int) -> Int[np.ndarray, " n"]
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
+def used_part(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "m 3"]]:
+    """The mesh without vertices that no face uses."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(renumbered).reshape(faces.shape)
+
+
 def consistently_oriented(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
     """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
     directions; unchanged where an edge has not two faces, or the surface has one side (a Moebius strip).

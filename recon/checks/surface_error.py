@@ -1,9 +1,10 @@
 """How far the mesh's skin may be off, vertex by vertex, from what the photos show beside its rims."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from recon.checks.camera_shadow import in_camera_shadow, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
@@ -51,7 +52,7 @@ def sd_on_patch_mm(
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceError:
-    """What is known of each vertex' place, along the normal, and how many rim samples spoke (`samples`).
+    """What is known of each vertex' place, along the normal.
 
     `sd_mm`: standard deviation; `offset_mm`: the offset that the rims measured (positive: fruit outside the
     mesh), shrunk where they disagree; `rms_mm`: root mean square of `sd_mm` over the skin that two cameras or
@@ -60,7 +61,6 @@ class SurfaceError:
 
     sd_mm: Float[np.ndarray, " n"]
     offset_mm: Float[np.ndarray, " n"]
-    samples: Float[np.ndarray, " n"]
     rms_mm: float
 
 
@@ -96,31 +96,26 @@ def surface_error(
     floor = RIM_SD_PX * e.pixel_mm[known]
     trust = (np.median(floor) ** 2 if len(floor) else 1.0) / (e.sd_mm[known] ** 2 + floor**2)
 
-    def onto(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "n c"]:
-        columns = [np.bincount(a, (1 - t) * v, count) + np.bincount(b, t * v, count) for v in values.T]
-        return spread(np.stack(columns, axis=1))
+    def onto(
+        values: Sequence[Float[np.ndarray, " k"]], some: Bool[np.ndarray, " s"]
+    ) -> Float[np.ndarray, "c n"]:
+        a, b, t = e.a[some], e.b[some], e.t[some]
+        columns = [np.bincount(a, (1 - t) * v, count) + np.bincount(b, t * v, count) for v in values]
+        return spread(np.stack(columns, axis=1)).T
 
     def at(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         return np.asarray((1 - t) * values[a] + t * values[b])
 
-    unknown, every, shaded = spread(
-        np.stack(
-            [
-                np.bincount(e.a, (1 - e.t) * w, count) + np.bincount(e.b, e.t * w, count)
-                for w in (~known, np.ones(len(known)), shadow_sd_mm(e) ** 2)
-            ],
-            axis=1,
-        )
-    ).T
+    all_samples = np.ones(len(known), bool)
+    unknown, every, shaded = onto([~known, all_samples, shadow_sd_mm(e) ** 2], all_samples)
     weight = trust
     mean, scatter, held = np.zeros(count), np.zeros(count), np.zeros(count)
     for _ in range(ROBUST_ROUNDS):
-        sums = onto(np.stack([weight, weight * offset], axis=1))
-        mean = sums[:, 1] / np.maximum(sums[:, 0], 1e-9)
+        held, weighted = onto([weight, weight * offset], known)
+        mean = weighted / np.maximum(held, 1e-9)
         off = offset - at(mean)
-        squares = onto(np.stack([weight, weight * off**2], axis=1))
-        scatter = squares[:, 1] / np.maximum(squares[:, 0], 1e-9)
-        held = sums[:, 0]
+        (squares,) = onto([weight * off**2], known)
+        scatter = squares / np.maximum(held, 1e-9)
         scale = OUTLIER * np.maximum(np.sqrt(at(scatter)), floor) if len(floor) else floor
         weight = trust / (1 + (off / scale) ** 2)
     floor_mm = float(np.median(floor)) if len(floor) else 0.0
@@ -137,4 +132,4 @@ def surface_error(
     area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), count)
     seen = area * (views >= SEEN_BY)
     rms = float(np.sqrt(np.sum(seen * sd**2) / max(float(seen.sum()), 1e-9))) if seen.any() else float("inf")
-    return SurfaceError(sd_mm=sd, offset_mm=mean * share * agreed, samples=held, rms_mm=rms)
+    return SurfaceError(sd_mm=sd, offset_mm=mean * share * agreed, rms_mm=rms)

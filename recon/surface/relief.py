@@ -108,10 +108,8 @@ def relief(
     certain &= support[:count] > 0.5 * np.median(support[:count])
     held = SUPPORT_WEIGHT * held
     regions: tuple[Region, ...] = ()
-    for averaged, least in (
-        (AVERAGED, LEAST_MEAN_GAIN),
-        (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED),
-    ):
+    gentler = (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED)
+    for averaged, least in ((AVERAGED, LEAST_MEAN_GAIN), gentler):
         found = searched(coarse, halves[0], loose, held, averaged=averaged)
         if not (found.far & (found.weight > 0)).any():
             continue
@@ -132,13 +130,8 @@ def relief(
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
         bridged=bridged,
         regions=regions,
-        edge_depth_mm=_edge_depth_mm(fine, surface),
+        edge_depth_mm=float(np.max(-heights_mm(fine, surface)[at_edge(fine, surface)], initial=0.0)),
     )
-
-
-def _edge_depth_mm(mesh: OutlineMesh, surface: Float[np.ndarray, "m 3"]) -> float:
-    """Depth of the deepest vertex at the edge of the search, 0 where none is."""
-    return float(np.max(-heights_mm(mesh, surface)[at_edge(mesh, surface)], initial=0.0))
 
 
 def _finer(

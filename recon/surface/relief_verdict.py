@@ -20,19 +20,11 @@ CHANCE = 1e-2
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A connected patch that the search moved, and what the held-out views say of it.
-
-    `measured` of its `vertices` (of the coarse mesh) have a depth of their own, `confirmed` of these explain
-    the held-out views better than the outline surface does; `mean_gain` is by how much (correlation),
-    `chance` how likely so many are where the outline surface is certain.
+    """A connected patch that the search moved: its depth, how likely as many vertices confirm it where the
+    outline surface is certain, and whether it is kept.
     """
 
-    centre_mm: Float[np.ndarray, "3"]
     depth_mm: float
-    vertices: int
-    measured: int
-    confirmed: int
-    mean_gain: float
     chance: float
     accepted: bool
 
@@ -63,18 +55,7 @@ def judged(
         chance = float(bdtrc(int(confirmed / per_patch) - 1, patches, p0))
         rise = float(gain[measured].mean())
         accepted = chance < CHANCE and rise > least_mean_gain
-        regions.append(
-            Region(
-                centre_mm=mesh.outline.points[part].mean(0),
-                depth_mm=-float(heights[part].min()),
-                vertices=int(part.sum()),
-                measured=int(measured.sum()),
-                confirmed=confirmed,
-                mean_gain=rise,
-                chance=chance,
-                accepted=accepted,
-            )
-        )
+        regions.append(Region(depth_mm=-float(heights[part].min()), chance=chance, accepted=accepted))
         kept |= part & accepted
     return tuple(regions), kept
 
