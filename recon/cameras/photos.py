@@ -54,11 +54,8 @@ def photo_paths(folder: Path) -> tuple[Path, ...]:
     """
     if not folder.is_dir():
         return ()
-    return tuple(sorted(p for p in folder.iterdir() if _is_photo(p)))
-
-
-def _is_photo(path: Path) -> bool:
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+    visible = (p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    return tuple(sorted(p for p in visible if p.is_file()))
 
 
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
@@ -106,11 +103,9 @@ def _require_size(
         other = "save it as a baseline JPEG, " if progressive else ""
         most = f"at most {most_pixels / 1e6:g} million pixels: {other}make it smaller or remove it"
         raise _unreadable(path, found, most)
-    if min(width, height) < SHORTEST_SIDE_PX:
-        found = f"has {width} x {height} pixels, too few to show a fruit"
-        raise _unreadable(path, found, "a photo: take it again or remove it")
-    if max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
-        found = f"has {width} x {height} pixels, a strip"
+    few = min(width, height) < SHORTEST_SIDE_PX
+    if few or max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
+        found = f"has {width} x {height} pixels, {'too few to show a fruit' if few else 'a strip'}"
         raise _unreadable(path, found, "a photo: take it again or remove it")
 
 
@@ -133,7 +128,7 @@ def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray,
     part = 1
     if size[0] * size[1] > MOST_WHOLE_PIXELS:
         share = max(size) / longest_side_px
-        part, way = next((one for one in _REDUCED if share >= one[0]), (part, way))
+        part, way = next((reduced for reduced in _REDUCED if share >= reduced[0]), (part, way))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), way)
     except cv2.error as error:
@@ -167,14 +162,14 @@ def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
     return np.ascontiguousarray(colours), exif
 
 
-def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ...]:
+def read_photos(folder: Path) -> tuple[Photo, ...]:
     """All photos of a folder, by name.
 
     Raises ReconFailure: too-few-views under three photos, unreadable-photo for the first file that is none.
     """
     paths = photo_paths(folder)
     require_enough(len(paths), where=str(folder))
-    return tuple(read_photo(path, longest_side_px=longest_side_px) for path in paths)
+    return tuple(read_photo(path) for path in paths)
 
 
 _REDUCED = (
