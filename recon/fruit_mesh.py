@@ -98,14 +98,12 @@ def reconstruct(
     options: ReconOptions | None = None,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """The fruit of a set of photos as a closed mesh in mm.
+    """The fruit of a set of photos as a closed mesh in mm, scaled by the mat or by the fruit's height.
 
-    Scale comes from the mat, or without one from the fruit's height. The same photos give the same mesh:
-    every library runs in one thread with a fixed seed. Where the photos contradict the mesh, as with white
-    fruit on white paper of which the first block lacks a side, it is made once more from a block that fewer
-    photos must agree on. Raises ReconFailure: too-few-views, mat-not-found, no-overlap, no-fruit,
-    fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted, bad-geometry-model,
-    missing-library.
+    One thread and fixed seeds: the same photos give the same mesh. Where the photos contradict it, it is made
+    once more from a block that fewer photos must agree on. Raises ReconFailure: too-few-views, mat-not-found,
+    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted,
+    bad-geometry-model, missing-library.
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)

@@ -19,8 +19,7 @@ UNSURE = 0.005
 APART_SD = 3.0
 """Standard deviations by which coin and height may differ unsaid."""
 NEAREST_COIN, FARTHEST_COIN = 0.12, 0.3
-"""Of the height's scale the coin is sought at least so far (a height misread by a tenth is found out), and at
-most: beyond it the coin's own rings are met."""
+"""How far from the height's scale the coin is sought, at least and at most (beyond, its rings are met)."""
 Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
@@ -50,10 +49,7 @@ def scaled_to_height(
 
 
 def with_print_error(scale_sd: float) -> float:
-    """Relative standard deviation of a scale taken from the mat: the fit's and the print's, in quadrature.
-
-    The print is taken to be true to 0.1 % once its bar was measured (assumed: that is 0.1 mm in 100 mm, about
-    what a good ruler or a caliper tells; paper that swells in damp air is not in it).
+    """Relative standard deviation of a scale from the mat: the fit's and the print's (assumed).
 
     >>> with_print_error(0.0)
     0.001
@@ -92,11 +88,10 @@ def scale_without_mat(
 ) -> Scale:
     """Scale from the height of the fruit, or from a coin beside it, which the height then checks.
 
-    A mesh whose top no photo shows from the side is too tall: it is taken to be height_mm (1 + excess) tall,
-    with the excess that recon.surface.unseen_top expects of the share of the top that no relief has
-    measured (1 - `top_measured`). The height's error is the caliper's, that of two mesh ends
-    (`surface_sd`, in the mesh's unit), and the excess's. A coin is sought within three of these standard
-    deviations. Without a coin to be found the height counts, with a warning.
+    A mesh whose top no photo shows from the side is taken to be height_mm (1 + excess) tall, with the
+    expected excess of the share of the top that relief has not measured (1 - `top_measured`). The height's
+    error is the caliper's, that of two mesh ends (`surface_sd`, in the mesh's unit), and the excess's. A coin
+    is sought within three of these; without one the height counts, with a warning.
     """
     low, high = vertices.min(0), vertices.max(0)
     tall = float(high[2] - low[2])

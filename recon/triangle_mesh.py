@@ -128,8 +128,8 @@ def rim_crossings(
     j: Int[np.ndarray, " e"],
     place: Float[np.ndarray, "3"],
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Edges (i, j) whose one end faces a camera at `place` and whose other does not: their ends a and b, and
-    the share t of the way from a to b where n . (place - x), linear along the edge, is zero.
+    """Edges (i, j) of which one end, a, faces a camera at `place` and the other, b, does not; and the share t
+    of the way from a to b where n . (place - x), linear along the edge, is zero.
     """
     towards = np.einsum("ij,ij->i", place - points, normals)
     crossing = (towards[i] > 0) != (towards[j] > 0)

@@ -11,10 +11,8 @@ from recon.cameras.photos import Photo
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole with one radial term, and where it stood.
-
-    u = f x (1 + k1 r²) + c, with (x, y) = (X, Y) / Z in camera axes, r² = x² + y², c the centre of the
-    picture.
+    """A pinhole with one radial term, and its pose: u = f x (1 + k1 r²) + c, r² = x² + y², c the middle of
+    the picture, (x, y) = (X, Y) / Z in camera axes.
     """
 
     name: str

@@ -23,8 +23,7 @@ STRUCK_SD_MM = 0.03
 EDGE_MM = 0.15
 """The widest place of a coin lies so far below its top: the edge is rounded (assumed)."""
 LEAST_SD = 0.005
-"""Relative error that the photos' own scatter does not show: 0.1 to 1.0 % on a coin 38 pixels wide, with
-cameras 0.3 % off, by where the search began."""
+"""Relative error beyond the photos' scatter: 0.1 to 1.0 % on a coin 38 px wide, by where the search began."""
 SPOTS = 180
 """Places looked at along the rim: every two degrees."""
 RADIUS_STEP = 0.02
@@ -52,9 +51,7 @@ class Coin:
 
 @dataclass(frozen=True, kw_only=True)
 class CoinScale:
-    """The factor that takes the cameras' unit to mm, its relative standard deviation, where the coin lies
-    (in the cameras' unit), and how many photos show its rim.
-    """
+    """Factor from the cameras' unit to mm, its relative sd, where the coin lies, and photos with its rim."""
 
     factor: float
     sd: float
@@ -69,7 +66,7 @@ def known_coins() -> dict[str, Coin]:
 
 
 def coin_named(name: str) -> Coin:
-    """The coin of that name, capitals or not; raises ReconFailure (no-scale) that names all coins.
+    """The coin of that name, in any case; raises ReconFailure (no-scale) that names all coins.
 
     >>> coin_named("1 EURO").diameter_mm
     23.25
@@ -97,11 +94,10 @@ def coin_scale(
 ) -> CoinScale:
     """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
 
-    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim is a circle of the
-    coin's thickness above the plane. It is sought in the photos' mean from above; then every photo's steps of
-    colour across the half of the rim that is farther from the camera (the nearer half shows the edge and its
-    shadow) settle centre and radius together, with Cauchy's weights. The middle of the fruit is at x = y = 0.
-    Raises ReconFailure (no-scale) where no circle of that size shows in three photos.
+    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim, a circle of the coin's
+    thickness above the plane, is sought in the photos' mean from above. Then steps of colour across its
+    farther half in every photo settle centre and radius together, with Cauchy's weights. The fruit's middle
+    is at x = y = 0. Raises ReconFailure (no-scale) where no such circle shows in three photos.
     """
     high = coin.thickness_mm - EDGE_MM
     about = coin.diameter_mm / 2 / unit_mm
@@ -193,8 +189,8 @@ def _sought(
     for colours, camera in zip(seen, cameras, strict=True):
         pixels = camera.project(flat).reshape(side, side, 2)
         ahead = camera.into(flat)[:, 2].reshape(side, side) > 0
-        beside = np.nan_to_num(sampled(colours, pixels, outside=float("nan")))
-        picture = np.where(ahead[..., None], beside, np.float32(0))
+        ground = np.nan_to_num(sampled(colours, pixels, outside=float("nan")))
+        picture = np.where(ahead[..., None], ground, np.float32(0))
         gx = np.stack([cv2.Sobel(picture[..., k], cv2.CV_32F, 1, 0) for k in range(3)], 2) / 8
         gy = np.stack([cv2.Sobel(picture[..., k], cv2.CV_32F, 0, 1) for k in range(3)], 2) / 8
         strongest = np.argmax(gx**2 + gy**2, axis=2)[..., None]

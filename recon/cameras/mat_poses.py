@@ -47,13 +47,12 @@ class _Sighting:
 
 
 def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
-    """Cameras in the mat's frame (mm, z up), all sharing one focal length and one radial term.
+    """Cameras in the mat's frame (mm, z up) with one focal length and one radial term, without EXIF.
 
-    Minimises the distance in pixels between seen and projected tag corners over poses, focal length and k1,
-    with the corners held where they were printed. EXIF is not needed. Photos of another size than most are
-    left out, with a warning. `scale_sd` is the relative standard error of the scale: of the similarity that
-    takes the print to the corners as triangulated without it, and of the print. Raises ReconFailure:
-    mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
+    Minimises the distance in pixels of seen and projected tag corners. Photos of another size than most are
+    left out, with a warning. `scale_sd`: relative standard error of the similarity from the print to freely
+    triangulated corners, and of the print. Raises ReconFailure: mat-not-found (no tag anywhere),
+    too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)

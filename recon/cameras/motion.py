@@ -56,14 +56,12 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 
 
 def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
-    """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
+    """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
 
-    The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh
-    settles it), z up from the support plane, the fruit near the z axis. x points to where the first photo was
-    taken: by convention from the suture's side. Works where the ground or the fruit has texture. Writes the
-    pictures as PNG to a scratch folder of the system, because pycolmap reads only files; it is gone
-    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together, or
-    the first photo does not hang together with them or looks straight down), no-fruit, missing-library.
+    World: about millimetres (the points' height is taken for `height_mm`), z up from the support plane, fruit
+    near the z axis, x to where the first photo was taken. Writes PNG to a scratch folder, as pycolmap reads
+    only files. Raises ReconFailure: no-overlap (fewer than three photos or half of them, or not the first,
+    hang together, or the first looks straight down), no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
     if pycolmap is None:

@@ -55,9 +55,7 @@ def lens_doubts(optics: Sequence[TagOptics]) -> list[str]:
 
 
 def evened(photos: Sequence[Photo], optics: Sequence[TagOptics]) -> tuple[Photo, ...]:
-    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark;
-    as they are where `optics` does not tell of each.
-    """
+    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark."""
     whites = np.array([o.white for o in optics])
     if len(whites) < len(photos) or len(whites) == 0:
         return tuple(photos)

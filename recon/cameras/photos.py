@@ -14,9 +14,7 @@ from recon.cameras.picture_size import first_scan, in_one_pass, picture_kind, pi
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")
-"""In any case. What cameras and phones write, and how browsers and Windows name a JPEG; WebP, TIFF, AVIF and
-raw pictures are not read (unused_photos.py names such files).
-"""
+"""In any case. WebP, TIFF, AVIF and raw pictures are not read (unused_photos.py names such files)."""
 FEWEST_PHOTOS = 3
 """Of any reconstruction: two that err agree with each other, a third one tells."""
 MOST_PHOTOS = 500
@@ -36,9 +34,7 @@ FULL_FRAME_WIDTH_MM = 36.0
 
 @dataclass(frozen=True)
 class Photo:
-    """One picture: its file name, its pixels (BGR), the focal length in its own pixels where EXIF tells, and
-    the mat's tags in it once they were looked for: their numbers and corners (px).
-    """
+    """A picture: name, pixels (BGR), focal length in its pixels (EXIF), and, once sought, the mat's tags."""
 
     name: str
     image: UInt8[np.ndarray, "h w 3"]

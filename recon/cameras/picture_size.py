@@ -94,9 +94,8 @@ def in_one_pass(jpeg: bytes) -> bool:
 def _segments(jpeg: bytes) -> Iterator[tuple[int, int]]:
     """Each marker of a JPEG's headers and its place, up to the first scan.
 
-    Markers are found as libjpeg finds them: bytes between two segments, a zero behind 0xFF included, are
-    skipped (jdmarker.c, next_marker). A reader that took such bytes for a segment could be shown another
-    frame header than the decoder uses.
+    Found as libjpeg does (jdmarker.c, next_marker): bytes between segments are skipped, lest another frame
+    header be read than the decoder uses.
     """
     place = 2 if jpeg[:3] == b"\xff\xd8\xff" else len(jpeg)
     while 0 <= (place := jpeg.find(b"\xff", place)) < len(jpeg) - 1:

@@ -9,9 +9,8 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
 
 BREATHING_SD = 0.004
-"""Spread of the focal length from photo to photo, relative: phones focus each one anew. Of drawn phones it is
-0.002; with one focal length for all, cameras were 0.31 mm off instead of 0.16 and 0.28 instead of 0.12
-(phone-002, phone-004 of benchmarks/photo_bank.py, 12 photos)."""
+"""Relative spread of the focal length from photo to photo: phones focus each one anew (drawn ones: 0.002).
+With 0, cameras were 0.31 instead of 0.16 mm off (phone-002 of benchmarks/photo_bank.py, 12 photos)."""
 RIGID = 1e-4
 """The same spread where all photos share one focal length: none to speak of."""
 K1_SD = 0.05
@@ -116,8 +115,8 @@ def adjusted(
     unit = np.zeros(len(system.g))
     unit[-2] = 1.0
     variance = float(_factor(system.H).solve(unit)[-2])
-    settled = PlaneScene(state.poses, np.exp(state.common + state.breathing), state.k1, state.ground)
-    return Adjusted(settled, np.linalg.norm(miss_px, axis=1), float(np.sqrt(max(variance, 0.0))))
+    adjusted_scene = PlaneScene(state.poses, np.exp(state.common + state.breathing), state.k1, state.ground)
+    return Adjusted(adjusted_scene, np.linalg.norm(miss_px, axis=1), float(np.sqrt(max(variance, 0.0))))
 
 
 def _solved(problem: "_Problem", state: "_State", sigma_px: float) -> "tuple[_State, _System]":
@@ -143,8 +142,8 @@ def _solved(problem: "_Problem", state: "_State", sigma_px: float) -> "tuple[_St
 
 def _factor(matrix: csr_array) -> SuperLU:
     """A symmetric positive definite matrix, factored in its order: points before cameras."""
-    alike = {"SymmetricMode": True}
-    return splu(csc_array(matrix), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=alike)
+    symmetric = {"SymmetricMode": True}
+    return splu(csc_array(matrix), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=symmetric)
 
 
 def _spread_px(miss_px: Float[np.ndarray, "k 2"]) -> float:

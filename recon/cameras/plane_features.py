@@ -1,6 +1,4 @@
-"""Features of the ground under a fruit, found again in photos taken from far apart: the ground is flat, and a
-picture of it as from above differs from photo to photo by a turn and a shift only.
-"""
+"""Features of the ground, matched in pictures as from above, which differ by a turn and a shift only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +19,7 @@ USUAL_FOCAL = 1.15
 REACH = 0.75
 """Half side of the ground looked at, over the distance from camera to ground along the optical axis."""
 RATIO = 0.85
-"""Of a match's distance to the next best one's, at most (Lowe 2004, "Distinctive image features from
-scale-invariant keypoints", IJCV 60, has 0.8; here both photos must agree)."""
+"""Of a match's distance to the next best one's, at most (Lowe 2004: 0.8; here both photos must agree)."""
 FEWEST_INLIERS = 14
 """Matches that fit one homography, at least: eight numbers are fitted, and chance fits some. Set by hand."""
 INLIER_PX = 4.0

@@ -1,6 +1,4 @@
-"""Points of the ground measured in every photo that shows them: patches of the ground as from above, found in
-each photo's own picture from above by correlation.
-"""
+"""Points of the ground measured in every photo that shows them, by correlation of patches as from above."""
 
 from collections.abc import Sequence
 

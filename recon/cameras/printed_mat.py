@@ -18,9 +18,9 @@ TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
 BORDERS = (1, 2)
 """Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
 PLACED, SHARP = 0.3, 0.05
-"""Of a tag's side: its corners lie so near to where the mat has them if their order is right (a quarter turn
-moves them by 1), and if the border is right too. Drawn tags 16 px wide have up to 0.05. Kalibr's grids read
-with a border of one cell have 0.08 and more."""
+"""Of a tag's side, how near its corners lie to the mat's if their order is right (a quarter turn: 1), and if
+the border is right: up to 0.05 for drawn tags 16 px wide, 0.08 and more for Kalibr's with the wrong
+border."""
 LEAST_SIDE_PX = 30.0
 """A shorter side counts as this long: corners are off by fractions of a pixel, whatever the tag's size."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))

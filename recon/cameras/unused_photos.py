@@ -69,9 +69,7 @@ def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]
 
 
 def _entries(folder: Path) -> list[Path]:
-    """The visible entries of a folder, by name; none where it cannot be read. Names that begin with @, #, $
-    or ~ are of network storage and of office programs.
-    """
+    """Visible entries by name, none if unreadable; @, #, $ and ~ begin names of storage and offices."""
     with suppress(OSError), os.scandir(folder) as found:
         names = sorted(one.name for one, _ in zip(found, range(MOST_ENTRIES), strict=False))
         return [folder / name for name in names if name[0] not in ".@#$~"]

@@ -16,12 +16,9 @@ STEP_DEG = 45.0
 
 @dataclass(frozen=True, kw_only=True)
 class ViewPlan:
-    """Photos that could be placed, by name: `azimuth_deg` from the first photo on, to the right as one walks
-    facing the fruit (anticlockwise from above), and `distance`, in fruit diameters or any one unit.
-
-    `unplaced` share too little with these; photos left out for another reason are in neither. `gaps_deg`:
-    sides (from, to) without a photo; `stand_deg`: where the next photos should be taken; `given`: all photos
-    in the order that they were taken in.
+    """Photos that could be placed, by name: `azimuth_deg` from the first photo on, anticlockwise from above,
+    and `distance`, in any one unit. `unplaced` share too little with these. `gaps_deg`: sides (from, to)
+    without a photo; `stand_deg`: where the next photos should be taken; `given`: all photos in order.
     """
 
     names: tuple[str, ...]

@@ -1,7 +1,5 @@
-"""A shadow that goes with the camera, as a flash beside the lens throws it: on one side of every photo's rim.
-
-Skin that a mesh misses is on the left of the fruit in one photo and on its right in another. What reaches
-further on one side in all photos is not the fruit's.
+"""A shadow that goes with the camera, as a flash throws it: on one side of every photo's rim. Skin that a
+mesh misses is on another side in each photo; what reaches further on one side in all is not the fruit's.
 """
 
 import numpy as np
@@ -12,8 +10,7 @@ from recon.checks.ground_check import RimEvidence
 HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
 """Bounds of the rim's bands, above the horizontal: shadows lie low; straight below has no left or right."""
 FEWEST_SAMPLES = 30
-"""Samples that each side of a band must have: of a photo's 96 evenly around the rim 8 lie
-within the 30 degrees of a band's side, so that 24 photos have 190 and four photos suffice."""
+"""Samples of each side of a band, at least: a photo has 8 of its 96 there, so four photos suffice."""
 NOTICED_PX = 0.5
 """Left against right from which on it counts, px of the photo as checked. On the sets that it was chosen on
 0.3 at most without a flash, 1.5 and 2.4 with one."""

@@ -1,11 +1,8 @@
 """What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
 
-The outlines that a mesh was fitted to agree with it by construction. This looks again, without the outlines
-and the background plate that they came from: a point of the support plane that the mesh leaves free in
-several photos must keep its colour in them all. It is a second look, not independent evidence. Photos,
-cameras and support plane are the same, the mesh itself says where ground and skin are looked at, and the
-colours are modelled alike (shadows and histograms of recon/silhouettes/mask.py). What misleads both, such as
-a wrong camera or ground mirrored in the skin, goes unnoticed here.
+A point of the support plane that the mesh leaves free in several photos must keep its colour in them all.
+This is a second look without outlines and background plate, not independent evidence: what misleads both,
+such as a wrong camera or ground mirrored in the skin, goes unnoticed.
 """
 
 from collections.abc import Sequence
@@ -36,8 +33,7 @@ MOST_EVIDENCE = 3.0
 MOST_OF_SHADOW = 0.5
 """The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
 CORRELATED = 0.6
-"""Share by which a pixel's evidence counts, as neighbours on a profile are alike: blur, texture. To it comes
-half as much from either neighbouring sample."""
+"""Share by which a pixel's evidence counts, as neighbours are alike; half as much of both next samples'."""
 EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
 """Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
 STEP_POOLING), and the step (Lab units) that counts so much."""
@@ -47,8 +43,7 @@ STEP_PX = 3
 """The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
 PRIOR_SCALE_PX = 1.5
 """Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
-Evidence of three units moves the edge by seven pixels all the same. With this and STEP_PX the edge's error
-fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
+With this and STEP_PX the error fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
 SHADOW_SHARE = 0.15
 """Prior share of ground beside a fruit that is darkened."""
 LEAST_DENSITY = 2e-7
@@ -161,13 +156,9 @@ def _densities(
     """Densities of one photo's profile colours as lit ground, darkened ground, and skin; and in 0..1 how far
     skin and ground can be told apart at all there.
 
-    The counterpart of recon.silhouettes.mask's ground_noise and ground_density, from other data. There the
-    ground is the plate, its noise is estimated over a whole window that a shadow may half cover (a low
-    quantile), and the window tells how common and how dark shadows are. Here the ground is what the other
+    As recon.silhouettes.mask's ground_noise and ground_density, from other data: the ground is what the other
     photos show, with a spread for every pixel and channel; its noise comes from a few thousand pixels of
-    profiles (their median deviation), too few to tell of shadows, which are taken as even over k with the
-    prior SHADOW_SHARE.
-    Degrees of freedom, least noise and darkest shadow are recon.silhouettes.mask's.
+    profiles, too few to tell of shadows, which are taken as even over k with the prior SHADOW_SHARE.
     """
     colours, known = profiles.colours[mine], profiles.known[mine]
     ground = profiles.ground[mine]

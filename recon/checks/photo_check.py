@@ -23,8 +23,7 @@ MOST_BLUR_PX = 1.25
 LEAST_SHARP = 0.35
 """Sharpness over the usual one of its set, below which a photo is blurred. Set by hand."""
 LEAST_SHARP_ALONE = 0.06
-"""Sharpness below which it is so whatever the others are: 99 % of the second differences of a sharp photo of
-a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
+"""Least sharpness, whatever the others have: a sharp photo of a mat has 0.5, blurred by 4 px 0.025."""
 MOST_CLIPPED = 0.35
 """Share of a photo's pixels at full white beyond which it is of no use. Set by hand."""
 LEAST_BRIGHT = 45.0

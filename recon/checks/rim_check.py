@@ -31,9 +31,7 @@ LEAST_PX = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class RimOffset:
-    """How a photo's fruit lies against the mesh: moved by `shift_px` in the picture, larger by `growth_px`
-    in radius; `apart` is the larger of the two over the fruit's diameter.
-    """
+    """A photo's fruit: moved by `shift_px`, larger in radius by `growth_px`; `apart` in diameters."""
 
     name: str
     shift_px: float

@@ -19,9 +19,8 @@ OUTLIER = 2.5
 ROBUST_ROUNDS = 4
 """Of reweighting. Set by hand."""
 INDEPENDENT, LEAST_HELD = 3.0, 0.3
-"""Samples about a vertex that err independently, per full one held there: neighbours in a photo do not, the
-two to six photos whose rims pass by do. What unclear rims made of right meshes of dark glossy fruit
-fell from 0.31 mm to 0.16; with 1 instead of 3 half as many wrong meshes more passed."""
+"""Samples about a vertex that err independently, per full one held there: photos do, neighbours do not. With
+1 instead of 3, half as many wrong meshes more passed."""
 RIM_SD_PX = 0.35
 """Least error of a place on a rim, px."""
 HALF_KNOWN = 0.03
@@ -31,8 +30,8 @@ UNKNOWN_RIM = 0.007
 NEVER_GRAZED = 0.06
 """Standard deviation per diameter and per squared angle (rad) to the nearest rim, where no rim tells."""
 BRIDGED = 0.008
-"""Standard deviation per diameter where outlines may bridge a hollow and no photos measured its depth: root
-mean square error there 0.005 to 0.012 on eleven sets, against 0.002 where the surface is round."""
+"""Standard deviation per diameter where outlines may bridge a hollow of unknown depth: 0.005 to 0.012 on
+eleven sets, against 0.002 where the surface is round."""
 
 
 def sd_on_patch_mm(

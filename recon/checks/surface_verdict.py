@@ -36,9 +36,7 @@ MOVED_SHARE = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOffset:
-    """Sizes of the offsets over the skin that two cameras saw: root mean square, the size that 2 % of it
-    exceeds (mm), and what they add up to as a share of the volume (positive: the mesh is too small).
-    """
+    """Offsets of the skin that two cameras saw: rms, the 98 % size (mm), and their sum over the volume."""
 
     rms_mm: float
     local_mm: float

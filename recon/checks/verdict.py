@@ -21,11 +21,11 @@ WIDEST_GAP_DEG = 120.0
 def require_seen(
     quality: ReconQuality, *, left_out: Sequence[str] = (), plan: ViewPlan | None = None
 ) -> None:
-    """Refuse a shape that was seen from too few directions to be more than a guess.
+    """Refuse a shape seen from too few directions: fewer than six views, or a side of over 120 degrees
+    without any, make meshes wrong by half to all of the volume.
 
-    With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
-    off by half to all of its volume. `left_out`: why photos were not even tried; `plan`: where the others
-    were taken, which the failure then says and carries. Raises ReconFailure (too-few-views).
+    `left_out`: why photos were not tried; `plan`: where the others were taken, which the failure says and
+    carries. Raises ReconFailure (too-few-views).
     """
     where = "" if plan is None else f" {plan_words(plan)}".rstrip()
     if quality.views_used < FEWEST_VIEWS:

@@ -1,8 +1,4 @@
-"""The fruit model: a small network (ONNX) that tells from a square picture alone which pixels are fruit.
-
-It adds its log odds where outlines are found (`recon.silhouettes.segmentation`), to those of the background
-plate and the colours learned in each photo. The shipped one was trained by benchmarks/fruit_model_train.py.
-"""
+"""The fruit model: a network (ONNX, benchmarks/fruit_model_train.py) that tells which pixels are fruit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -72,10 +72,9 @@ COVERS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may cut away too much in the hull of the outlines
-    found, how much a pixel's log odds may count against a step of colour, and what is done with the outline
-    found: kept near the hull's, sharpened on the photo's own pixels, and before that moved to the steepest
-    step nearby.
+    """How far an outline may move, which share of views may cut away too much in the hull, how much a pixel's
+    log odds count at most, and whether the outline is kept near the hull's, sharpened on the photo's own
+    pixels, and before that moved to the steepest step nearby.
     """
 
     reach_px: float
@@ -99,9 +98,7 @@ ROUNDS = (
 
 @dataclass(frozen=True, kw_only=True)
 class FoundFruit:
-    """The fruit's outlines in the views that agree, the surface fitted to them, how many rims hold each of
-    its vertices, and how far photos and surface agree.
-    """
+    """Outlines in the views that agree, the surface fitted to them, rims at each vertex, agreement."""
 
     silhouettes: tuple[Silhouette, ...]
     used: Int[np.ndarray, " v"]
@@ -127,11 +124,10 @@ def find_fruit(
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
-    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown in
-    the background plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the
-    next. `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is
-    asked, too, which pixels are fruit. Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off
-    (fewer than three photos hold it whole).
+    From the outside in: what may be fruit is unknown in the background plate, and there alone pixels may turn
+    into fruit; each hull bounds the next. `agreement`: the share of the views that must take a cell of the
+    first block for fruit. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
+    three photos hold it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)

@@ -108,10 +108,9 @@ def visual_hull(
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and of z >= floor.
 
     phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
-    the views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² /
-    2); a ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines'
-    own precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included.
-    The mesh is closed and of genus 0.
+    the views undercuts (a ball of radius r grows by about r doubt² / 2). A ray advances by phi until phi = 0
+    (sphere tracing, Hart 1996). Right for shapes seen whole from their centre; the mesh is closed and of
+    genus 0.
     """
     directions, faces = ball(level)
     radius = np.zeros(len(directions))

@@ -31,9 +31,8 @@ SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
 """Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
 STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)
-"""A pixel is strange to the plate where the photo's own surroundings tell its colour so many times better;
-how far that reaches, as a share of the window's side; the bounds of the share, of which the lower keeps dark
-skin before dark ink."""
+"""A pixel is strange to the plate where the photo's surroundings tell its colour so many times better; reach
+of that over the window's side; bounds of the share (the lower keeps dark skin before dark ink)."""
 UNSEEN_DENSITY = 2.5e-8
 """Of either: two percent of the pixels spread evenly over the 8e5 Lab units cubed of the sRGB gamut."""
 SPREAD_OF_QUANTILES = 2.07

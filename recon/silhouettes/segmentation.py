@@ -34,18 +34,15 @@ UNKNOWN_LOG_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
-"""Log odds of the fruit model count less the first, at most the second: within 2 of nought lies its blurred
-edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
-0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
+"""Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
+photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
 THINNED = 2
 """Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
 class CutPhoto:
-    """A photo's window around the fruit: Lab colours, their cells in a histogram, and what the fruit model
-    adds to the log odds of fruit (0 without one).
-    """
+    """A photo's window: Lab colours, their cells in a histogram, the fruit model's log odds (or 0)."""
 
     index: int
     window: Window
@@ -209,9 +206,8 @@ def learned_log_odds(
     """Log odds of fruit against ground in every view, and the mask that they make.
 
     The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
-    ground's on what is surely not. (Learned once more, inside the masks, they took a glossy cherry's shadow
-    in: 0.138 instead of 0.130 mm.) Outside of what may be fruit the odds are against it. `centre_mm` is about
-    the fruit's middle.
+    ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
+    Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
     """
     ground = [
         cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0

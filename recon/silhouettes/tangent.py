@@ -51,19 +51,15 @@ def fitted_to_outlines(
 ) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
-    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by about
-    r δ² / 2 at δ from the nearest tangent view), inward by the noise, because the innermost outline wins.
-    Here all outlines count alike. A rim of a view is where an edge's ends face to and away from the camera;
-    its signed distance to that view's outline, interpolated, is one equation for the shift δ of the edge's
-    ends,
+    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by r δ²
+    / 2 at δ from the nearest tangent view), inward by noise. Here all outlines count alike. The signed
+    distance of a rim, on edge (i, j), to its outline is one equation for the shift δ of the edge's ends,
 
         min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
 
-    with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
-    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and none lies
-    below it. Rims that look down at it have the fruit's own shadow behind them: in the first rounds those
-    beyond 53 degrees do not count at all, and what the rest say of the bottom tells afterwards which of them
-    are wrong.
+    with L the mean of the neighbours less the vertex and w Geman and McClure's weight, solved again on the
+    moved mesh. The lowest vertex belongs on the floor, if any. Rims that look down at it have the fruit's
+    shadow behind them: in the first rounds those beyond 53 degrees do not count.
     """
     i, j = unique_edges(faces)[0].T
     L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))

@@ -25,8 +25,8 @@ FEWEST = 60
 OUTLIER = 3.0
 """Robust spreads beyond which a point has no partner. Set by hand, as usual in robust statistics."""
 MOST_MISS_SHARE, MOST_LARGER, MOST_LARGER_BY_HEIGHT = 0.012, 0.01, 0.12
-"""Where two meshes differ by more of the fruit's size, or in scale, they are not of one fruit. Without a mat
-both are scaled to its height, and a fruit that lies tilted has another."""
+"""Largest miss (of the fruit's size) and difference in scale of two meshes of one fruit, and the latter by
+height, which differs for a fruit that lies tilted."""
 LIKE, APART_DEG, SAME_SHARE = 1.15, 10.0, 0.006
 """Another way round that fits nearly as well, turned by more than so much, and makes another shape of it."""
 CONVENTION_DEG = 40.0
@@ -95,11 +95,10 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     """`over`, the fruit laid upside down, found on `upright`, and both merged into one skin.
 
     Point to plane registration (Chen, Medioni 1992) on skin that both saw well, with Geman and McClure's
-    weights, from TURNS turns about the vertical: stone fruit are nearly round, and from a wrong turn it ends
-    in a wrong one. Then each vertex goes to the mean of both skins, weighted by how well each saw it.
-    `on_mat`: both are to scale, and a turn that the shape leaves open is that about the mat's arrow; without
-    one the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit, another
-    scale, or a turn that cannot be told.
+    weights, from TURNS turns about the vertical; then each vertex goes to the mean of both skins, weighted by
+    how well each saw it. `on_mat`: both are to scale, and a turn that the shape leaves open is that about the
+    mat's arrow; else the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit,
+    another scale, or a turn that cannot be told.
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())

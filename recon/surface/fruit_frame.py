@@ -1,6 +1,4 @@
-"""The fruit frame: stem end up z, suture towards +x, origin under the middle of the fruit on its support
-plane. The placement convention makes it; the shape of the fruit checks it.
-"""
+"""The fruit frame: stem end up z, suture to +x, origin under the middle on the support plane."""
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +16,9 @@ MOST_TURN_DEG = 20.0
 def to_fruit_frame(
     vertices: Float[np.ndarray, "n 3"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
-    """A photographed mesh in its fruit frame, and `fruit_from_mesh` that takes it there.
+    """A mesh photographed on a mat (or as on one) in its fruit frame, and `fruit_from_mesh`.
 
-    On a mat the fruit is laid stem end up, suture towards the mat's +x, so that the frame is the mat's,
-    shifted: the origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
+    The origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
 
     >>> to_fruit_frame(np.array([[1.0, 2.0, 3.0], [3.0, 6.0, 4.0]]))[0].tolist()
     [[-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]]
@@ -33,11 +30,9 @@ def to_fruit_frame(
 
 
 def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:
-    """Sentences where the shape, with a confidence of 0.5 or more, contradicts the convention of placement.
+    """Sentences where the shape of the mesh, in the fruit frame, contradicts the convention of placement.
 
-    The frame itself stays as placed: the recordings' poses are written in it, so that turning it after the
-    fact would move the pads off the places that they touched. `orientation` is that of the mesh in the fruit
-    frame.
+    The frame stays as placed: the recordings' poses are written in it.
     """
     out = []
     if orientation.stem_confidence >= SURE and orientation.tilt_deg > MOST_TILT_DEG:

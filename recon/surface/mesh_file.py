@@ -38,12 +38,10 @@ Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 def read_mesh(path: Path) -> Mesh:
     """Vertices (mm) and triangles of a mesh file, chosen by its suffix.
 
-    Faces of more corners are cut into triangles. Where the surface is not closed as it stands, corners in the
-    same place are merged (STL has three for each face), and faces are turned alike. Vertices that no face
-    uses are left out. glTF is in metres with y up by its standard, and is turned to z up; axes of the others
-    are as the file has them.
-
-    Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in it.
+    Faces of more corners are cut into triangles. Where the surface is not closed, corners in the same place
+    are merged, and faces are turned alike. Vertices that no face uses are left out. glTF is in metres with y
+    up, and is turned to z up. Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in
+    it.
     """
     kind = path.suffix.lower()
     if kind not in SUFFIXES:

@@ -106,9 +106,7 @@ def agreement(
 def best_offsets(
     scores: Float[np.ndarray, "k n d"], offsets_mm: Float[np.ndarray, " d"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Offset (mm) where the scores peak, to a part of the step by a parabola, and its weight, the score
-    squared; 0 where no peak is high and distinct, or where two such peaks are over three steps apart.
-    """
+    """Offset (mm) of the scores' peak by a parabola, and its weight, the score squared; 0 if unclear."""
     step = float(offsets_mm[1] - offsets_mm[0])
     each = [_peak(s, offsets_mm, LEAST_SCORE[k // len(VIEW_COUNTS)]) for k, s in enumerate(scores)]
     offset, weight = np.stack([o for o, _ in each]), np.stack([w for _, w in each])

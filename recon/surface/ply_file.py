@@ -123,8 +123,7 @@ def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], 
 
 Values = Sequence[np.ndarray] | np.ndarray
 Rows = dict[str, Mapping[str, Values]]
-"""Values by element and column: one number a row, or of a list one array a row (a table, where all lists have
-the same length)."""
+"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
 
 
 def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:

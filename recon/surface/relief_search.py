@@ -28,8 +28,7 @@ COARSE_SEARCHES = (
     Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
     Search(highest=0.05, lowest=-0.07, steps=14, from_moved=True),
 )
-"""Twice the whole range (stem cavities are up to 0.19 radii deep under the outlines), since slopes known from
-the first make the second find more; then near what was found."""
+"""Twice the whole range (stem cavities are up to 0.19 radii deep), as slopes help; then near the finding."""
 FINE_SEARCH = Search(highest=0.04, lowest=-0.05, steps=12, from_moved=True)
 """Offsets (radii) on the finer mesh: steps of 0.2 mm on a peach, under a pixel of the photos."""
 STEM_COSINE = 0.75
@@ -37,14 +36,12 @@ STEM_COSINE = 0.75
 SHALLOW_SHARE = 0.055
 """On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines."""
 STIFFNESS = 1.2
-"""Stiffness of the membrane against the weight of a depth found (a squared correlation, so at most 1):
-neighbours with depths of their own bend it, a lone one does not."""
+"""Stiffness of the membrane against the weight (at most 1) of a depth: a lone one does not bend it."""
 AVERAGED, LESS_AVERAGED = (2, 2, 2), (1, 1, 1)
-"""Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Averaging twice holds
-noise of glossy skin down, but smears the peaks of a steep slope, on which neighbours lie at other depths: on
-18 photos of a nectarine 2 of 79 vertices of the cavity passed with it, 21 with once (19 right). So less
-is tried only where the first found nothing that the held-out views confirm. At once, it leaves a glossy
-nectarine (bank set 16) at 0.180 mm instead of 0.171, 18 photos of a nectarine at 0.108 instead of 0.409."""
+"""Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Twice holds noise of
+glossy skin down, but smears peaks of steep slopes: on 18 photos of a nectarine 2 of 79 vertices of the cavity
+passed, 21 with once. Once is tried only after twice found nothing: at once, it leaves a glossy nectarine
+(bank set 16) at 0.180 mm instead of 0.171."""
 FINE_STIFFNESS, FINE_AVERAGED, FINE_PULL = 5.0, 5, 0.02
 """The same on the finer mesh, over about as many millimetres, and the pull (as a weight) back to where the
 surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""

@@ -14,15 +14,12 @@ from recon.surface.relief_search import Found
 LEAST_GAIN = 0.05
 """Rise of the correlation in the held-out views that confirms a vertex."""
 CHANCE = 1e-2
-"""How probable as many confirmed vertices of a region may be by chance. On 16 sets the stem cavities had
-2.6e-3 or less, what is refused 1.4e-2 or more."""
+"""How probable as many confirmed vertices may be by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A connected patch that the search moved: its depth, how likely as many vertices confirm it where the
-    outline surface is certain, and whether it is kept.
-    """
+    """A patch that the search moved: depth, probability of its confirmed vertices by chance, whether kept."""
 
     depth_mm: float
     chance: float

@@ -13,10 +13,8 @@ from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
 LARGEST_HOLE = 0.25
-"""Half the diagonal of the largest hole's box that is closed, over the diagonal of the surface's box.
-
-Where no photo shows the place that a fruit stands on, Poisson's surface is open there: 0.16 for a drawn
-fruit. A flat lid over a round hole of 0.25 takes 3 % of a ball's volume. Set by hand."""
+"""Half the diagonal of the largest hole's box that is closed, over the diagonal of the surface's box: 0.16
+under a drawn fruit; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,12 @@ NO_CONE = 0.02
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
 """Size of the shoulder's term, where it ends, and its relative standard deviation: below."""
 FIT_SD = 0.5
-"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
-of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
-The relative standard deviations of that and of the excess."""
+"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids by SHOULDER (a / c)² tan e,
+e up to 25 degrees. The relative standard deviations of that and of the excess."""
 SIDEWAYS_DEG = 25.0
-"""Where the lowest photo looks down on the top less steeply, nothing is taken off: an egg without a cavity,
-seen from 15 degrees, and a nectarine from 18 come out right so (tests/recon/test_fruit_mesh.py);
-with the shoulder's term the egg was 2 % too large. Fruits with a cavity
-are by the shoulder's term too tall there (21 meshes from 4 to 18 degrees: 0.4 to 3.1 %, 0.8 to 1.9 times the
-term), so the term is the standard deviation."""
+"""Below, nothing is taken off: an egg and a nectarine, seen from 15 and 18 degrees, come out right so. Fruits
+with a cavity are 0.4 to 3.1 % too tall there (21 meshes), 0.8 to 1.9 times the shoulder's term, which is the
+sd."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 
@@ -90,10 +87,7 @@ def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
     """How much taller than the ellipsoid its hull is where photos look down on its top at `elevation_rad`.
 
     The tangent plane that falls by the elevation meets the axis at sqrt(c² + a² tan²) over the middle:
-
-        excess = (sqrt(1 + (a / c)² tan² e) - 1) / 2  of the height 2 c, a the mean of the other semi-axes;
-
-    for a ball (1 / cos e - 1) / 2: 7.7 % at 30 degrees, 21 % at 45.
+    excess = (sqrt(1 + (a / c)² tan² e) - 1) / 2 of the height 2 c, a the mean of the other semi-axes.
 
     >>> round(hull_excess(np.ones(3), np.radians(30.0)), 3)
     0.077
