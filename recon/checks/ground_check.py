@@ -21,7 +21,6 @@ from recon.silhouettes.mask import (
     LEAST_NOISE_LAB,
     cells_of,
     colour_density,
-    density_at,
 )
 
 REACH_PX = 10
@@ -188,7 +187,7 @@ def _densities(
 
     def skin(of: Float[np.ndarray, "k o 3"]) -> Float[np.ndarray, "k o"]:
         near = student(of - middle[:, None], np.maximum(wide, [4.0, 2.5, 2.5])[:, None])
-        return np.asarray(0.5 * near + 0.5 * density_at(palette, cells_of(of)))
+        return np.asarray(0.5 * near + 0.5 * palette[cells_of(of)])
 
     separable = np.log(student(0 * off, scale) + LEAST_DENSITY) - np.log(skin(ground) + LEAST_DENSITY)
     return lit, dim, skin(colours), np.clip(separable / MOST_EVIDENCE, 0, 1)

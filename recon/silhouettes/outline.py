@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from recon.cameras.camera import Camera
 from recon.picture_values import sampled
 from recon.silhouettes.hull import Silhouette
-from recon.silhouettes.mask import Window
+from recon.silhouettes.mask import Window, nearest_marked
 from recon.silhouettes.ring_path import best_rings
 
 SAMPLES = 1024
@@ -25,6 +25,8 @@ EDGE_LAB = 40.0
 """CIE Lab units of a step that is worth all of it. Set by hand."""
 EDGE_PX = 2.0
 """px on either side over which a step is taken: a photo's blur."""
+STEP_PX, BEND = 0.5, 2.0
+"""px between shifts that are tried, and log odds that a step between neighbours costs. Set by hand."""
 BAND_PX = 12.0
 """px of the photo on either side of the first outline that are looked at. Set by hand."""
 STEEPEST_REACH_PX = 3.0
@@ -70,22 +72,20 @@ def snapped(
     *,
     reach_px: float,
     most_log_odds: float,
-    step_px: float = 0.5,
-    bend: float = 2.0,
 ) -> list[Outline]:
     """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
 
     Sample i may shift by d along its normal; its gain is the sum of log odds (each at most `most_log_odds`,
     so that a likeness of colours does not outweigh a plain edge) inside d less those outside, plus the colour
     step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole reach.
-    Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the ring.
+    Neighbours may differ by one step, at a cost of BEND: maximised by dynamic programming over the ring.
     """
-    shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
+    shifts = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     gains = [
         _gain(outline, own, colour, shifts, most_log_odds)
         for outline, own, colour in zip(outlines, log_odds, colours, strict=True)
     ]
-    paths = best_rings(np.array(gains, np.float32), bend=bend, steepest=1)
+    paths = best_rings(np.array(gains, np.float32), bend=BEND, steepest=1)
     moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
     return [_even(points, smooth=1.5) for points in moved]
 
@@ -214,16 +214,11 @@ def _nearest_samples(
     """Rows and columns of the pixels near a curve, and the sample next to each, to about a sample."""
     column, row = np.rint(points).astype(int).T
     there = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
-    column, row = column[there], row[there]
-    away = np.ones(shape, np.uint8)
-    away[row, column] = 0
-    distance, labels = cv2.distanceTransformWithLabels(
-        away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    sample = np.zeros(int(labels.max()) + 1, int)
-    sample[labels[row, column]] = np.flatnonzero(there)
+    sample = np.full(shape, -1)
+    sample[row[there], column[there]] = np.flatnonzero(there)
+    distance, nearest = nearest_marked(sample >= 0)
     y, x = np.nonzero(distance < within_px)
-    return y, x, sample[labels[y, x]]
+    return y, x, sample.ravel()[nearest[y, x]]
 
 
 def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

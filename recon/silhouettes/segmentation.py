@@ -150,18 +150,17 @@ def _similar_to_fruit(
     They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
     pixels surely unlike the plate, where the middle of the box projects to.
     """
-    x, y, z = (np.linspace(-s, s, 9) for s in (1.0, 1.0, 1.0))
-    grid = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 3), axis=-1).reshape(-1, 3)
     middle, half = (low + high) / 2, (high - low) / 2
     core = middle + grid * half * CORE_SHARE
     core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
     sure = []
-    for view, own, there in zip(views, log_odds, known, strict=True):
+    for view, odds, there in zip(views, log_odds, known, strict=True):
         columns, rows = view.window.small_size_px
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (own > SURE_LOG_ODDS) & there])
+        sure.append(view.colours[(inside > 0) & (odds > SURE_LOG_ODDS) & there])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
         return [np.zeros_like(there) for there in known]
@@ -179,24 +178,6 @@ def _carved(
     return block
 
 
-@dataclass(frozen=True)
-class _ViewDensities:
-    """What does not change while the fruit's colours are learned, in one view.
-
-    `asked`: pixels (counted line by line) whose colours are compared; the others follow prior and fruit model
-    alone. `on_background`, `other`: densities of their colours under the background plate and under the
-    photo's own surroundings; `strange`: the share that is not as the plate predicts. `before`: log odds of
-    prior and fruit model; `known`: where the plate is known.
-    """
-
-    asked: Int[np.ndarray, " n"]
-    on_background: Float[np.ndarray, " n"]
-    other: Float[np.ndarray, " n"]
-    strange: Float[np.ndarray, " n"]
-    before: Float[np.ndarray, "h w"]
-    known: Bool[np.ndarray, "h w"]
-
-
 def learned_log_odds(
     views: Sequence[CutPhoto],
     bounds: Sequence[Bounds],
@@ -209,72 +190,58 @@ def learned_log_odds(
     ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
     Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
     """
-    ground = [
-        cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0
-        for b in bounds
-    ]
+    ground = []
+    for bound in bounds:
+        size = 2 * max(3, round(0.02 * len(bound.perhaps))) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        ground.append(cv2.dilate(bound.perhaps.astype(np.uint8), disc) == 0)
     around = colour.colour_density(
         np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
     )
     scatter = colour.background_scatter(background)
-    densities = [
-        _view_densities(v, b, out, colour.ground_behind(v.window, background, scatter, v.camera), around)
-        for v, b, out in zip(views, bounds, ground, strict=True)
-    ]
     inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
     fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
     log_odds = [
-        _log_odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
-        for v, own, t in zip(views, inside, densities, strict=True)
+        _log_odds(
+            view,
+            bound,
+            out,
+            colour.ground_behind(view.window, background, scatter, view.camera),
+            around,
+            (fruit_of_all + colour.colour_density(cells)) / 2,
+        )
+        for view, bound, out, cells in zip(views, bounds, ground, inside, strict=True)
     ]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
     masks = star_cuts(log_odds, [v.colours for v in views], centres)
     return log_odds, masks
 
 
-def _view_densities(
+def _log_odds(
     view: CutPhoto,
     bound: Bounds,
     ground: Bool[np.ndarray, "h w"],
     behind: Behind,
     around: Float[np.ndarray, " c"],
-) -> _ViewDensities:
-    """One view's densities; its share of strange pixels is estimated on every THINNED-th pixel and line."""
+    fruit: Float[np.ndarray, " c"],
+) -> Float[np.ndarray, "h w"]:
+    """Log odds of one view. Colours count where the prior leaves it open; the share of strange pixels is
+    estimated on every THINNED-th pixel and line.
+    """
     thin = (slice(None, None, THINNED), slice(None, None, THINNED))
     colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
     noise = colour.ground_noise(colours, few, out)
     palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
-    strange = colour.strange_share(
-        colour.ground_density(colours, few, noise), colour.density_at(palette, cells), out
-    )
+    strange = colour.strange_share(colour.ground_density(colours, few, noise), palette[cells], out)
     strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
     strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
     prior = _prior(bound)
-    asked = np.flatnonzero(np.abs(prior) < PRIOR_LOG_ODDS)
-    return _ViewDensities(
-        asked=asked,
-        on_background=colour.ground_density(
-            view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise
-        ),
-        other=colour.density_at(palette, view.cells.ravel()[asked]),
-        strange=strange.ravel()[asked],
-        before=prior + view.learned,
-        known=behind.known,
-    )
-
-
-def _log_odds(
-    densities: _ViewDensities, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
-) -> Float[np.ndarray, "h w"]:
-    found = colour.colour_log_odds(
-        colour.density_at(fruit, cells.ravel()[densities.asked]),
-        densities.on_background,
-        densities.other,
-        densities.strange,
-    )
-    log_odds = densities.before.copy()
-    known = densities.known.ravel()[densities.asked]
-    log_odds.ravel()[densities.asked] += np.where(known, found, np.clip(found, *UNKNOWN_LOG_ODDS))
+    open_ = np.nonzero(np.abs(prior) < PRIOR_LOG_ODDS)
+    on_background = colour.ground_density(view.colours[open_], behind.at(open_), noise)
+    cells = view.cells[open_]
+    by_colour = colour.colour_log_odds(fruit[cells], on_background, palette[cells], strange[open_])
+    log_odds = prior + view.learned
+    log_odds[open_] += np.where(behind.known[open_], by_colour, np.clip(by_colour, *UNKNOWN_LOG_ODDS))
     return log_odds
 
 
@@ -306,11 +273,6 @@ def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w
     """What lies deeper inside than so many pixels, two at least."""
     inside = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
     return np.asarray(inside > max(2.0, by_px))
-
-
-def _disc(radius_px: int) -> UInt8[np.ndarray, "k k"]:
-    size = 2 * radius_px + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
 def no_fruit(fault: str) -> ReconFailure:
