@@ -9,6 +9,7 @@ from jaxtyping import Float, UInt8
 
 from recon.cameras.camera import Camera
 from recon.picture_values import sampled
+from recon.silhouettes.outline import resampled
 from recon.wording import listed
 
 SAMPLES = 180
@@ -50,14 +51,11 @@ def rim_offset(
     counts, so that tags, shadows and highlights do not. The camera has no distortion.
     """
     hull = cv2.convexHull(camera.project(vertices).astype(np.float32))[:, 0].astype(float)
-    closed = np.concatenate([hull, hull[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
-    rim = np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1)
+    rim, length_px = resampled(hull, SAMPLES)
     ahead = np.roll(rim, -2, 0) - np.roll(rim, 2, 0)
     normal = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)
     normal *= np.sign(np.sum(normal * (rim - rim.mean(0)), axis=1).mean())
-    size = along[-1] / np.pi
+    size = length_px / np.pi
     reach = max(REACH * size, 4.0)
     offsets = np.arange(-reach, reach + STEP_PX, STEP_PX)
     place = rim[:, None] + offsets[:, None] * normal[:, None]
@@ -121,9 +119,14 @@ def rim_doubts(
 
     What counts is more than 1 % of the diameter and 1.5 px.
     """
-    found = [o for i, c in zip(images, cameras, strict=True) if (o := rim_offset(i, c, vertices)) is not None]
+    offsets = (rim_offset(i, c, vertices) for i, c in zip(images, cameras, strict=True))
     largest = float(np.ptp(vertices, axis=0).max())
-    odd = sorted((o for o in found if _odd(o)), key=lambda o: -o.apart)
+    odd = [
+        o
+        for o in offsets
+        if o is not None and o.apart > APART and max(o.shift_px, abs(o.growth_px)) > LEAST_PX
+    ]
+    odd.sort(key=lambda o: -o.apart)
     if not odd:
         return ()
     misses = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
@@ -135,7 +138,3 @@ def rim_doubts(
             "Photograph it again without touching it."
         ),
     )
-
-
-def _odd(offset: RimOffset) -> bool:
-    return offset.apart > APART and max(offset.shift_px, abs(offset.growth_px)) > LEAST_PX

@@ -106,7 +106,8 @@ def surface_error(
         return np.asarray((1 - t) * values[a] + t * values[b])
 
     all_samples = np.ones(len(known), bool)
-    unknown, every, shaded = onto([~known, all_samples, shadow_sd_mm(e) ** 2], all_samples)
+    masses = [(~known).astype(float), all_samples.astype(float), shadow_sd_mm(e) ** 2]
+    unknown, every, shaded = onto(masses, all_samples)
     weight = trust
     mean, scatter, held = np.zeros(count), np.zeros(count), np.zeros(count)
     for _ in range(ROBUST_ROUNDS):

@@ -135,8 +135,15 @@ def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **sai
     return replace(made, **said)
 
 
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photos pass unlooked at."""
+    checked = SimpleNamespace(photos=(), warnings=())
+    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
+
+
 def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_saw(
-    monkeypatch: pytest.MonkeyPatch,
+    unchecked: None,
 ) -> None:
     rng = np.random.default_rng(4)
     true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=24)
@@ -146,8 +153,6 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     second = reconstruction(
         photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
     )
-    checked = SimpleNamespace(photos=(), warnings=())
-    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
     found = with_underside(upright, tuple, lambda photos: second, mat=None)
     before, after = (volume_mm3(x, faces) for x in (upright.vertices, true))
     gained = volume_mm3(found.vertices, found.faces)
@@ -162,14 +167,12 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
 
 
 def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(
-    monkeypatch: pytest.MonkeyPatch,
+    unchecked: None,
 ) -> None:
     true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
     side = ScannedSide.of(true, faces, around(30.0))
     upright = reconstruction(side, faces, 30.0)
     few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
-    checked = SimpleNamespace(photos=(), warnings=())
-    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
     found = with_underside(upright, tuple, lambda photos: few, mat=None)
     assert np.array_equal(found.vertices, upright.vertices)
     assert found.warnings[:-1] == upright.warnings
