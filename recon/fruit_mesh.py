@@ -290,10 +290,9 @@ def reconstruct_with_model(
 def _require_scale(photos: Sequence[Photo], mat: Mat | None, height_mm: float | None) -> None:
     require_enough(len(photos), where="The set")
     if mat is None and (height_mm is None or not height_mm > 0):
-        raise ReconFailure(
-            ReconProblem.NO_SCALE,
+        raise ReconProblem.NO_SCALE.failure(
             "This fruit has neither a marker mat (mat.json) nor a positive height_mm; give one of "
-            "them for scale.",
+            "them for scale."
         )
 
 

@@ -27,8 +27,7 @@ def missing_library(name: str, error: Exception) -> ReconFailure:
     for reason in (error.__cause__, error.__context__):
         if isinstance(reason, KeyboardInterrupt):
             raise reason
-    return ReconFailure(
-        ReconProblem.MISSING_LIBRARY,
+    return ReconProblem.MISSING_LIBRARY.failure(
         f"{name} does not load ({error}); install it with pip, and install its system libraries: "
-        f"apt-get install {DEBIAN_PACKAGES}",
+        f"apt-get install {DEBIAN_PACKAGES}"
     )

@@ -11,7 +11,7 @@ from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
 from recon.picture_values import sampled
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.scale import Box, blank_box, box_about_z, with_print_error
 
 TRUSTED_SHARE = 0.6
@@ -44,11 +44,10 @@ def fruit_points(
         world, scale_sd = _world_from_tags(maps, photos, mat)
         box = blank_box(mat)
     elif maps.places is None:
-        raise ReconFailure(
-            ReconProblem.BAD_GEOMETRY_MODEL,
+        raise ReconProblem.BAD_GEOMETRY_MODEL.failure(
             'The geometry model has no output "pose_enc". Its points do not show the first photo\'s '
             "position, and so not the suture's direction. Use the mat (drupe mat), or a model with "
-            '"pose_enc".',
+            '"pose_enc".'
         )
     else:
         world, box = _world_from_ground(maps.points[trusted], maps.places[0], height_mm or 1.0)
@@ -57,10 +56,9 @@ def fruit_points(
     turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
     above_ground = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
     if above_ground.sum() < FEWEST_POINTS:
-        raise ReconFailure(
-            ReconProblem.NO_FRUIT,
+        raise ReconProblem.NO_FRUIT.failure(
             f"Only {int(above_ground.sum())} trusted points of the geometry model lie above the "
-            "ground at the fruit; check the photos, or remove the model.",
+            "ground at the fruit; check the photos, or remove the model."
         )
     found, outward = points[above_ground], normals[above_ground] @ turn.T
     if len(found) > MOST_POINTS:
@@ -84,10 +82,9 @@ def _world_from_tags(
     target = np.concatenate(printed) if printed else np.empty((0, 3))
     known = np.isfinite(source).all(axis=1)
     if known.sum() < FEWEST_CORNERS:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"The photos show {len(printed)} tags of the mat ({len(photos)} photos); aligning the "
-            "model needs at least 4.",
+            "model needs at least 4."
         )
     T, away = robust_similarity(source[known].astype(float), target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))

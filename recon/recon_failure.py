@@ -27,6 +27,10 @@ class ReconProblem(StrEnum):
     BAD_GEOMETRY_MODEL = "bad-geometry-model"
     MISSING_LIBRARY = "missing-library"
 
+    def failure(self, detail: str, views: ViewPlan | None = None) -> "ReconFailure":
+        """The exception with this problem and one sentence."""
+        return ReconFailure(self, detail, views)
+
 
 class ReconFailure(Exception):
     """Raised for everything that a user's photos, files or settings can cause.

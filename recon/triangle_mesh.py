@@ -26,9 +26,7 @@ def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
 
 
-def unique_edges(
-    faces: Int[np.ndarray, "m 3"],
-) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
+def unique_edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
     """Each edge once, its lower vertex first, in ascending order; and which of them each of `sides_of` is."""
     sides = np.sort(sides_of(faces), axis=1)
     width = int(sides.max(initial=0)) + 1
@@ -135,6 +133,16 @@ def rim_crossings(
     crossing = (towards[i] > 0) != (towards[j] > 0)
     a, b = i[crossing], j[crossing]
     return a, b, towards[a] / (towards[a] - towards[b])
+
+
+def smoothed(
+    values: Float[np.ndarray, "n ..."], faces: Int[np.ndarray, "m 3"], rounds: int
+) -> Float[np.ndarray, "n ..."]:
+    """Values at vertices, brought halfway to the mean over their neighbours, so many times."""
+    mean = neighbour_mean(faces, len(values))
+    for _ in range(rounds):
+        values = 0.5 * (values + mean @ values)
+    return values
 
 
 def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:

@@ -79,6 +79,10 @@ class Camera:
             xy = xy * (1 + self.k1 * np.sum(xy**2, 1, keepdims=True))
         return np.asarray(xy * self.focal_px + self.middle_px)
 
+    def pixel_mm(self, points: Float[np.ndarray, "n 3"]) -> float:
+        """How wide a pixel is at the points' median depth."""
+        return float(np.median(self.into(points)[:, 2])) / self.focal_px
+
     def moved(self, new_from_world: Float[np.ndarray, "4 4"]) -> "Camera":
         """The same camera in a world moved, turned and scaled by a similarity."""
         scale = np.cbrt(np.linalg.det(new_from_world[:3, :3]))

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from recon.cameras.camera import Camera
 from recon.picture_values import sampled
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.silhouettes.mask import lab
 
 USUAL_THICKNESS_MM = 1.9
@@ -78,9 +78,8 @@ def coin_named(name: str) -> Coin:
     near = difflib.get_close_matches(name, coins, n=1)
     meant = f'did you mean "{near[0]}"? ' if near else ""
     known = ", ".join(f"{coin.name} ({coin.diameter_mm:g} mm)" for coin in coins.values())
-    raise ReconFailure(
-        ReconProblem.NO_SCALE,
-        f'drupe knows no coin "{name}"; {meant}known: {known}; for another coin give its diameter as coin_mm',
+    raise ReconProblem.NO_SCALE.failure(
+        f'drupe knows no coin "{name}"; {meant}known: {known}; for another coin give its diameter as coin_mm'
     )
 
 
@@ -110,11 +109,10 @@ def coin_scale(
         ]
         spots = [s for s in spots if len(s) >= LEAST_SHARE * SPOTS / 2]
         if len(spots) < FEWEST_VIEWS:
-            raise ReconFailure(
-                ReconProblem.NO_SCALE,
+            raise ReconProblem.NO_SCALE.failure(
                 f'drupe found no coin of {coin.diameter_mm:g} mm ("{coin.name}") on the ground in three '
                 f"photos (its rim is visible in {len(spots)}). Lay it flat beside the fruit, in view of most "
-                "photos, on a ground of another colour. Or give height_mm.",
+                "photos, on a ground of another colour. Or give height_mm."
             )
         at = np.concatenate(spots)
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 
 TRIALS = 600
 """Planes through three points that are tried; if a quarter is ground, all miss it with probability 0.01 %."""
@@ -40,10 +40,9 @@ def ground_plane(
             continue
         best, count = close, int(close.sum())
     if count < FEWEST_POINTS:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"drupe found no flat ground under the fruit among {len(points)} points; use the mat "
-            "(drupe mat) or a flat, textured ground.",
+            "(drupe mat) or a flat, textured ground."
         )
     for _ in range(5):
         middle = points[best].mean(0)
@@ -65,11 +64,10 @@ def upright(
     """
     x = ahead - (ahead @ up) * up
     if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             "The first photo looks straight down on the fruit. Without a mat it must show the "
             "suture's side, because it defines the suture's direction. Retake the first photo, or "
-            "use the mat (drupe mat).",
+            "use the mat (drupe mat)."
         )
     x /= np.linalg.norm(x)
     T = np.eye(4)

@@ -101,11 +101,10 @@ def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
     ]
     most = max(len(tags) for tags, _ in seen)
     if most == 0:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
             f"of {len(photos)} photos; check that mat.json belongs to the printed mat and that the "
-            "photos show the mat.",
+            "photos show the mat."
         )
     if len(sightings) < FEWEST_PHOTOS:
         raise ReconFailure(
@@ -121,11 +120,10 @@ def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
     """Sightings of which most corners fit; raises ReconFailure (mat-not-found) where too few are left."""
     kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
     if len(kept) < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"The tags in {len(good)} photos do not fit the mat of mat.json: only {len(kept)} photos "
             f"have half of their corners within {LONGEST_ERROR_PX:g} px. Check that mat.json belongs "
-            "to the printed mat, that the mat lies flat, and that no photo is mirrored.",
+            "to the printed mat, that the mat lies flat, and that no photo is mirrored."
         )
     return kept
 
@@ -144,9 +142,8 @@ def _of_one_size(
     )
     advice = "take all photos with one camera, one zoom and one way up"
     if count < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
-            f"{fault}, and only {count} of one size remain, expected at least {FEWEST_PHOTOS}; {advice}.",
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
+            f"{fault}, and only {count} of one size remain, expected at least {FEWEST_PHOTOS}; {advice}."
         )
     kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
     return kept, size, (f"{fault}, so drupe left them out; {advice}.",)

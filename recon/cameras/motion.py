@@ -65,29 +65,26 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     """
     require_enough(len(photos), where="The set")
     if pycolmap is None:
-        raise ReconFailure(
-            ReconProblem.MISSING_LIBRARY,
+        raise ReconProblem.MISSING_LIBRARY.failure(
             "The photos show no mat, and the ground's texture does not join them. The other method needs "
             "pycolmap, which is not installed here (pip has no package of it for Linux on ARM). "
-            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply.",
+            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply."
         )
     with tempfile.TemporaryDirectory() as scratch:
         model = _mapped(photos, Path(scratch))
     registered = 0 if model is None else model.num_reg_images()
     if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"Only {registered} of {len(photos)} photos share enough features. Without a mat, the "
             "fruit needs a textured ground, and neighbouring photos must be within 20 degrees. Print "
-            "the mat (drupe mat) or take more photos.",
+            "the mat (drupe mat) or take more photos."
         )
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
     if rows[0][0] != 0:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo ({photos[0].name}) shares too few features with the others. Without a "
             "mat it defines the suture's direction, and with it the places of pit and pads. Retake "
-            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat)."
         )
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
@@ -171,10 +168,9 @@ def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[
     distance = float(np.median(np.linalg.norm(places - aim, axis=1)))
     near = cloud[np.linalg.norm(cloud - aim, axis=1) < 0.8 * distance]
     if len(near) < 20:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"drupe found only {len(near)} points in the common field of view; use the mat or a "
-            "textured ground.",
+            "textured ground."
         )
     middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
     foot = aim - ((aim - middle) @ up) * up

@@ -168,28 +168,22 @@ def read_photos(folder: Path) -> tuple[Photo, ...]:
     return tuple(read_photo(path) for path in paths)
 
 
-_REDUCED = (
-    (8, cv2.IMREAD_REDUCED_COLOR_8),
-    (4, cv2.IMREAD_REDUCED_COLOR_4),
-    (2, cv2.IMREAD_REDUCED_COLOR_2),
-)
+_REDUCED = ((8, cv2.IMREAD_REDUCED_COLOR_8), (4, cv2.IMREAD_REDUCED_COLOR_4), (2, cv2.IMREAD_REDUCED_COLOR_2))
 """Parts of its sides to which OpenCV decodes a JPEG, the strongest first."""
 
 
 def require_enough(count: int, *, where: str) -> None:
     """Refuse fewer than three photos, and more than memory holds."""
     if count > MOST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"{where} holds {count} photos; at most {MOST_PHOTOS} are read: keep some 24 to 72, evenly "
-            "around the fruit.",
+            "around the fruit."
         )
     if count < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"{where} holds {count} photo{'' if count == 1 else 's'}; a shape needs at least "
             f"{FEWEST_PHOTOS}, "
-            "and 24 all around the fruit are advised: take more photos.",
+            "and 24 all around the fruit are advised: take more photos."
         )
 
 
@@ -228,4 +222,4 @@ def _unreadable(
     path: Path, fault: str, expected: str = "a whole JPEG, PNG or HEIC: copy it again or remove it"
 ) -> ReconFailure:
     where = f"{printable(path.name)} in {printable(str(path.parent))}"
-    return ReconFailure(ReconProblem.UNREADABLE_PHOTO, f"{where} {fault}; expected {expected}.")
+    return ReconProblem.UNREADABLE_PHOTO.failure(f"{where} {fault}; expected {expected}.")

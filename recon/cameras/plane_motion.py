@@ -43,9 +43,8 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     fewer than three photos, or fewer than half, or not the first, hang together; no-fruit.
     """
     if len({p.image.shape for p in photos}) != 1:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
-            "The photos differ in size; use one camera, one zoom setting and one orientation for all photos.",
+        raise ReconProblem.NO_OVERLAP.failure(
+            "The photos differ in size; use one camera, one zoom setting and one orientation for all photos."
         )
     pairs = ground_pairs([ground_features(p, most=FEWER_FEATURES) for p in photos])
     members = joined(pairs, len(photos))[0]
@@ -100,18 +99,15 @@ def _apart(
 ) -> ReconFailure:
     """Which photos hang together and which do not, and where more are needed."""
     if len(largest) < FEWEST_PHOTOS:
-        return ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        return ReconProblem.NO_OVERLAP.failure(
             f"Of {len(photos)} photos no three show the same ground (at most {len(largest)} overlap); "
             f"expected {FEWEST_PHOTOS} or more. Lay a printed cloth or paper under the fruit and take "
-            "the photos again.",
+            "the photos again."
         )
     scene = _started(pairs, largest, size, focal_px)
     plan = _plan(photos, largest, [place_of(p) for p in scene.poses], aim_of(scene.poses))
-    return ReconFailure(
-        ReconProblem.NO_OVERLAP,
-        f"The ground connects only {listed(plan.names)}. {plan_words(plan)}",
-        plan,
+    return ReconProblem.NO_OVERLAP.failure(
+        f"The ground connects only {listed(plan.names)}. {plan_words(plan)}", plan
     )
 
 
@@ -170,11 +166,10 @@ def _refined(
         found = adjusted(start, seen, size, focal_prior=_focal_prior(size, focal_px), loss_px=LOSS_PX)
         scene = found.scene
     if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             "The common ground of the photos is not flat, or has too little texture; expected at "
             f"least {FEWEST_TRACKS} patches within {MOST_MISS_PX:g} px of one plane. Lay a printed "
-            "cloth or paper flat under the fruit, or use the mat (drupe mat).",
+            "cloth or paper flat under the fruit, or use the mat (drupe mat)."
         )
     return found
 

@@ -166,9 +166,7 @@ def _searched(
     return moved, found, spread
 
 
-def _top(
-    like: Float[np.ndarray, "3 3"],
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
+def _top(like: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
     """Top and curvature A of the quadratic fitted to 3 x 3 values; None without a top within a pixel."""
     gx = (like[:, 2].sum() - like[:, 0].sum()) / 6
     gy = (like[2].sum() - like[0].sum()) / 6

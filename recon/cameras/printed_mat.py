@@ -75,7 +75,7 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
     """
 
     def bad(field: str, found: str, expected: str) -> ReconFailure:
-        return ReconFailure(ReconProblem.BAD_MAT, f"{source}: {field}: found {found}; expected {expected}.")
+        return ReconProblem.BAD_MAT.failure(f"{source}: {field}: found {found}; expected {expected}.")
 
     if not isinstance(mapping, Mapping):
         raise bad("the file", _short(mapping), 'an object with "dict" and "tags"')

@@ -90,11 +90,10 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
 def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
     """Without a mat the first photo shows where the suture is: it stays, or the set is refused."""
     if first.name in lost:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo, {first.name}, is unusable ({lost[first.name]}). Without a mat it "
             "defines the suture's direction: retake it from the suture's side, or use the mat (drupe "
-            "mat).",
+            "mat)."
         )
     names = {look.photo.name for look in kept} | {first.name}
     return [look for look in good if look.photo.name in names]
@@ -151,11 +150,10 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
     mirrored = [look for look in looks if look.mirrored]
     upright = [look for look in looks if len(look.tags) >= FEWEST_TAGS]
     if mirrored and (not upright if on_mat else len(mirrored) > len(upright)):
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"{len(mirrored)} of {len(looks)} photos are mirrored "
             f"({listed([m.photo.name for m in mirrored])}): the mat's tags are readable only in a "
-            "mirror. Turn the camera's mirroring off, or flip the files back.",
+            "mirror. Turn the camera's mirroring off, or flip the files back."
         )
 
 
@@ -211,11 +209,10 @@ def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
         return
     most = max(len(look.tags) for look in looks)
     if most == 0 and not any("blurred" in reason for reason in lost.values()):
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
             f"of {len(looks)} photos; check that mat.json belongs to the printed mat, and that the "
-            "photos show the mat in focus.",
+            "photos show the mat in focus."
         )
     why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
     raise ReconFailure(

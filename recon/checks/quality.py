@@ -68,8 +68,7 @@ def outline_rms_mm(
         if rim is None:
             continue
         at = np.rint(rim.points).astype(int)
-        depth = float(np.median(s.camera.into(vertices)[:, 2]))
-        squares.append((s.distance_px[at[:, 1], at[:, 0]] * depth / s.camera.focal_px) ** 2)
+        squares.append((s.distance_px[at[:, 1], at[:, 0]] * s.camera.pixel_mm(vertices)) ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else float("inf")
 
 

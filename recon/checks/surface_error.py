@@ -10,7 +10,7 @@ from recon.checks.camera_shadow import in_camera_shadow, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
 from recon.surface.coverage import SEEN_BY
 from recon.surface.ray_mesh import RayMesh
-from recon.triangle_mesh import face_areas, facing, neighbour_mean, vertex_normals
+from recon.triangle_mesh import face_areas, facing, smoothed, vertex_normals
 
 SPREADING = 8
 """Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
@@ -81,13 +81,7 @@ def surface_error(
     goes with the camera stands beside the rim, what that makes uncertain is added in squares.
     """
     count = len(vertices)
-    step = neighbour_mean(faces, count)
     diameter = float(np.ptp(vertices, axis=0).max())
-
-    def spread(values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
-        for _ in range(SPREADING):
-            values = 0.5 * (values + step @ values)
-        return values
 
     e = evidence
     known = e.known & ~in_camera_shadow(e)
@@ -100,7 +94,7 @@ def surface_error(
     ) -> Float[np.ndarray, "c n"]:
         a, b, t = e.a[some], e.b[some], e.t[some]
         columns = [np.bincount(a, (1 - t) * v, count) + np.bincount(b, t * v, count) for v in values]
-        return spread(np.stack(columns, axis=1)).T
+        return smoothed(np.stack(columns, axis=1), faces, SPREADING).T
 
     def at(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         return np.asarray((1 - t) * values[a] + t * values[b])

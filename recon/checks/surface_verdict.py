@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from recon.checks.camera_shadow import camera_shadow_px
 from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface.coverage import SEEN_BY
 from recon.triangle_mesh import face_areas, vertex_normals, volume_mm3
 
@@ -93,9 +93,8 @@ def surface_doubts(
     )
     cause = _cause(evidence, patch, outside=bool(error.offset_mm[peak] > 0))
     if offset.rms_mm > REFUSED_OFF * diameter or offset.local_mm > REFUSED_LOCAL * diameter:
-        raise ReconFailure(
-            ReconProblem.SURFACE_CONTRADICTED,
-            f"The mesh does not fit the photos: {found} ({whole}). {cause}",
+        raise ReconProblem.SURFACE_CONTRADICTED.failure(
+            f"The mesh does not fit the photos: {found} ({whole}). {cause}"
         )
     return (*shadow, f"{found[0].upper()}{found[1:]} ({whole}). {cause}")
 

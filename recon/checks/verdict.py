@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 from recon.cameras.view_plan import ViewPlan, plan_words
 from recon.checks.quality import ReconQuality
 from recon.pit.priors import STONE_FRUIT, PitBody
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.triangle_mesh import volume_mm3
 
 FEWEST_VIEWS = 6
@@ -29,16 +29,14 @@ def require_seen(
     """
     where = "" if plan is None else f" {plan_words(plan)}".rstrip()
     if quality.views_used < FEWEST_VIEWS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: only {quality.views_used} of {quality.views_given} photos are usable, "
             f"expected at least {FEWEST_VIEWS}.{_why_left_out(quality, left_out)} Take 24 sharp "
             f"photos from all sides, at two or three heights.{where}",
             plan,
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: usable photos leave a gap of {quality.widest_gap_deg:.0f} degrees around "
             f"the fruit, expected at most {WIDEST_GAP_DEG:.0f}; take photos from that side too.{where}",
             plan,

@@ -101,10 +101,7 @@ def _require_signature(model: Path, session: Session, offered: set[str], *, phot
 
 
 def _outputs(
-    model: Path,
-    session: Session,
-    images: Float[np.ndarray, "1 s 3 h w"],
-    offered: set[str],
+    model: Path, session: Session, images: Float[np.ndarray, "1 s 3 h w"], offered: set[str]
 ) -> dict[str, np.ndarray]:
     """What it gives for the images, of the shapes that it should be; raises ReconFailure."""
     kind = session.get_inputs()[0].type

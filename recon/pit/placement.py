@@ -59,10 +59,9 @@ def place_pit(
     if prior.measured is not None:
         return centre + prior.measured.vertices, prior.measured.faces
     if prior.axis_ratios is None:
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f'The category "{prior.category}" has no default pit; add pit.ply beside fruit.ply, or '
-            "name a pit prior in batch.toml.",
+            "name a pit prior in batch.toml."
         )
     semi = np.array(prior.axis_ratios) * half
     (shape, faces), (smooth, fine_faces) = (
@@ -161,12 +160,11 @@ def _solid(
 
 
 def _unsound(what: str, fault: str) -> ReconFailure:
-    return ReconFailure(ReconProblem.NOT_WATERTIGHT, f"The {what}'s mesh {fault}")
+    return ReconProblem.NOT_WATERTIGHT.failure(f"The {what}'s mesh {fault}")
 
 
 def _outside(fault: str) -> ReconFailure:
-    return ReconFailure(
-        ReconProblem.PIT_OUTSIDE_FRUIT,
+    return ReconProblem.PIT_OUTSIDE_FRUIT.failure(
         f"{fault}; expected the pit well inside. Check pit.ply (or the category's pit and the "
-        "height), and the meshes' unit (mm).",
+        "height), and the meshes' unit (mm)."
     )

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.silhouettes.carve import AGREEMENT, Block
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
@@ -293,11 +293,10 @@ def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, I
     points, given = block.points, len(scene.cameras)
     whole = [i for i, camera in enumerate(scene.cameras) if camera.shows(camera.project(points), 3).all()]
     if len(whole) < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.FRUIT_CUT_OFF,
+        raise ReconProblem.FRUIT_CUT_OFF.failure(
             f"Only {len(whole)} of {given} photos show the whole fruit, expected at least "
             f"{FEWEST_PHOTOS}, better all. Increase the distance. If no photo cuts the fruit off, all "
-            "have one height, which leaves its top open. Take photos from two or three heights.",
+            "have one height, which leaves its top open. Take photos from two or three heights."
         )
     if len(whole) < given:
         images, cameras = [scene.images[i] for i in whole], [scene.cameras[i] for i in whole]

@@ -264,9 +264,7 @@ def looks_like(
 
 
 def strange_share(
-    ground: Float[np.ndarray, "h w"],
-    other: Float[np.ndarray, "h w"],
-    sure: Bool[np.ndarray, "h w"],
+    ground: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], sure: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
     """How often sure ground nearby is better told by the photo's own surroundings than by the plate.
 

@@ -277,8 +277,7 @@ def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w
 
 def no_fruit(fault: str) -> ReconFailure:
     """The failure that there is no fruit, and why it is thought so."""
-    return ReconFailure(
-        ReconProblem.NO_FRUIT,
+    return ReconProblem.NO_FRUIT.failure(
         f"drupe found no fruit: {fault}; expected one fruit in the blank centre, visible from all "
-        "sides. Check the photos.",
+        "sides. Check the photos."
     )

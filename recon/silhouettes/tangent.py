@@ -77,7 +77,7 @@ def fitted_to_outlines(
             near = np.abs(depth) < (REACH_SHARE if turn else 2 * REACH_SHARE) * size
             rows.append(np.stack([a, b, 1 - t, t])[:, near])
             values.append(depth[near])
-            pixel_mm.append(float(np.median(s.camera.into(x[:50])[:, 2])) / s.camera.focal_px)
+            pixel_mm.append(s.camera.pixel_mm(x[:50]))
         a, b, wa, wb = np.concatenate(rows, axis=1)
         miss = np.concatenate(values)
         count = np.arange(len(miss))

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from recon.cameras.similarity import moved
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import facing, vertex_normals
 
@@ -115,16 +115,14 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     ways.sort(key=lambda one: one.miss_mm)
     best = ways[0]
     if not best.miss_mm <= MOST_MISS_SHARE * size:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"the two meshes differ by {best.miss_mm:.2f} mm (root mean square) on their common skin: "
-            "another fruit, or poor photos",
+            "another fruit, or poor photos"
         )
     if abs(best.larger) > (MOST_LARGER if on_mat else MOST_LARGER_BY_HEIGHT):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"they show the fruit {100 * best.larger:+.1f} % larger than the upright photos: another "
-            "fruit, or another mat or height",
+            "fruit, or another mat or height"
         )
     vertices, seen = _merged(upright, over, best)
     rivals = [
@@ -136,11 +134,10 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     if rivals:
         known = [way for way in (best, *rivals) if on_mat and _turn_from(first, way.pose) < CONVENTION_DEG]
         if len(known) != 1:
-            raise ReconFailure(
-                ReconProblem.NO_OVERLAP,
+            raise ReconProblem.NO_OVERLAP.failure(
                 "the fruit is so round that they fit the upright photos in two ways with different "
                 "undersides. Turn it over about the mat's arrow, so that the suture still points "
-                "along the arrow",
+                "along the arrow"
             )
         best = known[0]
         vertices, seen = _merged(upright, over, best)

@@ -207,4 +207,4 @@ def _too_fine(path: Path, found: str) -> ReconFailure:
 
 def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:
     said = f"{printable(str(path))} {found}; expected {expected}."
-    return ReconFailure(ReconProblem.UNREADABLE_MESH, said)
+    return ReconProblem.UNREADABLE_MESH.failure(said)

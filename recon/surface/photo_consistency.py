@@ -61,8 +61,11 @@ def grey_views(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[C
 
 def views_facing(patches: Patches, views: Sequence[GreyView]) -> Int[np.ndarray, " n"]:
     """How many views each patch faces well enough to be compared in."""
-    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
-    return np.asarray((cosine > FACING).sum(axis=0))
+    return np.asarray((_cosines(patches, views) > FACING).sum(axis=0))
+
+
+def _cosines(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "v n"]:
+    return np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
 
 
 def agreement(
@@ -75,7 +78,7 @@ def agreement(
     have, and texture has not). Where fewer than three views show contrast and no highlight, the score is 0
     and the second answer False.
     """
-    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
+    cosine = _cosines(patches, views)
     rank = np.argsort(np.argsort(-cosine, axis=0, kind="stable"), axis=0)
     square = _square(patches, views)
     shape = (2, len(VIEW_COUNTS), len(square), len(offsets_mm))
@@ -120,13 +123,13 @@ def best_offsets(
 
 def _square(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "n p 3"]:
     """Points of square patches as wide as SIDE steps of pixels, bent as the surface is."""
-    depth = [np.median(v.camera.into(patches.points)[:, 2]) / v.camera.focal_px for v in views]
+    pixel_mm = float(np.median([v.camera.pixel_mm(patches.points) for v in views]))
     normals = patches.normals
     aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, aside)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * float(np.median(depth))
+    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * pixel_mm
     u, v = (g.ravel() for g in np.meshgrid(steps, steps))
     flat = patches.points[:, None] + u[None, :, None] * across[:, None] + v[None, :, None] * along[:, None]
     bulge = 0.5 * patches.curvature[:, None] * (u**2 + v**2)

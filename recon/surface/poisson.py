@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.native import open3d
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 
 DEPTH = 6
 """Of the octree: 64 cells over 1.1 fruit: 0.004 to 0.011 mm off; 7: 0.003 to 0.008 for 3 to 4 CPU s more."""
@@ -24,9 +24,8 @@ def poisson_surface(
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=DEPTH, n_threads=1)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=int)
     if len(faces) == 0:
-        raise ReconFailure(
-            ReconProblem.NO_SURFACE,
+        raise ReconProblem.NO_SURFACE.failure(
             f"drupe found no surface through the {len(points)} points on the fruit; take more photos "
-            "from all sides.",
+            "from all sides."
         )
     return vertices, faces

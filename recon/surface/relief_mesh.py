@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from recon.silhouettes.hull import ball
 from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, GreyView, Patches
-from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, vertex_normals
+from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
@@ -56,7 +56,7 @@ def patches_of(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Patches:
 def vertices_per_patch(mesh: OutlineMesh, views: Sequence[GreyView]) -> float:
     """How many vertices share one patch; under 1 they are further apart than patches are wide."""
     points = mesh.outline.points
-    pixel_mm = np.median([np.median(v.camera.into(points)[:, 2]) / v.camera.focal_px for v in views])
+    pixel_mm = np.median([v.camera.pixel_mm(points) for v in views])
     patch_mm2 = float((SIDE - 1) * PATCH_STEP_PX * pixel_mm) ** 2
     return patch_mm2 * len(points) / (4 * np.pi * mesh.radius_mm**2)
 
@@ -94,8 +94,6 @@ def mean_curvature(
     step = points[j] - points[i]
     each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)
     mean = np.bincount(i, each, len(points)) / np.bincount(i, minlength=len(points))
-    smooth = neighbour_mean(faces, len(points))
-    for _ in range(CURVATURE_ROUNDS):
-        mean = 0.5 * mean + 0.5 * (smooth @ mean)
+    mean = smoothed(mean, faces, CURVATURE_ROUNDS)
     limit = MOST_CURVATURE / float(np.median(np.linalg.norm(points - points.mean(0), axis=1)))
     return np.asarray(np.clip(mean, -limit, limit))

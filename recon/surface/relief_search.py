@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from recon.surface.photo_consistency import DISTINCT_STEPS, GreyView, Patches, agreement, best_offsets
 from recon.surface.relief_mesh import OutlineMesh, grown, heights_mm, mean_curvature, patches_of
-from recon.triangle_mesh import neighbour_mean, vertex_normals
+from recon.triangle_mesh import neighbour_mean, smoothed, vertex_normals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,13 +163,7 @@ def _averaged(
     scores: Float[np.ndarray, "k n d"], faces: Int[np.ndarray, "m 3"], times: int
 ) -> Float[np.ndarray, "k n d"]:
     """Scores averaged with the neighbours', so many times."""
-    step = neighbour_mean(faces, scores.shape[1])
-    out = []
-    for each in scores:
-        for _ in range(times):
-            each = 0.5 * (each + step @ each)
-        out.append(each)
-    return np.stack(out)
+    return np.stack([smoothed(each, faces, times) for each in scores])
 
 
 def _hollow(
@@ -177,9 +171,7 @@ def _hollow(
 ) -> Float[np.ndarray, " n"]:
     """1 where photos agree all around that the skin lies deep under the outlines, else 0; soft between."""
     step = neighbour_mean(faces, len(deep))
-    sure, low = trusted.astype(float), (trusted & deep).astype(float)
-    for _ in range(HOLLOW_ROUNDS):
-        sure, low = 0.5 * (sure + step @ sure), 0.5 * (low + step @ low)
+    sure, low = (smoothed(w.astype(float), faces, HOLLOW_ROUNDS) for w in (trusted, trusted & deep))
     hollow = ((low > HOLLOW_DENSITY) & (low > HOLLOW_SURE * sure)).astype(float)
     for _ in range(HOLLOW_ROUNDS):
         hollow = np.maximum(hollow, np.minimum(1.0, 1.5 * (step @ hollow)))

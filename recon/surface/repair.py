@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.native import open3d
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface import meshlab
 from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
@@ -40,10 +40,9 @@ def repaired(
     if len(triangles) and volume_mm3(corners, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     if open_edges(triangles):
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
+        raise ReconProblem.NOT_WATERTIGHT.failure(
             f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
-            "more photos from all sides.",
+            "more photos from all sides."
         )
     away = RayMesh(corners, triangles).distances_mm(whole)
     return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))

@@ -49,8 +49,7 @@ class TopExcess:
         """
         p = 1.0 - measured
         return TopExcess(
-            value=p * self.value,
-            sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2)),
+            value=p * self.value, sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2))
         )
 
 

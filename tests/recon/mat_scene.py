@@ -52,12 +52,7 @@ def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) ->
 
 
 def photographed(
-    cameras: list[Camera],
-    *,
-    egg: Egg | None,
-    mat: Mat | None,
-    seed: int = 0,
-    page: np.ndarray | None = None,
+    cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, seed: int = 0, page: np.ndarray | None = None
 ) -> list[Photo]:
     """What the cameras see, four rays a pixel, with a little noise; `page`: a print at 4 px to the mm."""
     rng = np.random.default_rng(seed)

@@ -5,6 +5,7 @@ refused by name.
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
+from refusals import refused
 from tiny_onnx import write_constant_model
 
 from recon.cameras.printed_mat import standard_mat
@@ -78,11 +79,8 @@ def test_another_kind_of_model_is_told_by_its_outputs(tmp_path):
 def test_a_fruit_model_of_another_shape_is_refused_with_file_found_and_expected(tmp_path):
     path = tmp_path / "small.onnx"
     write_constant_model(path, {"fruit_log_odds": np.zeros((1, 1, 32, 32))}, input_shape=("n", 3, 64, 64))
-    with pytest.raises(
-        ReconFailure, match=r"small\.onnx takes .*64.*expected .*\(n, 3, 192, 192\)"
-    ) as raised:
+    with refused(ReconProblem.BAD_GEOMETRY_MODEL, r"small\.onnx takes .*64.*expected .*\(n, 3, 192, 192\)"):
         fruit_model(path)
-    assert raised.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
 
 
 def test_a_fruit_model_of_the_users_own_is_asked_in_the_shipped_ones_place(tmp_path):

@@ -18,14 +18,7 @@ from known_ball import (
 )
 
 from recon.picture_values import sampled
-from recon.silhouettes.hull import (
-    Silhouette,
-    ball,
-    drawn,
-    silhouette_of_mask,
-    split,
-    visual_hull,
-)
+from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
 from recon.triangle_mesh import bodies, open_edges, volume_mm3
 

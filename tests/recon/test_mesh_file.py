@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from refusals import refused
 
 from recon.native import open3d
 from recon.pit.placement import require_closed
@@ -59,10 +60,8 @@ def test_text_ply_obj_and_stl_are_read(tmp_path):
 )
 def test_a_broken_mesh_is_named(tmp_path, name, data, words):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(ReconFailure, match=words) as caught:
+    with refused(ReconProblem.UNREADABLE_MESH, rf"{name}.*{words}"):
         read_mesh(tmp_path / name)
-    assert caught.value.problem is ReconProblem.UNREADABLE_MESH
-    assert name in str(caught.value)
 
 
 def test_a_truncated_or_missing_file_is_named(tmp_path):

@@ -6,10 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
+from refusals import refused
 from scipy.ndimage import binary_dilation
 
 from recon.cameras.camera import Camera
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
 from recon.silhouettes.carve import Block
 from recon.silhouettes.mask import Window, window_around
@@ -83,9 +84,8 @@ def test_the_first_block_is_in_the_egg_and_fills_most_of_its_upper_half():
 def test_where_nothing_stands_there_is_no_fruit():
     cameras = ring(6, width=240, height=180)
     bare = SegmentationScene([p.image for p in photographed(cameras, egg=None, mat=None)], cameras, LOW, HIGH)
-    with pytest.raises(ReconFailure) as refused:
+    with refused(ReconProblem.NO_FRUIT):
         first_block(bare)
-    assert refused.value.problem is ReconProblem.NO_FRUIT
 
 
 def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
@@ -173,6 +173,5 @@ def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():
 
 def test_a_fruit_cut_off_in_all_photos_but_two_is_refused():
     few = SegmentationScene(scene().images[:2], scene().cameras[:2], LOW, HIGH)
-    with pytest.raises(ReconFailure, match="2 of 2 photos show the whole fruit") as refused:
+    with refused(ReconProblem.FRUIT_CUT_OFF, "2 of 2 photos show the whole fruit"):
         whole_views(few, ball_block(9))
-    assert refused.value.problem is ReconProblem.FRUIT_CUT_OFF

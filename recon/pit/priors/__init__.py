@@ -120,10 +120,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
     path = Path(name)
     if wrong := not_plain(path):
         found = "is no file" if wrong == "does not exist" else wrong
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f"{path} {found}; write the file (copy a shipped category and edit it: docs/formats.md), "
-            f"or name a shipped category: {', '.join(known_categories())}.",
+            f"or name a shipped category: {', '.join(known_categories())}."
         )
     return _read(path)
 
@@ -132,10 +131,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
 def _shipped(name: str) -> PitPrior:
     """What comes with the package is read once: a run opens its batch several times."""
     if name not in known_categories():
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f"drupe has no pit prior for {name!r}; known: {', '.join(known_categories())}. You can "
-            "also give the path of a TOML file.",
+            "also give the path of a TOML file."
         )
     return _read(FOLDER / f"{name}.toml")
 
@@ -270,7 +268,7 @@ def _body(entries: _Entries) -> PitBody:
 
 
 def _bad(detail: str) -> ReconFailure:
-    return ReconFailure(ReconProblem.BAD_PRIOR, detail)
+    return ReconProblem.BAD_PRIOR.failure(detail)
 
 
 def _is_number(value: object) -> bool:
