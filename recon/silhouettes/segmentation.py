@@ -155,12 +155,12 @@ def _similar_to_fruit(
     core = middle + grid * half * CORE_SHARE
     core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
     sure = []
-    for view, odds, there in zip(views, log_odds, known, strict=True):
+    for view, evidence, there in zip(views, log_odds, known, strict=True):
         columns, rows = view.window.small_size_px
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (odds > SURE_LOG_ODDS) & there])
+        sure.append(view.colours[(inside > 0) & (evidence > SURE_LOG_ODDS) & there])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
         return [np.zeros_like(there) for there in known]

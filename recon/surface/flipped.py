@@ -102,17 +102,16 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())
-    first = _overturned(upright, over)
+    first = _turned_over(upright, over, 0.0)
     spread = np.random.default_rng(0).permutation(np.flatnonzero(over.seen > 0))
     trials = [
-        _laid(skin, over, spread[:TRIAL_POINTS], first @ _about_middle(over, turn), size, TRIAL_STEPS, on_mat)
+        _laid(skin, over, spread[:TRIAL_POINTS], _turned_over(upright, over, turn), size, TRIAL_STEPS, on_mat)
         for turn in np.arange(TURNS) * 360.0 / TURNS
     ]
-    trials.sort(key=lambda one: one.miss_mm)
     ways = [
-        _laid(skin, over, spread, one.pose, size, STEPS, on_mat) for one in _different(trials)[:FINALISTS]
+        _laid(skin, over, spread, trial.pose, size, STEPS, on_mat) for trial in _different(trials)[:FINALISTS]
     ]
-    ways.sort(key=lambda one: one.miss_mm)
+    ways.sort(key=lambda way: way.miss_mm)
     best = ways[0]
     if not best.miss_mm <= MOST_MISS_SHARE * size:
         raise ReconProblem.NO_OVERLAP.failure(
@@ -144,9 +143,9 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     return BothSides(vertices, seen, best.pose, best.miss_mm, by_convention=bool(rivals))
 
 
-def _apart_mm(upright: ScannedSide, one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> float:
+def _apart_mm(upright: ScannedSide, a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> float:
     """How far two skins differ where the upright mesh did not see, along the normals."""
-    off = np.einsum("ij,ij->i", other - one, vertex_normals(one, upright.faces))
+    off = np.einsum("ij,ij->i", b - a, vertex_normals(a, upright.faces))
     return float(np.sqrt(np.mean(off[upright.seen < 0.5] ** 2)))
 
 
@@ -175,22 +174,13 @@ class _Skin:
         return places, normals, np.einsum("kc,kc->k", weights, self._side.seen[corners])
 
 
-def _overturned(upright: ScannedSide, over: ScannedSide) -> Float[np.ndarray, "4 4"]:
-    """The other mesh turned by half a turn about x, its box's middle on the first's."""
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[:3, 3] = _middle(upright) - pose[:3, :3] @ _middle(over)
-    return pose
-
-
-def _about_middle(side: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
+def _turned_over(upright: ScannedSide, over: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
+    """The other mesh turned about z, then over about x, its box's middle on the first's."""
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
-    pose[:3, 3] = _middle(side) - pose[:3, :3] @ _middle(side)
+    pose[:3, :3] = Rotation.from_euler("zx", [turn_deg, 180.0], degrees=True).as_matrix()
+    target, middle = ((side.vertices.min(0) + side.vertices.max(0)) / 2 for side in (upright, over))
+    pose[:3, 3] = target - pose[:3, :3] @ middle
     return pose
-
-
-def _middle(side: ScannedSide) -> Float[np.ndarray, "3"]:
-    return np.asarray((side.vertices.min(axis=0) + side.vertices.max(axis=0)) / 2)
 
 
 def _laid(
@@ -206,17 +196,18 @@ def _laid(
 
     Where the two have too little skin in common the miss is infinite.
     """
-    source, own = over.vertices[which], over.seen[which]
+    source, source_seen = over.vertices[which], over.seen[which]
     left = 1.0
     for turn in range(steps + 1):
         points = moved(source, pose)
         near, normals, seen = skin.nearest(points)
         away = np.einsum("ij,ij->i", near - points, normals)
-        weight = own * seen
+        weight = source_seen * seen
         both: Bool[np.ndarray, " k"] = weight > 0.05
         if both.sum() < FEWEST:
             return _Laid(pose, float("inf"), 0.0)
-        miss = _weighted_rms(away[both], weight[both], limit=0.05 * size)
+        squares = np.minimum(np.abs(away[both]), 0.05 * size) ** 2
+        miss = float(np.sqrt(np.average(squares, weights=weight[both])))
         if turn == steps:
             break
         reach = max(OUTLIER * 1.48 * float(np.median(np.abs(away[both]))), 1e-3 * size)
@@ -242,17 +233,13 @@ def _laid(
     return _Laid(pose, miss, 1 / scale - 1)
 
 
-def _weighted_rms(away: Float[np.ndarray, " k"], weight: Float[np.ndarray, " k"], *, limit: float) -> float:
-    return float(np.sqrt(np.average(np.minimum(np.abs(away), limit) ** 2, weights=weight)))
-
-
 def _different(ways: Sequence[_Laid]) -> list[_Laid]:
-    """Of those that ended in the same turn the first alone."""
+    """Of those that ended in the same turn the one of the least miss, in that order."""
     kept: list[_Laid] = []
-    for one in ways:
-        turns = [Rotation.from_matrix(_turn(one) @ _turn(other).T).magnitude() for other in kept]
+    for way in sorted(ways, key=lambda way: way.miss_mm):
+        turns = [Rotation.from_matrix(_turn(way) @ _turn(other).T).magnitude() for other in kept]
         if all(np.degrees(turn) > APART_DEG for turn in turns):
-            kept.append(one)
+            kept.append(way)
     return kept
 
 
