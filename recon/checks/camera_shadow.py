@@ -12,8 +12,7 @@ HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
 FEWEST_SAMPLES = 30
 """Samples of each side of a band, at least: a photo has 8 of its 96 there, so four photos suffice."""
 NOTICED_PX = 0.5
-"""Left against right from which on it counts, px of the photo as checked. On the sets that it was chosen on
-0.3 at most without a flash, 1.5 and 2.4 with one."""
+"""Left against right that counts, px of the photo as checked: 0.3 at most without a flash, 1.5 with one."""
 
 
 def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:

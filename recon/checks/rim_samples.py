@@ -25,9 +25,7 @@ FEWEST_SIGHTINGS = 3
 
 @dataclass(frozen=True)
 class RimView:
-    """A downscaled photo as 8-bit Lab with its range over eight neighbours, and the signed distance from the
-    mesh's silhouette in it (px, positive outside).
-    """
+    """A downscaled photo (8-bit Lab), its range over eight neighbours, distance outside the mesh (px)."""
 
     camera: Camera
     colours: UInt8[np.ndarray, "h w 3"]

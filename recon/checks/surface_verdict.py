@@ -22,8 +22,7 @@ LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
 less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
 1.5 mm: 0.36 mm on a cherry, 0.85 mm and more on the rest."""
 VOLUME_SHARE = 0.02
-"""Share of the volume that the offsets add up to, said from here on at the latest. True surfaces: at most
-0.019, shrunk by 2 % in length: 0.027 and more."""
+"""Share of the volume of the offsets' sum that is said: true surfaces 0.019, shrunk by 2 % 0.027 and more."""
 EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 """An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %

@@ -23,8 +23,7 @@ from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, at_edge,
 from recon.surface.relief_verdict import Region, judged, mean_gain
 
 COARSE, FINE = 4, 5
-"""Levels of the ball (2562 and 10242 vertices) that are searched first and where a region is kept: 2 and 1 mm
-apart on a peach; patches are about 4 mm wide."""
+"""Levels of the ball that are searched first, and for a region kept: 2 and 1 mm apart on a peach."""
 SUPPORT_WEIGHT = 5.0
 """Pull (as a weight) back to the outline surface where rims hold it: five times the best depth's."""
 MOST_ROUNDS = 4

@@ -51,8 +51,7 @@ EVERYWHERE, LOOSE = 0.02, 2e-4
 HOLLOW_SHARE = 0.02
 """Depth (radii) from where a vertex counts as deep: 0.6 mm on a peach, twice the outlines' own error."""
 HOLLOW_DENSITY, HOLLOW_SURE = 0.25, 0.6
-"""Share of the vertices around that must be deep, and of those with a depth, for a hollow: one patch alone,
-or as many shallow as deep ones around it, is none."""
+"""Share of the vertices around that must be deep, and of those with a depth, for a hollow."""
 HOLLOW_ROUNDS = 3
 """Rounds of averaging that "around" is, about 12 degrees of the fruit."""
 MOVED_SHARE = 0.01

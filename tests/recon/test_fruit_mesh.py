@@ -1,6 +1,4 @@
-"""The photo route end to end on a ray-cast egg: size, shape, scale by mat and by height, and true
-refusals.
-"""
+"""The photo route end to end on a ray-cast egg: size, shape, scale by mat and height, refusals."""
 
 from functools import cache
 

@@ -1,6 +1,4 @@
-"""The fruit model: windows and squares fit together, the shipped one finds fruit it never saw, others are
-refused by name.
-"""
+"""The fruit model: windows fit squares, the shipped one finds fruit it never saw, others are refused."""
 
 import numpy as np
 import pytest

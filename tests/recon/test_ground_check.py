@@ -1,6 +1,4 @@
-"""The photos tell where the skin is without any outline: a wrong mesh of a ray-cast egg is measured as wrong
-as it is.
-"""
+"""Photos tell where the skin is without outlines: a wrong mesh of an egg is as wrong as it is."""
 
 from functools import cache
 
