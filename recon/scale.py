@@ -111,34 +111,29 @@ def scale_without_mat(
         f"has a standard deviation of {100 * by_height:.1f} %. Take some photos from just above the "
         "table, or use a coin ([photos] coin)."
     )
+    unsure = (look,) if excess.sd > UNSURE else ()
     if coin is None:
-        return Scale(factor=factor, sd=by_height, warnings=(look,) if excess.sd > UNSURE else ())
+        return Scale(factor=factor, sd=by_height, warnings=unsure)
     spread = float(np.clip(APART_SD * by_height, NEAREST_COIN, FARTHEST_COIN))
     try:
-        found = coin_scale(images, cameras, coin, unit_mm=factor, spread=spread)
+        by_coin = coin_scale(images, cameras, coin, unit_mm=factor, spread=spread)
     except ReconFailure as failure:
-        said = (f"{failure.detail.rstrip('.')}; the scale comes from height_mm.",)
-        return Scale(factor=factor, sd=by_height, warnings=(*said, look) if excess.sd > UNSURE else said)
-    apart = found.factor / factor - 1
-    if abs(apart) <= APART_SD * np.hypot(found.sd, by_height):
-        wrong_top = (
-            f"The mesh is {found.factor * tall:.1f} mm tall by the coin and {height_mm:g} mm by "
+        not_found = f"{failure.detail.rstrip('.')}; the scale comes from height_mm."
+        return Scale(factor=factor, sd=by_height, warnings=(not_found, *unsure))
+    apart, said = by_coin.factor / factor - 1, ""
+    if abs(apart) > APART_SD * np.hypot(by_coin.sd, by_height):
+        said = (
+            f"The coin ({coin.name}, {coin.diameter_mm:g} mm) gives a height of "
+            f"{height_mm * (1 + apart):.1f} mm, but height_mm is {height_mm:g} mm. The difference of "
+            f"{100 * apart:+.1f} % exceeds their errors ({100 * by_coin.sd:.1f} and "
+            f"{100 * by_height:.1f} %). drupe uses the coin; measure the height again, and check the "
+            "coin's type."
+        )
+    elif abs(by_coin.factor * tall / height_mm - 1) > APART_SD * by_coin.sd:
+        said = (
+            f"The mesh is {by_coin.factor * tall:.1f} mm tall by the coin and {height_mm:g} mm by "
             "height_mm. No photo shows the top from the side (the lowest looks down at "
             f"{np.degrees(lowest):.0f} degrees), so the mesh is probably wrong there. Take some "
             "photos from just above the table."
         )
-        doubted = abs(found.factor * tall / height_mm - 1) > APART_SD * found.sd
-        return Scale(factor=found.factor, sd=found.sd, warnings=(wrong_top,) if doubted else ())
-    return Scale(
-        factor=found.factor,
-        sd=found.sd,
-        warnings=(
-            (
-                f"The coin ({coin.name}, {coin.diameter_mm:g} mm) gives a height of "
-                f"{height_mm * (1 + apart):.1f} mm, but height_mm is {height_mm:g} mm. The difference of "
-                f"{100 * apart:+.1f} % exceeds their errors ({100 * found.sd:.1f} and "
-                f"{100 * by_height:.1f} %). drupe uses the coin; measure the height again, and check the "
-                "coin's type."
-            ),
-        ),
-    )
+    return Scale(factor=by_coin.factor, sd=by_coin.sd, warnings=(said,) if said else ())

@@ -132,9 +132,7 @@ def rim_doubts(
     misses = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
     noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
     return (
-        (
-            f"In {noun} the fruit has another position or size than in the other photos ({misses}). "
-            "Somebody moved or changed the fruit, an object hides its edge, or the zoom changed. "
-            "Photograph it again without touching it."
-        ),
+        f"In {noun} the fruit has another position or size than in the other photos ({misses}). "
+        "Somebody moved or changed the fruit, an object hides its edge, or the zoom changed. "
+        "Photograph it again without touching it.",
     )

@@ -114,12 +114,10 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
     off_mm = abs(worst) * float(np.median(evidence.pixel_mm))
     side, other = ("left", "right") if worst > 0 else ("right", "left")
     return (
-        (
-            f"In all photos the fruit's outline is {off_mm:.1f} mm farther out on the {side} than on the "
-            f"{other}. A shadow that follows the camera may look like fruit, so the mesh may be too "
-            "large. A flash casts one, and so does a lamp beside a turntable. Switch the flash off and "
-            "retake the photos in even light from all sides."
-        ),
+        f"In all photos the fruit's outline is {off_mm:.1f} mm farther out on the {side} than on the "
+        f"{other}. A shadow that follows the camera may look like fruit, so the mesh may be too "
+        "large. A flash casts one, and so does a lamp beside a turntable. Switch the flash off and "
+        "retake the photos in even light from all sides.",
     )
 
 
