@@ -20,8 +20,16 @@ def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
 
     The known samples of a band's two sides are compared; 0 where either has fewer than FEWEST_SAMPLES.
     """
-    left, right = _sides_px(evidence)
-    return np.asarray(left - right)
+    right = np.cos(evidence.turn) > 0
+    offset_px = evidence.offset_mm / evidence.pixel_mm
+    band = _band(evidence)
+    apart = np.zeros(len(HEIGHTS_DEG) - 1)
+    for k in range(len(apart)):
+        here = evidence.known & (band == k)
+        sides = offset_px[here & ~right], offset_px[here & right]
+        if min(map(len, sides)) >= FEWEST_SAMPLES:
+            apart[k] = np.median(sides[0]) - np.median(sides[1])
+    return apart
 
 
 def in_camera_shadow(evidence: RimEvidence) -> Bool[np.ndarray, " k"]:
@@ -56,17 +64,3 @@ def _band(evidence: RimEvidence) -> Int[np.ndarray, " k"]:
     """The band of each sample; -1 below the lowest, the number of bands above the highest."""
     height_deg = np.degrees(np.arcsin(np.clip(np.sin(evidence.turn), -1, 1)))
     return np.asarray(np.searchsorted(HEIGHTS_DEG, height_deg, side="right") - 1)
-
-
-def _sides_px(evidence: RimEvidence) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-    """Median offset of each band's left and right side, px; 0 for both where either has too few samples."""
-    right = np.cos(evidence.turn) > 0
-    offset_px = evidence.offset_mm / evidence.pixel_mm
-    band = _band(evidence)
-    medians = np.zeros((2, len(HEIGHTS_DEG) - 1))
-    for k in range(medians.shape[1]):
-        here = evidence.known & (band == k)
-        sides = offset_px[here & ~right], offset_px[here & right]
-        if min(map(len, sides)) >= FEWEST_SAMPLES:
-            medians[:, k] = [np.median(side) for side in sides]
-    return medians[0], medians[1]

@@ -161,7 +161,7 @@ def find_fruit(
     for step in ROUNDS:
         silhouettes, clear = _refined(views, log_odds, mesh, step)
         rough, faces = hull(silhouettes, step.outlier_share, coarse if step is ROUNDS[-1] else HULL_LEVEL)
-        surface = fitted_to_outlines(rough, faces, silhouettes, floor_mm=0.0)
+        surface = fitted_to_outlines(rough, faces, silhouettes)
         mesh = surface.vertices, faces
     overlap = [_overlap(drawn(*mesh, s.window, s.camera), s.distance_px > 0) for s in silhouettes]
     return FoundFruit(

@@ -35,19 +35,16 @@ SPREADING = 6
 
 @dataclass(frozen=True)
 class FittedSurface:
-    """A surface on the outlines: vertices, how many rims hold each of them, and the median miss (mm)."""
+    """A surface on the outlines: its vertices, and how many rims hold each of them."""
 
     vertices: Float[np.ndarray, "n 3"]
     support: Float[np.ndarray, " n"]
-    miss_mm: float
 
 
 def fitted_to_outlines(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
     silhouettes: Sequence[Silhouette],
-    *,
-    floor_mm: float | None,
 ) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
@@ -58,7 +55,7 @@ def fitted_to_outlines(
         min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
 
     with L the mean of the neighbours less the vertex and w Geman and McClure's weight, solved again on the
-    moved mesh. The lowest vertex belongs on the floor, if any. Rims that look down at it have the fruit's
+    moved mesh. The lowest vertex belongs on z = 0. Rims that look down at it have the fruit's
     shadow behind them: in the first rounds those beyond 53 degrees do not count.
     """
     i, j = unique_edges(faces)[0].T
@@ -67,7 +64,7 @@ def fitted_to_outlines(
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
     bending = sparse.csr_array(STIFFNESS * (L.T @ L))
     order = _elimination_order(bending)
-    misses, held = np.zeros(1), np.zeros(len(x))
+    held = np.zeros(len(x))
     for turn in range(ROUNDS):
         normals = vertex_normals(x, faces)
         rows, values, pixel_mm = [], [], []
@@ -87,26 +84,22 @@ def fitted_to_outlines(
         )
         spread = max(1.48 * float(np.median(np.abs(miss))), LEAST_SPREAD_PX * float(np.median(pixel_mm)))
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
-        if floor_mm is not None:
-            down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
-            none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
-            weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
+        down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
+        none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
+        weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
         normal_of = sparse.csr_array(A.T @ sparse.diags(weight) @ A + bending)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
-        if floor_mm is not None:
-            lowest = int(x[:, 2].argmin())
-            pull = sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
-            normal_of = normal_of + pull
-            right[lowest] += 100.0 * (x[lowest, 2] - floor_mm)
+        lowest = int(x[:, 2].argmin())
+        normal_of = normal_of + sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
+        right[lowest] += 100.0 * x[lowest, 2]
         shift = _solved(sparse.csr_array(normal_of + 1e-6 * sparse.identity(len(x))), right, order)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
-        if floor_mm is not None:
-            x[:, 2] = np.maximum(x[:, 2], floor_mm)
-        misses, held = miss, np.asarray(A.T @ weight).ravel()
+        x[:, 2] = np.maximum(x[:, 2], 0.0)
+        held = np.asarray(A.T @ weight).ravel()
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
-    return FittedSurface(x, held, float(np.median(np.abs(misses))))
+    return FittedSurface(x, held)
 
 
 def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | None:

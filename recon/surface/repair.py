@@ -24,7 +24,6 @@ class RepairedMesh:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
     deviation_rms_mm: float
-    deviation_max_mm: float
 
 
 def repaired(
@@ -45,7 +44,7 @@ def repaired(
             "more photos from all sides."
         )
     away = RayMesh(corners, triangles).distances_mm(whole)
-    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))
+    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))))
 
 
 def _closed_and_decimated(

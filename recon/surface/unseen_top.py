@@ -117,7 +117,7 @@ def fitted_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> flo
         level=FIT_LEVEL,
         outlier_share=OUTLIER_SHARE,
     )
-    surface = fitted_to_outlines(rough, faces, seen, floor_mm=0.0).vertices
+    surface = fitted_to_outlines(rough, faces, seen).vertices
     return float(np.ptp(surface[:, 2]) / (2 * semi[2])) - 1
 
 

@@ -48,7 +48,7 @@ def test_a_hole_cut_into_a_ball_is_closed_to_the_balls_volume_less_the_caps():
     assert open_edges(found.faces) == 0
     whole = volume_mm3(vertices, faces)
     assert whole - 1.1 * cap < volume_mm3(found.vertices, found.faces) < whole + 1e-6
-    assert found.deviation_max_mm < 1e-4
+    assert found.deviation_rms_mm < 1e-4
 
 
 def turned_here_and_there(faces: np.ndarray) -> np.ndarray:
@@ -76,9 +76,8 @@ def test_few_faces_are_kept_and_how_far_they_moved_the_surface_is_told():
     assert volume_mm3(found.vertices, found.faces) == pytest.approx(BALL_MM3, rel=0.01)
     away = RayMesh(found.vertices, found.faces).distances_mm(vertices)
     assert found.deviation_rms_mm == pytest.approx(np.sqrt(np.mean(away**2)), rel=0.05)
-    assert found.deviation_max_mm == pytest.approx(away.max(), rel=0.05)
     # a chord of a circle of radius r and length a lies a² / 8 r under it; 1000 even faces have a = 2.4 mm
-    assert 0.01 < found.deviation_max_mm < 0.3
+    assert 0.01 < away.max() < 0.3
 
 
 def test_debris_and_doubled_faces_and_corners_are_removed():

@@ -54,7 +54,7 @@ def hull_and_fitted(
     vertices, faces = visual_hull(
         silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, outlier_share=0.03
     )
-    return vertices, fitted_to_outlines(vertices, faces, silhouettes, floor_mm=0.0), faces
+    return vertices, fitted_to_outlines(vertices, faces, silhouettes), faces
 
 
 def rms(values: np.ndarray) -> float:
@@ -70,7 +70,6 @@ def test_between_few_views_the_settled_surface_is_five_times_nearer_than_the_hul
 def test_with_exact_outlines_from_all_round_it_is_exact_to_a_fiftieth_of_a_millimetre():
     _, found, _ = hull_and_fitted(24, noise_px=0.0)
     assert rms(EGG.misses_mm(found.vertices)) < 0.02
-    assert found.miss_mm < 0.01
 
 
 def test_noise_in_the_outlines_does_not_shrink_it_as_it_shrinks_a_strict_hull():
