@@ -101,7 +101,7 @@ def visual_hull(
     *,
     centre_mm: Float[np.ndarray, "3"],
     longest_mm: float,
-    floor_mm: float | None,
+    floor_mm: float = -np.inf,
     level: int,
     outlier_share: float = 0.0,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
@@ -122,8 +122,7 @@ def visual_hull(
         depths = np.array([s.depth_mm(points) for s in silhouettes])
         low, high = np.partition(depths, ranks, axis=0)[ranks]
         phi = (1 - part) * low + part * high
-        if floor_mm is not None:
-            phi = np.minimum(phi, points[:, 2] - floor_mm)
+        phi = np.minimum(phi, points[:, 2] - floor_mm)
         radius[busy] = np.clip(radius[busy] + phi, 0.02 * longest_mm, longest_mm)
         busy = busy[(np.abs(phi) > NEAREST_MM) & (radius[busy] < longest_mm)]
         if len(busy) == 0:

@@ -26,15 +26,8 @@ BALL_MM3 = 4 / 3 * np.pi * RADIUS_MM**3
 LONGEST_MM = 60.0
 
 
-def hull(silhouettes, *, level=3, floor_mm=None, outlier_share=0.0):
-    return visual_hull(
-        silhouettes,
-        centre_mm=CENTRE,
-        longest_mm=LONGEST_MM,
-        floor_mm=floor_mm,
-        level=level,
-        outlier_share=outlier_share,
-    )
+def hull(silhouettes, *, level=3, **how):
+    return visual_hull(silhouettes, centre_mm=CENTRE, longest_mm=LONGEST_MM, level=level, **how)
 
 
 def cone_exit_mm(rays: np.ndarray, towards: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 """What is known of a category beforehand (pit, flesh, whole body): numbers in TOML files, with sources."""
 
 import difflib
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cache
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
-from recon.pit.priors.plausible import Plausible, read_plausible
+from recon.pit.priors.plausible import Plausible, is_number, read_plausible
 from recon.recon_failure import ReconFailure, ReconProblem
 
 __all__ = [
@@ -142,7 +141,7 @@ def _read(path: Path) -> PitPrior:
     try:
         table = toml_of(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
-        raise _bad(f"{path} {error}; copy a shipped prior and edit it.") from error
+        raise ReconProblem.BAD_PRIOR.failure(f"{path} {error}; copy a shipped prior and edit it.") from error
     return _prior(_Entries(path, table, {}))
 
 
@@ -158,7 +157,7 @@ class _Entries:
         """One number, or a tuple of `length`."""
         value = self._value(name)
         values: Any = [value] if length is None else value
-        fits = isinstance(values, list) and len(values) == (length or 1) and all(map(_is_number, values))
+        fits = isinstance(values, list) and len(values) == (length or 1) and all(map(is_number, values))
         if not (fits and name in self.sources and all(low <= v <= high for v in values)):
             kind = "a number" if length is None else f"{length} numbers"
             raise self._wrong(name, f"{kind} from {low:g} to {high:g}")
@@ -175,9 +174,8 @@ class _Entries:
         """What the category is called: as it says, or as its file is."""
         said = self.table.get("category", self.path.stem)
         if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
-            raise _bad(
-                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most "
-                "200 characters."
+            raise self.bad(
+                f"category is {repr(said)[:120]}; expected a name in quotes of at most 200 characters."
             )
         return printable(said).strip()
 
@@ -191,20 +189,14 @@ class _Entries:
     def left_to_batch(self) -> frozenset[str]:
         """What the file leaves to the batch; it must not say it as well."""
         named = self.table.get(LEFT, [])
-        if not isinstance(named, list) or not all(
-            isinstance(one, str) and one in MAY_BE_LEFT for one in named
-        ):
-            choice = " and ".join(f'"{one}"' for one in MAY_BE_LEFT)
-            raise _bad(
-                f"{self.path}: {LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key."
-            )
-        for one in named:
-            for said in MAY_BE_LEFT[one]:
-                if said in self.table:
-                    raise _bad(
-                        f'{self.path}: {said} is given, but {LEFT} leaves "{one}" to the batch; '
-                        "remove one of the two."
-                    )
+        if not isinstance(named, list) or not all(isinstance(n, str) and n in MAY_BE_LEFT for n in named):
+            choice = " and ".join(f'"{n}"' for n in MAY_BE_LEFT)
+            raise self.bad(f"{LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key.")
+        for group in named:
+            for given in (name for name in MAY_BE_LEFT[group] if name in self.table):
+                raise self.bad(
+                    f'{given} is given, but {LEFT} leaves "{group}" to the batch; remove one of the two.'
+                )
         return frozenset(named)
 
     def refuse_slips(self, known: set[str]) -> None:
@@ -212,7 +204,11 @@ class _Entries:
         for key in self.table.keys() - known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             if near:
-                raise _bad(f'{self.path}: unknown key "{key}"; did you mean "{near[0]}"?')
+                raise self.bad(f'unknown key "{key}"; did you mean "{near[0]}"?')
+
+    def bad(self, detail: str) -> ReconFailure:
+        """The failure that names the file."""
+        return ReconProblem.BAD_PRIOR.failure(f"{self.path}: {detail}")
 
     def _value(self, name: str) -> Any:
         entry = self.table.get(name)
@@ -225,8 +221,8 @@ class _Entries:
 
     def _wrong(self, name: str, expected: str) -> ReconFailure:
         advice = "" if name in self.table else " Add it; shipped categories show how."
-        return _bad(
-            f"{self.path}: {name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
+        return self.bad(
+            f"{name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
             f'source = "where it comes from" }}.{advice}'
         )
 
@@ -247,10 +243,10 @@ def _prior(entries: _Entries) -> PitPrior:
         poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2) if ratio else 0.0,
         fruit_mm=entries.limits("fruit_mm", 5.0, 200.0) if "fruit_mm" in table else None,
         body=_body(entries),
-        plausible=read_plausible(table.get("plausible"), refuse=lambda said: _bad(f"{entries.path}: {said}")),
+        plausible=read_plausible(table.get("plausible"), refuse=entries.bad),
         sources=entries.sources,
     )
-    named = {f.name for one in (PitPrior, PitBody) for f in fields(one)} - {"sources", "measured", "body"}
+    named = {f.name for f in (*fields(PitPrior), *fields(PitBody))} - {"sources", "measured", "body"}
     entries.refuse_slips({*named, LEFT})
     return prior
 
@@ -265,11 +261,3 @@ def _body(entries: _Entries) -> PitBody:
         "pit_mm": lambda name: entries.limits(name, 0.1, 200.0),
     }
     return PitBody(**{name: read(name) for name, read in readers.items() if name in entries.table})
-
-
-def _bad(detail: str) -> ReconFailure:
-    return ReconProblem.BAD_PRIOR.failure(detail)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
