@@ -60,12 +60,16 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     brought to the same. Raises ReconFailure: mirrored photos all through, unreadable-photo (all too dark to
     tell fruit from paper), mat-not-found, too-few-views.
     """
-    known = mat if mat is not None else standard_mat()
+    known, on_mat = (mat, True) if mat is not None else (standard_mat(), False)
     distinct, copies = _without_copies(photos)
-    looks = [_look(p, known, on_mat=mat is not None) for p in distinct]
-    _refuse_mirrored(looks, on_mat=mat is not None)
-    lost = _reasons(looks, on_mat=mat is not None)
-    weak = _weak(looks, on_mat=mat is not None)
+    looks = [_look(p, known, on_mat=on_mat) for p in distinct]
+    _refuse_mirrored(looks, on_mat=on_mat)
+    usual = float(np.median([look.sharpness for look in looks]))
+    any_tags = any(len(look.tags) >= FEWEST_TAGS for look in looks)
+    losses = {look.photo.name: _loss(look, usual, others_show_it=any_tags, on_mat=on_mat) for look in looks}
+    lost = {name: reason for name, reason in losses.items() if reason}
+    weaknesses = {look.photo.name: _weakness(look, usual, on_mat=on_mat) for look in looks}
+    weak = {name: reason for name, reason in weaknesses.items() if reason}
     good = [look for look in looks if look.photo.name not in lost]
     best = [look for look in good if look.photo.name not in weak]
     warnings = [*copies]
@@ -109,15 +113,12 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
             copies.append((photo.name, original.name))
     if not copies:
         return list(photos), []
-    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
-        ", ..." if len(copies) > FEW_NAMES else ""
-    )
+    more = ", ..." if len(copies) > FEW_NAMES else ""
+    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + more
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        (
-            f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
-            "every direction."
-        )
+        f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
+        "every direction."
     ]
 
 
@@ -157,50 +158,33 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
         )
 
 
-def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
-    """Photos that cannot be placed, and why."""
-    usual = float(np.median([look.sharpness for look in looks]))
-    others_show_it = any(len(look.tags) >= FEWEST_TAGS for look in looks)
-    lost = {}
-    for look in looks:
-        if look.mirrored:
-            lost[look.photo.name] = "mirrored (the mat's tags are readable only in a mirror); flip it back"
-        elif on_mat and len(look.tags) < FEWEST_TAGS:
-            blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
-            if blurred and (look.tags or not others_show_it):
-                what = "too blurred for drupe to read its tags"
-            elif blurred:
-                what = "shows no tags of the mat (too blurred, or another scene)"
-            else:
-                what = "shows fewer than four tags of the mat"
-            lost[look.photo.name] = f"{what}; retake it, in focus and with the mat in view"
-    return lost
+def _loss(look: _Look, usual: float, *, others_show_it: bool, on_mat: bool) -> str:
+    """Why a photo cannot be placed; empty where it can."""
+    if look.mirrored:
+        return "mirrored (the mat's tags are readable only in a mirror); flip it back"
+    if not on_mat or len(look.tags) >= FEWEST_TAGS:
+        return ""
+    what = "shows fewer than four tags of the mat"
+    if look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE):
+        what = "shows no tags of the mat (too blurred, or another scene)"
+        if look.tags or not others_show_it:
+            what = "too blurred for drupe to read its tags"
+    return f"{what}; retake it, in focus and with the mat in view"
 
 
-def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
-    """Photos that can be placed but show the fruit badly, and how."""
-    usual = float(np.median([look.sharpness for look in looks]))
-    weak = {}
-    for look in looks:
-        optics = look.optics
-        if look.clipped > MOST_CLIPPED:
-            weak[look.photo.name] = (
-                "overexposed (more than a third of the picture is pure white); retake it with less exposure"
-            )
-        elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
-            weak[look.photo.name] = (
-                "too dark (white paper should exceed 90 of 255); retake it with more exposure"
-            )
-        elif optics is not None and optics.blur_px > MOST_BLUR_PX:
-            weak[look.photo.name] = (
-                "blurred (edges of the tags spread over several pixels); retake it with a steady "
-                "camera and in focus"
-            )
-        elif not on_mat and look.sharpness < LEAST_SHARP * usual:
-            weak[look.photo.name] = (
-                "more blurred than the other photos; retake it with a steady camera and in focus"
-            )
-    return weak
+def _weakness(look: _Look, usual: float, *, on_mat: bool) -> str:
+    """How a photo that can be placed shows the fruit badly; empty where it does not."""
+    optics = look.optics
+    if look.clipped > MOST_CLIPPED:
+        return "overexposed (more than a third of the picture is pure white); retake it with less exposure"
+    if (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
+        return "too dark (white paper should exceed 90 of 255); retake it with more exposure"
+    again = "retake it with a steady camera and in focus"
+    if optics is not None and optics.blur_px > MOST_BLUR_PX:
+        return f"blurred (edges of the tags spread over several pixels); {again}"
+    if not on_mat and look.sharpness < LEAST_SHARP * usual:
+        return f"more blurred than the other photos; {again}"
+    return ""
 
 
 def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
