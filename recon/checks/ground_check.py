@@ -103,7 +103,7 @@ def _evidence(
 ) -> RimEvidence:
     """Where each sample of the rims has its edge, and what the colours beside it say."""
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
-    out = {k: np.zeros(len(view)) for k in ("offset", "sd", "dim", "through")}
+    offset_px, sd_px, dimmed, through = np.zeros((4, len(view)))
     known = np.zeros(len(view), bool)
     for k in range(len(rims)):
         mine = view == k
@@ -115,25 +115,20 @@ def _evidence(
         log_odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
         least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
         log_odds = np.where(ok, separable * np.clip(log_odds, least, MOST_EVIDENCE), 0.0)
-        step = _steps(profiles, mine)
-        mean, sd = _edge_of(log_odds, step, offsets, reach)
-        out["offset"][mine], out["sd"][mine] = mean, sd
+        offset_px[mine], sd_px[mine] = _edge_of(log_odds, _steps(profiles, mine), offsets, reach)
         adjacent = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        out["dim"][mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
-        out["through"][mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
+        dimmed[mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
+        through[mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
     joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
     return RimEvidence(
         view=view,
-        a=joined["a"],
-        b=joined["b"],
-        t=joined["t"],
-        offset_mm=out["offset"] * joined["pixel_mm"],
-        sd_mm=out["sd"] * joined["pixel_mm"],
-        pixel_mm=joined["pixel_mm"],
-        dim=out["dim"],
-        through=out["through"],
+        **joined,
+        offset_mm=offset_px * joined["pixel_mm"],
+        sd_mm=sd_px * joined["pixel_mm"],
+        dim=dimmed,
+        through=through,
         known=known,
         turn=np.concatenate([_turn(r.pixel) for r in rims]),
     )

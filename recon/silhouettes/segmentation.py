@@ -96,23 +96,11 @@ class SegmentationScene:
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
         """What the fruit model adds to the log odds in each window."""
-        sizes = [w.small_size_px for w in windows.values()]
         if self.model is None or not windows:
-            return [np.zeros(size[::-1], np.float32) for size in sizes]
-        log_odds = self.model.log_odds(
-            [self.images[i] for i in windows],
-            [w.corner_px for w in windows.values()],
-            sizes,
-            [w.shrink for w in windows.values()],
-        )
-        return [
-            np.clip(
-                x - np.clip(x, -BLURRED_LOG_ODDS, BLURRED_LOG_ODDS),
-                -MOST_LEARNED_LOG_ODDS,
-                MOST_LEARNED_LOG_ODDS,
-            )
-            for x in log_odds
-        ]
+            return [np.zeros(w.small_size_px[::-1], np.float32) for w in windows.values()]
+        log_odds = self.model.log_odds([self.images[i] for i in windows], list(windows.values()))
+        clear = [x - np.clip(x, -BLURRED_LOG_ODDS, BLURRED_LOG_ODDS) for x in log_odds]
+        return [np.clip(x, -MOST_LEARNED_LOG_ODDS, MOST_LEARNED_LOG_ODDS) for x in clear]
 
 
 def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
