@@ -107,18 +107,11 @@ def test_a_category_without_prior_is_named():
 
 def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
     path = tmp_path / "mine.toml"
-    good = 'axis_ratios = { value = [0.4, 0.3, 0.5], source = "own" }\n'
-    good += 'raised = { value = [0, 0, 0], source = "own" }\n'
-    good += "".join(
-        f'{k} = {{ value = {v}, source = "own" }}\n'
-        for k, v in {
-            "exponent": 2,
-            "offset_sd_mm": 0.5,
-            "size_sd": 0.05,
-            "poisson_ratio": 0.45,
-            "poisson_ratio_sd": 0.01,
-        }.items()
-    )
+    numbers = {
+        "axis_ratios": [0.4, 0.3, 0.5], "raised": [0, 0, 0], "exponent": 2, "offset_sd_mm": 0.5,
+        "size_sd": 0.05, "poisson_ratio": 0.45, "poisson_ratio_sd": 0.01,
+    }  # fmt: skip
+    good = "".join(f'{name} = {{ value = {number}, source = "own" }}\n' for name, number in numbers.items())
     path.write_text(good)
     assert load_prior(path).category == "mine"
     path.write_text(good.replace("poisson_ratio_sd", "other"))
@@ -180,14 +173,8 @@ def test_every_number_of_a_shipped_prior_has_its_source():
     for category in FRUIT:
         prior = load_prior(category)
         assert prior.fruit_mm is not None
-        fields = {f.name for f in dataclasses.fields(prior)} - {
-            "category",
-            "sources",
-            "measured",
-            "body",
-            "plausible",
-        }
-        assert fields == set(prior.sources)
+        unsourced = {"category", "sources", "measured", "body", "plausible"}
+        assert {f.name for f in dataclasses.fields(prior)} - unsourced == set(prior.sources)
     phantom = load_prior("phantom")
     assert set(phantom.sources) >= {f.name for f in dataclasses.fields(phantom.body)}
 
