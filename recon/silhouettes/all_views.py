@@ -73,25 +73,22 @@ COVERS = (
 @dataclass(frozen=True, kw_only=True)
 class Round:
     """How far an outline may move, which share of views may cut away too much in the hull, how much a pixel's
-    log odds count at most, and whether the outline is kept near the hull's, sharpened on the photo's own
-    pixels, and before that moved to the steepest step nearby.
+    log odds count at most, and whether the outline is sharpened on the photo's own pixels and kept near the
+    hull's, and before that moved to the steepest step nearby.
     """
 
     reach_px: float
     outlier_share: float
     most_log_odds: float
-    keep: bool
     sharpen: bool
     search: bool
 
 
 ROUNDS = (
-    Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, keep=False, sharpen=False, search=False),
-    Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, keep=True, sharpen=True, search=True),
-    Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
-    Round(
-        reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, keep=True, sharpen=True, search=False
-    ),
+    Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, sharpen=False, search=False),
+    Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, sharpen=True, search=True),
+    Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, sharpen=True, search=False),
+    Round(reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, sharpen=True, search=False),
 )
 """Of making the outlines sharp, coarse to fine; the surface comes from the last one's. Set by hand."""
 
@@ -281,7 +278,6 @@ def _refined(
         if step.sharpen:
             outline, window = sharpened(outline, window, search=step.search)
             near = enlarged(near, view.window.shrink)
-        if step.keep:
             outline = kept_near(outline, near, inward_px=MOST_INWARD_PX)
         clear.append(outline.clear_share)
         silhouettes.append(silhouette_of_outline(outline, window, view.camera))

@@ -42,9 +42,7 @@ class FittedSurface:
 
 
 def fitted_to_outlines(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    silhouettes: Sequence[Silhouette],
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
 ) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
