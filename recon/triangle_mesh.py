@@ -94,6 +94,13 @@ def face_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
     return np.asarray(np.linalg.norm(_crosses(vertices, faces), axis=1) / 2)
 
 
+def vertex_areas(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " n"]:
+    """A third of the areas of each vertex's faces, mm^2."""
+    return np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
+
+
 def vertex_normals(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "n 3"]:

@@ -10,7 +10,7 @@ from recon.checks.camera_shadow import in_camera_shadow, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
 from recon.surface.coverage import SEEN_BY
 from recon.surface.ray_mesh import RayMesh
-from recon.triangle_mesh import face_areas, facing, smoothed, vertex_normals
+from recon.triangle_mesh import facing, smoothed, vertex_areas, vertex_normals
 
 SPREADING = 8
 """Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
@@ -123,7 +123,6 @@ def surface_error(
     share = (held + unknown) / (held + unknown + HALF_KNOWN)
     hollow = 0.0 if bridged is None else (BRIDGED * diameter * bridged) ** 2
     sd = np.sqrt(share * rim + (1 - share) * blind + shaded / np.maximum(every, 1e-9) + hollow)
-    area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), count)
-    seen = area * (views >= SEEN_BY)
+    seen = vertex_areas(vertices, faces) * (views >= SEEN_BY)
     rms = float(np.sqrt(np.sum(seen * sd**2) / max(float(seen.sum()), 1e-9))) if seen.any() else float("inf")
     return SurfaceError(sd_mm=sd, offset_mm=mean * share * agreed, rms_mm=rms)

@@ -10,7 +10,7 @@ from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError
 from recon.recon_failure import ReconProblem
 from recon.surface.coverage import SEEN_BY
-from recon.triangle_mesh import face_areas, vertex_normals, volume_mm3
+from recon.triangle_mesh import vertex_areas, vertex_normals, volume_mm3
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
 """Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
@@ -128,21 +128,15 @@ def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     x, y = vertices[vertex, :2] - middle[:2]
     level = "near the top" if normal[2] > 0.8 else "on the lower side" if normal[2] < -0.3 else "on the flank"
     turn = float(np.degrees(np.arctan2(y, x)))
-    side = (
-        ("towards the suture", "right of the suture", "away from the suture", "left of the suture")[
-            round(turn / 90) % 4
-        ]
-        if abs(normal[2]) < 0.95
-        else "in the middle"
-    )
+    sides = ("towards the suture", "right of the suture", "away from the suture", "left of the suture")
+    side = sides[round(turn / 90) % 4] if abs(normal[2]) < 0.95 else "in the middle"
     return f"{level}, {side}, about {max(vertices[vertex, 2], 0.0):.0f} mm above the ground,"
 
 
 def _seen_area(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
-    return np.asarray(area * (views >= SEEN_BY))
+    return np.asarray(vertex_areas(vertices, faces) * (views >= SEEN_BY))
 
 
 def _worst(
