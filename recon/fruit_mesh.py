@@ -23,7 +23,7 @@ from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit
 from recon.learned.geometry_model import point_maps
 from recon.point_route import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Scale, scale_without_mat, scaled_to_height, spread_of_scale
+from recon.scale import Scale, scale_without_mat, spread_of_scale
 from recon.silhouettes.all_views import find_fruit
 from recon.silhouettes.carve import AGREEMENT
 from recon.stage_clock import Progress, StageClock, one_thread
@@ -263,8 +263,8 @@ def reconstruct_with_model(
         with clock.stage("quality", 0.9):
             miss_mm = float(np.sqrt(np.mean(RayMesh(vertices, faces).distances_mm(points) ** 2)))
             if mat is None and height_mm is not None:
-                vertices, factor = scaled_to_height(vertices, height_mm)
-                miss_mm *= factor
+                factor = height_mm / float(np.ptp(vertices[:, 2]))
+                vertices, miss_mm = vertices * factor, miss_mm * factor
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, miss_mm)
             quality = ReconQuality(
                 views_given=len(photos),

@@ -12,7 +12,7 @@ from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
 from recon.picture_values import sampled
 from recon.recon_failure import ReconProblem
-from recon.scale import Box, blank_box, box_about_z, with_print_error
+from recon.scale import PRINT_SCALE_SD, Box, blank_box, box_about_z
 
 TRUSTED_SHARE = 0.6
 """Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
@@ -88,7 +88,7 @@ def _world_from_tags(
         )
     T, away = robust_similarity(source[known].astype(float), target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))
-    return T, with_print_error(float(np.sqrt(np.mean(away**2))) / spread)
+    return T, float(np.hypot(np.sqrt(np.mean(away**2)) / spread, PRINT_SCALE_SD))
 
 
 def _world_from_ground(

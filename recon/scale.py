@@ -9,11 +9,12 @@ from jaxtyping import Float, UInt8
 from recon.cameras.camera import Camera
 from recon.cameras.coin import Coin, coin_scale
 from recon.cameras.printed_mat import Mat
+from recon.cameras.similarity import affine
 from recon.recon_failure import ReconFailure
 from recon.surface.unseen_top import expected_excess
 
 PRINT_SCALE_SD = 0.001
-"""Relative error of a mat's print that was measured: 0.1 mm of its bar of 100 (estimate)."""
+"""Relative error of a mat's print that was measured: 0.1 mm of its bar of 100 (assumed)."""
 UNSURE = 0.005
 """Relative error of the scale that is said: 0.15 mm at the skin of a fruit of 60 mm."""
 APART_SD = 3.0
@@ -33,28 +34,6 @@ def blank_box(mat: Mat) -> Box:
 def box_about_z(half: float, high: float) -> Box:
     """The box within `half` of the z axis in x and y, from the ground up to `high`."""
     return np.array([-half, -half, 0.0]), np.array([half, half, high])
-
-
-def scaled_to_height(
-    vertices: Float[np.ndarray, "n 3"], height_mm: float
-) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """Vertices scaled about the origin so that they are `height_mm` tall along z, and the factor.
-
-    >>> vertices, factor = scaled_to_height(np.array([[0.0, 0, 0], [1, 0, 2]]), 60.0)
-    >>> factor, vertices[1]
-    (30.0, array([30.,  0., 60.]))
-    """
-    factor = height_mm / float(np.ptp(vertices[:, 2]))
-    return vertices * factor, factor
-
-
-def with_print_error(scale_sd: float) -> float:
-    """Relative standard deviation of a scale from the mat: the fit's and the print's (assumed).
-
-    >>> with_print_error(0.0)
-    0.001
-    """
-    return float(np.hypot(scale_sd, PRINT_SCALE_SD))
 
 
 def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float) -> float:
@@ -98,11 +77,8 @@ def scale_without_mat(
     middle = np.array([*(low + high)[:2] / 2, low[2]])
     away = np.array([c.place for c in cameras]) - [*middle[:2], high[2]]
     lowest = float(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1)).min())
-    to_middle = np.eye(4)
-    to_middle[:3, 3] = -middle
-    excess = expected_excess([c.moved(to_middle) for c in cameras], high - low, lowest).remaining(
-        top_measured
-    )
+    centred = [c.moved(affine(np.eye(3), -middle)) for c in cameras]
+    excess = expected_excess(centred, high - low, lowest).remaining(top_measured)
     factor = height_mm * (1 + excess.value) / tall
     by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), excess.sd))
     look = (

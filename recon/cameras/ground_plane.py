@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from recon.cameras.similarity import affine
 from recon.recon_failure import ReconProblem
 
 TRIALS = 600
@@ -70,7 +71,5 @@ def upright(
             "use the mat (drupe mat)."
         )
     x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3] = np.stack([x, np.cross(up, x), up])
-    T[:3, 3] = -T[:3, :3] @ foot
-    return T
+    turn = np.stack([x, np.cross(up, x), up])
+    return affine(turn, -turn @ foot)

@@ -12,9 +12,9 @@ from recon.cameras.camera import Camera, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
-from recon.cameras.similarity import fitted_similarity
+from recon.cameras.similarity import affine, fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box, blank_box, with_print_error
+from recon.scale import PRINT_SCALE_SD, Box, blank_box
 
 FEWEST_TAGS = 4
 """Tags that place a photo, at least: sixteen corners. Set by hand."""
@@ -84,7 +84,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         cameras=tuple(cameras),
         used=np.array([s.photo for s in sightings], int),
         reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
-        scale_sd=with_print_error(_scale_error(sightings, cameras)),
+        scale_sd=float(np.hypot(_scale_error(sightings, cameras), PRINT_SCALE_SD)),
         focal_sd_px=focal_sd_px,
         box=blank_box(mat),
         warnings=warnings,
@@ -181,9 +181,7 @@ def _first_pose(sighting: _Sighting, focal_px: float, size: tuple[int, int]) -> 
     _, turn, shift = cv2.solvePnP(
         sighting.corners_mm, sighting.corners_px, pinhole(focal_px, size), None, flags=cv2.SOLVEPNP_IPPE
     )
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
-    return pose
+    return affine(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
 def _adjusted(

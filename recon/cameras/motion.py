@@ -14,7 +14,7 @@ from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_motion import cameras_from_ground
-from recon.cameras.similarity import moved, scaling
+from recon.cameras.similarity import affine, moved
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
 
@@ -156,9 +156,8 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction 
 
 def _camera(photo: Photo, image: "pycolmap.Image") -> Camera:
     """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
-    pose = np.eye(4)
-    pose[:3] = image.cam_from_world().matrix()
-    return Camera.of(photo, image.camera.params[0], image.camera.params[3], pose)
+    matrix, params = image.cam_from_world().matrix(), image.camera.params
+    return Camera.of(photo, params[0], params[3], affine(matrix[:, :3], matrix[:, 3]))
 
 
 def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
@@ -200,7 +199,6 @@ def _placed(
         tall = float(np.percentile(over[:, 2], 98))
         wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
     factor = height_mm / tall
-    world = scaling(factor)
-    world[:2, 3] = -factor * middle
+    world = affine(factor * np.eye(3), -factor * np.array([*middle, 0.0]))
     half = 1.7 * factor * max(wide, 0.5 * tall)
     return world, box_about_z(half, 1.7 * height_mm)

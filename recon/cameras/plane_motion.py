@@ -13,7 +13,7 @@ from recon.cameras.plane_bundle import RIGID, Adjusted, PlaneScene, Sightings, a
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
 from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
 from recon.cameras.plane_tracks import ground_tracks
-from recon.cameras.similarity import scaling
+from recon.cameras.similarity import affine, scaling
 from recon.cameras.view_plan import ViewPlan, plan_words, view_plan
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
@@ -190,7 +190,6 @@ def _placed(
     cells = first_block(scene).points * distance / 100
     low, high = cells.min(0), cells.max(0)
     factor = height_mm / high[2]
-    world = scaling(factor)
-    world[:2, 3] = -factor * (low + high)[:2] / 2
+    world = affine(factor * np.eye(3), -factor * (low + high) / 2 * [1, 1, 0])
     half = factor * 0.85 * max(float((high - low)[:2].max()), float(high[2]))
     return world, box_about_z(half, 1.7 * height_mm)

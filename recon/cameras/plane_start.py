@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 
 from recon.cameras.camera import pinhole
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair
+from recon.cameras.similarity import affine
 from recon.triangle_mesh import parts_of
 
 FOCALS = np.geomspace(0.55, 3.2, 14)
@@ -111,10 +112,7 @@ def _pose(A: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
     if np.cross(r1, r2) @ t > 0:
         r1, r2, t = -r1, -r2, -t
     U, _, V = np.linalg.svd(np.column_stack([r1, r2, np.cross(r1, r2)]))
-    pose = np.eye(4)
-    pose[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    pose[:3, 3] = t
-    return pose
+    return affine(U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V, t)
 
 
 def _down(elevation: float, roll: float) -> Float[np.ndarray, "3 3"]:

@@ -18,9 +18,7 @@ def fitted_similarity(
     flip = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     turn = (U * flip) @ Vt
     scale = float(singular @ flip) / float(np.sum(a**2))
-    T = np.eye(4)
-    T[:3, :3] = scale * turn
-    T[:3, 3] = target.mean(0) - scale * turn @ source.mean(0)
+    T = affine(scale * turn, target.mean(0) - scale * turn @ source.mean(0))
     return T, np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
 
 
@@ -34,6 +32,13 @@ def robust_similarity(
         away = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
         keep = away <= 3 * float(np.median(away)) + 1e-12
     return T, away[keep]
+
+
+def affine(linear: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """The transform that takes x to linear x + shift."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = linear, shift
+    return T
 
 
 def scaling(factor: float) -> Float[np.ndarray, "4 4"]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from recon.cameras.similarity import moved
+from recon.cameras.similarity import affine, moved
 from recon.recon_failure import ReconProblem
 from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import facing, vertex_normals
@@ -176,11 +176,9 @@ class _Skin:
 
 def _turned_over(upright: ScannedSide, over: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
     """The other mesh turned about z, then over about x, its box's middle on the first's."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("zx", [turn_deg, 180.0], degrees=True).as_matrix()
+    R = Rotation.from_euler("zx", [turn_deg, 180.0], degrees=True).as_matrix()
     target, middle = ((side.vertices.min(0) + side.vertices.max(0)) / 2 for side in (upright, over))
-    pose[:3, 3] = target - pose[:3, :3] @ middle
-    return pose
+    return affine(R, target - R @ middle)
 
 
 def _laid(
@@ -223,10 +221,7 @@ def _laid(
         step = np.linalg.solve(normal_of, A.T @ (weight * away))
         left = 1 + step[6] / size
         R = Rotation.from_rotvec(step[:3] / size).as_matrix() * (1.0 if on_mat else left)
-        move = np.eye(4)
-        move[:3, :3] = R
-        move[:3, 3] = middle - R @ middle + step[3:6]
-        pose = move @ pose
+        pose = affine(R, middle - R @ middle + step[3:6]) @ pose
         if np.abs(step).max() < 1e-5 * size:
             break
     scale = float(np.cbrt(np.linalg.det(pose[:3, :3]))) * (left if on_mat else 1.0)

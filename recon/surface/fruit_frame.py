@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from recon.cameras.similarity import affine
 from recon.surface.orientation import Orientation
 
 SURE = 0.5
@@ -24,9 +25,8 @@ def to_fruit_frame(
     [[-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]]
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    fruit_from_mesh = np.eye(4)
-    fruit_from_mesh[:3, 3] = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    return vertices + fruit_from_mesh[:3, 3], fruit_from_mesh
+    shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return vertices + shift, affine(np.eye(3), shift)
 
 
 def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
+from recon.cameras.similarity import affine
 from recon.silhouettes.all_views import FIT_LEVEL, OUTLIER_SHARE
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
@@ -128,8 +129,7 @@ def _outline(
     wave_px: Float[np.ndarray, " n"],
 ) -> Silhouette:
     """The ellipsoid's outline, whether or not it leaves the picture."""
-    T = np.eye(4)
-    T[:3, 3] = centre
+    T = affine(np.eye(3), centre)
     P = camera.intrinsics @ camera.cam_from_world[:3]
     conic = np.linalg.inv(P @ T @ np.diag([*semi**2, -1.0]) @ T.T @ P.T)
     middle = -np.linalg.solve(conic[:2, :2], conic[:2, 2])
