@@ -24,6 +24,5 @@ def sampled(
     border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
     maps, beyond = padded.reshape(-1, row, 2), (outside or 0.0,) * 4
     values = cv2.remap(picture, maps, None, how, borderMode=border, borderValue=beyond)
-    return values.reshape(len(padded), *picture.shape[2:])[:count].reshape(
-        *pixels.shape[:-1], *picture.shape[2:]
-    )
+    values = values.reshape(len(padded), *picture.shape[2:])[:count]
+    return np.asarray(values.reshape(*pixels.shape[:-1], *picture.shape[2:]))

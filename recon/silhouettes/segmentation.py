@@ -230,7 +230,7 @@ def _log_odds(
     by_colour = colour.colour_log_odds(fruit[cells], on_background, palette[cells], strange[open_])
     log_odds = prior + view.learned
     log_odds[open_] += np.where(behind.known[open_], by_colour, np.clip(by_colour, *UNKNOWN_LOG_ODDS))
-    return log_odds
+    return np.asarray(log_odds)
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
