@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.photos import Photo
@@ -54,7 +54,9 @@ def fruit_points(
         scale_sd = float("inf")
     points = moved(maps.points, world)
     turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
-    above_ground = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
+    low, high = box
+    inside = ((points >= low) & (points <= high)).all(axis=-1)
+    above_ground = trusted & inside & (points[..., 2] > 0.02 * high[2])
     if above_ground.sum() < FEWEST_POINTS:
         raise ReconProblem.NO_FRUIT.failure(
             f"Only {int(above_ground.sum())} trusted points of the geometry model lie above the "
@@ -118,7 +120,3 @@ def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s 
     down = np.gradient(points, axis=1)
     normal = np.cross(down, right)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))
-
-
-def _inside(points: Float[np.ndarray, "*n 3"], box: Box) -> Bool[np.ndarray, "*n"]:
-    return np.asarray(((points >= box[0]) & (points <= box[1])).all(axis=-1))

@@ -94,19 +94,14 @@ def ground_tracks(
         steps = [projected(scene, views[-1], at + unit * e, middle) - places[-1] for e in np.eye(2)]
         px_from_element = np.stack(steps, axis=2)
         spreads.append(px_from_element @ spread[found] @ np.swapaxes(px_from_element, 1, 2))
+    W = np.linalg.inv(np.linalg.cholesky(np.concatenate(spreads)))  # the median sighting keeps its size
     seen = Sightings(
         np.concatenate(views),
         np.concatenate(points),
         np.concatenate(places),
-        _whitening(np.concatenate(spreads)),
+        W / np.median(np.sqrt(np.abs(np.linalg.det(W)))) if len(W) else W,
     )
     return compacted(seen, corners * unit + foot - REACH * distance)
-
-
-def _whitening(spread: Float[np.ndarray, "k 2 2"]) -> Float[np.ndarray, "k 2 2"]:
-    """W with W spread W' = unit, scaled so that the median observation keeps its size."""
-    W = np.linalg.inv(np.linalg.cholesky(spread))
-    return np.asarray(W / np.median(np.sqrt(np.abs(np.linalg.det(W)))) if len(W) else W)
 
 
 def compacted(

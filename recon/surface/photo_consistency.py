@@ -13,6 +13,9 @@ from recon.triangle_mesh import facing
 
 SIDE = 7
 """Of a patch, in places: 49 numbers tell a correlation to a seventh."""
+_RISES = np.indices((SIDE, SIDE)).reshape(2, -1)[::-1].T - (SIDE - 1) / 2
+_GRADIENT = np.ascontiguousarray(_RISES / np.linalg.norm(_RISES, axis=0), np.float32)
+"""These are patches that rise evenly along each side, by steps and of unit length."""
 PATCH_STEP_PX = 1.7
 """px between them: as far as a photo's blur makes neighbours alike."""
 FACING = 0.35
@@ -167,13 +170,3 @@ def _peak(
     second = np.where(far, scores, -1.0).max(1)
     trusted = (score > least) & ~edge & (score - second > DISTINCT)
     return offset, np.where(trusted, score**2, 0.0)
-
-
-def _gradient() -> Float[np.ndarray, "p 2"]:
-    """Unit patches that rise evenly along each side."""
-    steps = np.arange(SIDE) - (SIDE - 1) / 2
-    rises = np.stack([g.ravel() for g in np.meshgrid(steps, steps)], axis=1)
-    return np.asarray((rises / np.linalg.norm(rises, axis=0)).astype(np.float32))
-
-
-_GRADIENT = _gradient()

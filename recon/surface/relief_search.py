@@ -109,7 +109,8 @@ def searched(
         moved = base + (smooth - height)[:, None] * normals
         rows = np.flatnonzero(active & grown(np.abs(smooth) > MOVED_SHARE * radius, faces, GROWTH_RINGS))
         turned = vertex_normals(moved, faces)
-        mixed = turned if search.from_moved else _blend(normals, turned)
+        between = normals + turned
+        mixed = turned if search.from_moved else between / np.linalg.norm(between, axis=1, keepdims=True)
         patches = Patches(moved, mixed, mean_curvature(moved, turned, faces))
     far = np.abs(heights_mm(mesh, moved)) > MOVED_SHARE * radius
     return Found(surface=moved, weight=weight, active=active, far=far)
@@ -194,8 +195,3 @@ def _membrane(
     solver = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     out[free] = solver.solve((weight * offset)[free])
     return out
-
-
-def _blend(old: Float[np.ndarray, "n 3"], new: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    mixed = old + new
-    return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
