@@ -1,6 +1,4 @@
-"""The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> Poisson surface -> closed,
-scaled mesh.
-"""
+"""The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,28 +14,23 @@ from recon.cameras.mat_poses import Poses, cameras_from_mat
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo, require_enough
 from recon.cameras.printed_mat import Mat
+from recon.cameras.similarity import scaling
 from recon.checks.ground_check import rim_evidence
-from recon.checks.quality import (
-    NOTHING_KNOWN,
-    ReconQuality,
-    depth_doubts,
-    outline_rms_mm,
-    warnings_of,
-    widest_gap_deg,
-)
-from recon.checks.surface_error import SurfaceError, surface_error
+from recon.checks.quality import ReconQuality, depth_doubts, outline_rms_mm, warnings_of, widest_gap_deg
+from recon.checks.surface_error import surface_error
 from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import point_maps
 from recon.point_route import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import scale_without_mat, scaled_to_height, spread_of_scale
-from recon.silhouettes.all_views import FoundFruit, find_fruit
+from recon.scale import Scale, scale_without_mat, spread_of_scale
+from recon.silhouettes.all_views import find_fruit
 from recon.silhouettes.carve import AGREEMENT
 from recon.stage_clock import Progress, StageClock, one_thread
 from recon.surface.coverage import seeing_views, seen_and_unseen
-from recon.surface.poisson import distances_mm, poisson_surface
-from recon.surface.relief import relief
+from recon.surface.poisson import poisson_surface
+from recon.surface.ray_mesh import RayMesh
+from recon.surface.relief import relief, unsearched
 from recon.surface.repair import RepairedMesh, repaired
 from recon.surface.unseen_top import top_share
 from recon.triangle_mesh import vertex_normals
@@ -70,8 +63,7 @@ class ReconOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstruction:
-    """A closed fruit mesh (mm, faces outward), its relative scale error and surface error, and how it came
-    about.
+    """A closed fruit mesh (mm, faces outward), its scale error (relative) and surface error, and its origin.
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
@@ -106,14 +98,12 @@ def reconstruct(
     options: ReconOptions | None = None,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """The fruit of a set of photos as a closed mesh in mm.
+    """The fruit of a set of photos as a closed mesh in mm, scaled by the mat or by the fruit's height.
 
-    Scale comes from the mat, or without one from the fruit's height. The same photos give the same mesh:
-    every library runs in one thread with a fixed seed. Where the photos contradict the mesh, as with white
-    fruit on white paper of which the first block lacks a side, it is made once more from a block that fewer
-    photos must agree on. Raises ReconFailure: too-few-views, mat-not-found, no-overlap, no-fruit,
-    fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted, bad-geometry-model,
-    missing-library.
+    One thread and fixed seeds: the same photos give the same mesh. Where the photos contradict it, it is made
+    once more from a block that fewer photos must agree on. Raises ReconFailure: too-few-views, mat-not-found,
+    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted,
+    bad-geometry-model, missing-library.
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
@@ -151,185 +141,94 @@ def _reconstructed(
     agreement: float,
     clock: StageClock,
 ) -> Reconstruction:
-    """Outlines to surface to closed mesh, with its quality and the warnings that follow."""
-    images, cameras = [image for image, _ in pairs], [camera for _, camera in pairs]
+    """Outlines to surface to closed mesh, with its quality and the warnings that follow.
+
+    Raises ReconFailure, surface-contradicted, where the photos do not show the mesh.
+    """
+    low_mm, high_mm = poses.box
     with one_thread():
         with clock.stage("outlines", 0.25):
             fruit = find_fruit(
-                images,
-                cameras,
-                low_mm=poses.box[0],
-                high_mm=poses.box[1],
+                *zip(*pairs, strict=True),
+                low_mm=low_mm,
+                high_mm=high_mm,
                 level=options.level,
                 agreement=agreement,
                 model=model,
             )
-            images, cameras = (
-                [images[i] for i in fruit.used.tolist()],
-                [cameras[i] for i in fruit.used.tolist()],
-            )
+            images, cameras = zip(*(pairs[i] for i in fruit.used.tolist()), strict=True)
         with clock.stage("relief", 0.7):
-            skin = _skin(fruit, images, cameras, with_relief=options.relief)
+            skin = unsearched(fruit.vertices)
+            if options.relief:
+                skin = relief(fruit.vertices, fruit.faces, images, cameras, support=fruit.support)
             tree = cKDTree(skin.vertices)
         with clock.stage("surface", 0.85):
             mesh = closed_surface(
                 skin.vertices, vertex_normals(skin.vertices, fruit.faces), max_faces=options.max_faces
             )
-            bridged = skin.bridged[tree.query(mesh.vertices)[1]]
+            bridged = np.where(skin.measured, 0.0, skin.bridged)[tree.query(mesh.vertices)[1]]
         with clock.stage("quality", 0.95):
-            scaled = _scaled(mesh, fruit, poses, images, cameras, mat, height_mm, options, skin.top_measured)
-            checked = _checked(scaled, images, mesh.faces, bridged)
-            quality = replace(
-                checked.quality,
+            outline_mm = outline_rms_mm(mesh.vertices, mesh.faces, fruit.silhouettes)
+            scale = Scale(factor=1.0, sd=poses.scale_sd)
+            if mat is None and height_mm is not None:
+                scale = scale_without_mat(
+                    mesh.vertices,
+                    images,
+                    cameras,
+                    height_mm=height_mm,
+                    height_sd_mm=options.height_sd_mm,
+                    surface_sd=outline_mm,
+                    coin=options.coin,
+                    top_measured=top_share(skin.vertices, skin.measured),
+                )
+            vertices, faces = mesh.vertices * scale.factor, mesh.faces
+            cameras = tuple(c.moved(scaling(scale.factor)) for c in cameras)
+            places = np.array([c.place for c in cameras])
+            views = seeing_views(vertices, faces, places)
+            share, hole_mm2 = seen_and_unseen(vertices, faces, views)
+            evidence = rim_evidence(images, cameras, vertices, faces)
+            error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
+            offset = surface_offset(error, vertices, faces, views)
+            doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
+            quality = ReconQuality(
                 views_given=len(photos),
                 views_used=len(fruit.used),
                 reprojection_px=poses.reprojection_px,
                 silhouette_iou=fruit.agreement,
+                outline_rms_mm=outline_mm * scale.factor,
                 clear_outline_share=fruit.clear_share,
                 focal_px=poses.cameras[0].focal_px,
                 focal_sd_px=poses.focal_sd_px,
                 k1=poses.cameras[0].k1,
-                widest_gap_deg=widest_gap_deg(np.array([c.place for c in cameras]), fruit.vertices.mean(0)),
+                widest_gap_deg=widest_gap_deg(places, fruit.vertices.mean(0) * scale.factor),
+                seen_share=share,
+                unseen_mm2=hole_mm2,
                 decimation_rms_mm=mesh.deviation_rms_mm,
-                relief_share=skin.relief_share,
+                relief_share=float(skin.measured.mean()),
+                offset_rms_mm=offset.rms_mm,
+                offset_local_mm=offset.local_mm,
+                offset_volume_share=offset.volume_share,
+                ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
             )
     return Reconstruction(
-        vertices=scaled.vertices,
-        faces=mesh.faces,
-        scale_sd=scaled.sd,
-        surface_sd_mm=checked.error.rms_mm,
+        vertices=vertices,
+        faces=faces,
+        scale_sd=scale.sd,
+        surface_sd_mm=error.rms_mm,
         quality=quality,
         warnings=poses.warnings
-        + scaled.warnings
-        + warnings_of(quality, largest_mm=float(np.ptp(scaled.vertices, axis=0).max()))
-        + checked.doubts
-        + depth_doubts(skin.edge_depth_mm * scaled.per_mm),
+        + scale.warnings
+        + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
+        + doubts
+        + depth_doubts(skin.edge_depth_mm * scale.factor),
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
-        cameras=tuple(scaled.cameras),
-        outlines=tuple(one.outline_px() for one in fruit.silhouettes),
-        views=checked.views,
-        sd_mm=checked.error.sd_mm,
+        cameras=cameras,
+        outlines=tuple(silhouette.outline_px() for silhouette in fruit.silhouettes),
+        views=views,
+        sd_mm=error.sd_mm,
         unplaced=tuple(p.name for i, p in enumerate(photos) if i not in poses.used),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Skin:
-    """The hull after the search for relief: its vertices; the share of them, and of the top, that relief has
-    measured; how far the hull bridges a hollow where it has not, at each vertex; `Relief.edge_depth_mm`.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    relief_share: float
-    top_measured: float
-    bridged: Float[np.ndarray, " n"]
-    edge_depth_mm: float = 0.0
-
-
-def _skin(
-    fruit: FoundFruit, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], *,
-    with_relief: bool,
-) -> _Skin:  # fmt: skip
-    """The skin with what no outline shows, where that is looked for."""
-    if not with_relief:
-        return _Skin(
-            vertices=fruit.vertices,
-            relief_share=0.0,
-            top_measured=0.0,
-            bridged=np.zeros(len(fruit.vertices)),
-        )
-    found = relief(fruit.vertices, fruit.faces, images, cameras, support=fruit.support)
-    return _Skin(
-        vertices=found.vertices,
-        relief_share=float(found.measured.mean()),
-        top_measured=top_share(found.vertices, found.measured),
-        bridged=np.where(found.measured, 0.0, found.bridged),
-        edge_depth_mm=found.edge_depth_mm,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Scaled:
-    """Mesh and cameras in mm: vertices, cameras, deviation from the outlines, the scale's relative error, mm
-    per unit before.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    cameras: Sequence[Camera]
-    outline_mm: float
-    sd: float
-    warnings: tuple[str, ...]
-    per_mm: float = 1.0
-
-
-def _scaled(
-    mesh: RepairedMesh, fruit: FoundFruit, poses: Poses, images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-    cameras: Sequence[Camera], mat: Mat | None, height_mm: float | None, options: ReconOptions,
-    top_measured: float,
-) -> _Scaled:  # fmt: skip
-    """By the mat as it is; without one by the fruit's height or a coin."""
-    outline_mm = outline_rms_mm(mesh.vertices, mesh.faces, fruit.silhouettes)
-    if mat is not None or height_mm is None:
-        return _Scaled(
-            vertices=mesh.vertices, cameras=cameras, outline_mm=outline_mm, sd=poses.scale_sd, warnings=()
-        )
-    scale = scale_without_mat(
-        mesh.vertices,
-        images,
-        cameras,
-        height_mm=height_mm,
-        height_sd_mm=options.height_sd_mm,
-        surface_sd=outline_mm,
-        coin=options.coin,
-        top_measured=top_measured,
-    )
-    factor = scale.factor
-    return _Scaled(
-        vertices=mesh.vertices * factor,
-        cameras=[c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras],
-        outline_mm=outline_mm * factor,
-        sd=scale.sd,
-        warnings=scale.warnings,
-        per_mm=factor,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Checked:
-    """The mesh held against its photos: views of each vertex, the skin's error, what of `quality` that
-    makes, and what it casts doubt on.
-    """
-
-    views: Int[np.ndarray, " n"]
-    error: SurfaceError
-    quality: ReconQuality
-    doubts: tuple[str, ...]
-
-
-def _checked(
-    scaled: _Scaled, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], faces: Int[np.ndarray, "m 3"],
-    bridged: Float[np.ndarray, " n"],
-) -> _Checked:  # fmt: skip
-    """Raises ReconFailure, surface-contradicted, where the photos do not show the mesh."""
-    vertices, places = scaled.vertices, np.array([c.place for c in scaled.cameras])
-    views = seeing_views(vertices, faces, places)
-    share, hole_mm2 = seen_and_unseen(vertices, faces, views)
-    evidence = rim_evidence(images, scaled.cameras, vertices, faces)
-    error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
-    offset = surface_offset(error, vertices, faces, views)
-    doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
-    quality = replace(
-        NOTHING_KNOWN,
-        outline_rms_mm=scaled.outline_mm,
-        seen_share=share,
-        unseen_mm2=hole_mm2,
-        offset_rms_mm=offset.rms_mm,
-        offset_local_mm=offset.local_mm,
-        offset_volume_share=offset.volume_share,
-        ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
-    )
-    return _Checked(views=views, error=error, quality=quality, doubts=doubts)
 
 
 def reconstruct_with_model(
@@ -349,8 +248,8 @@ def reconstruct_with_model(
     """
     options = options or ReconOptions()
     if is_fruit_model(model, providers=options.providers):
-        own = replace(options, fruit_model=model)
-        return reconstruct(photos, mat=mat, height_mm=height_mm, options=own, progress=progress)
+        options = replace(options, fruit_model=model)
+        return reconstruct(photos, mat=mat, height_mm=height_mm, options=options, progress=progress)
     _require_scale(photos, mat, height_mm)
     clock = StageClock(progress)
     with one_thread():
@@ -362,13 +261,12 @@ def reconstruct_with_model(
             vertices, faces = mesh.vertices, mesh.faces
             vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
         with clock.stage("quality", 0.9):
-            miss_mm = float(np.sqrt(np.mean(distances_mm(points, vertices, faces) ** 2)))
+            miss_mm = float(np.sqrt(np.mean(RayMesh(vertices, faces).distances_mm(points) ** 2)))
             if mat is None and height_mm is not None:
-                vertices, factor = scaled_to_height(vertices, height_mm)
-                miss_mm *= factor
+                factor = height_mm / float(np.ptp(vertices[:, 2]))
+                vertices, miss_mm = vertices * factor, miss_mm * factor
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, miss_mm)
-            quality = replace(
-                NOTHING_KNOWN,
+            quality = ReconQuality(
                 views_given=len(photos),
                 views_used=len(photos),
                 outline_rms_mm=miss_mm,
@@ -392,10 +290,9 @@ def reconstruct_with_model(
 def _require_scale(photos: Sequence[Photo], mat: Mat | None, height_mm: float | None) -> None:
     require_enough(len(photos), where="The set")
     if mat is None and (height_mm is None or not height_mm > 0):
-        raise ReconFailure(
-            ReconProblem.NO_SCALE,
+        raise ReconProblem.NO_SCALE.failure(
             "This fruit has neither a marker mat (mat.json) nor a positive height_mm; give one of "
-            "them for scale.",
+            "them for scale."
         )
 
 

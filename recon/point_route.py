@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
-from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box, blank_box, with_print_error
-from recon.silhouettes.hull import sampled
+from recon.picture_values import sampled
+from recon.recon_failure import ReconProblem
+from recon.scale import PRINT_SCALE_SD, Box, blank_box, box_about_z
 
 TRUSTED_SHARE = 0.6
 """Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
@@ -29,8 +29,7 @@ SEED = 1
 def fruit_points(
     maps: PointMaps, photos: Sequence[Photo], *, mat: Mat | None, height_mm: float | None
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], float]:
-    """Points of the fruit's skin in mm (z up, ground at z = 0), their outward normals, and the relative scale
-    error.
+    """Points of the skin in mm (z up, ground at z = 0), outward normals, and the relative scale error.
 
     The more trusted 60 % of the points count. With a mat, the tag corners' points fix the similarity to the
     mat's frame; without it, the ground's plane fixes z, the fruit's height the scale (fixed later on the
@@ -45,23 +44,23 @@ def fruit_points(
         world, scale_sd = _world_from_tags(maps, photos, mat)
         box = blank_box(mat)
     elif maps.places is None:
-        raise ReconFailure(
-            ReconProblem.BAD_GEOMETRY_MODEL,
+        raise ReconProblem.BAD_GEOMETRY_MODEL.failure(
             'The geometry model has no output "pose_enc". Its points do not show the first photo\'s '
             "position, and so not the suture's direction. Use the mat (drupe mat), or a model with "
-            '"pose_enc".',
+            '"pose_enc".'
         )
     else:
         world, box = _world_from_ground(maps.points[trusted], maps.places[0], height_mm or 1.0)
         scale_sd = float("inf")
     points = moved(maps.points, world)
     turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
-    above_ground = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
+    low, high = box
+    inside = ((points >= low) & (points <= high)).all(axis=-1)
+    above_ground = trusted & inside & (points[..., 2] > 0.02 * high[2])
     if above_ground.sum() < FEWEST_POINTS:
-        raise ReconFailure(
-            ReconProblem.NO_FRUIT,
+        raise ReconProblem.NO_FRUIT.failure(
             f"Only {int(above_ground.sum())} trusted points of the geometry model lie above the "
-            "ground at the fruit; check the photos, or remove the model.",
+            "ground at the fruit; check the photos, or remove the model."
         )
     found, outward = points[above_ground], normals[above_ground] @ turn.T
     if len(found) > MOST_POINTS:
@@ -85,14 +84,13 @@ def _world_from_tags(
     target = np.concatenate(printed) if printed else np.empty((0, 3))
     known = np.isfinite(source).all(axis=1)
     if known.sum() < FEWEST_CORNERS:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"The photos show {len(printed)} tags of the mat ({len(photos)} photos); aligning the "
-            "model needs at least 4.",
+            "model needs at least 4."
         )
     T, away = robust_similarity(source[known].astype(float), target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))
-    return T, with_print_error(float(np.sqrt(np.mean(away**2))) / spread)
+    return T, float(np.hypot(np.sqrt(np.mean(away**2)) / spread, PRINT_SCALE_SD))
 
 
 def _world_from_ground(
@@ -113,7 +111,7 @@ def _world_from_ground(
     wide = float(np.percentile(np.hypot(above_ground[:, 0], above_ground[:, 1]), 90))
     T[:3] *= height_mm / tall
     half = 1.7 * height_mm / tall * max(wide, 0.5 * tall)
-    return T, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))
+    return T, box_about_z(half, 1.7 * height_mm)
 
 
 def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s h w 3"]:
@@ -122,7 +120,3 @@ def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s 
     down = np.gradient(points, axis=1)
     normal = np.cross(down, right)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))
-
-
-def _inside(points: Float[np.ndarray, "*n 3"], box: Box) -> Bool[np.ndarray, "*n"]:
-    return np.asarray(((points >= box[0]) & (points <= box[1])).all(axis=-1))

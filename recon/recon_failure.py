@@ -1,6 +1,4 @@
-"""How a fruit's photos can fail to become a mesh: one exception, whose problem is a word and whose detail a
-sentence.
-"""
+"""How photos can fail to become a mesh: an exception whose problem is a word, its detail a sentence."""
 
 from enum import StrEnum
 
@@ -28,6 +26,10 @@ class ReconProblem(StrEnum):
     PIT_OUTSIDE_FRUIT = "pit-outside-fruit"
     BAD_GEOMETRY_MODEL = "bad-geometry-model"
     MISSING_LIBRARY = "missing-library"
+
+    def failure(self, detail: str, views: ViewPlan | None = None) -> "ReconFailure":
+        """The exception with this problem and one sentence."""
+        return ReconFailure(self, detail, views)
 
 
 class ReconFailure(Exception):

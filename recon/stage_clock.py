@@ -31,9 +31,7 @@ class StageClock:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for OpenCV and BLAS, and OpenCV's seed set: sums are added in one order, so a run can be
-    repeated.
-    """
+    """One thread for OpenCV and BLAS, and OpenCV's seed set, so that a run can be repeated."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     cv2.setRNGSeed(1)

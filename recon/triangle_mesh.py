@@ -1,15 +1,17 @@
-"""Facts of triangle meshes: closed or not, volume, normals. Vertices in mm, faces counter-clockwise from
-outside.
-"""
+"""Triangle meshes: edges, volume, normals. Vertices in mm, faces counter-clockwise from outside."""
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
 
+def sides_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m3 2"]:
+    """Ends of the faces' sides: all first sides (corners 0 and 1), then all second, then all third."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+
+
 def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
-    """How many directed edges lack their opposite or occur twice; 0 for a closed, consistently turned
-    manifold.
+    """How many directed edges lack their opposite or occur twice; 0 for a closed, well turned manifold.
 
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     >>> open_edges(tetrahedron), open_edges(tetrahedron[1:])
@@ -17,21 +19,16 @@ def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     """
     if len(faces) == 0:
         return 1
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    edges = sides_of(faces)
     width = int(edges.max()) + 1
     ahead, count = np.unique(edges[:, 0] * width + edges[:, 1], return_counts=True)
     back = edges[:, 1] * width + edges[:, 0]
     return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
 
 
-def unique_edges(
-    faces: Int[np.ndarray, "m 3"],
-) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
-    """Each edge once, its lower vertex first, in ascending order; and which of them each side of each face
-    is: all first sides (corners 0 and 1), then all second, then all third.
-    """
-    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    sides = sides.astype(np.int64)  # their products overflow 32 bits
+def unique_edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
+    """Each edge once, its lower vertex first, in ascending order; and which of them each of `sides_of` is."""
+    sides = np.sort(sides_of(faces), axis=1)
     width = int(sides.max(initial=0)) + 1
     keys, of_side = np.unique(sides[:, 0] * width + sides[:, 1], return_inverse=True)
     return np.stack(np.divmod(keys, width), axis=1), of_side
@@ -40,10 +37,21 @@ def unique_edges(
 def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
     """How many pieces the surface has that share no vertex."""
     used, index = np.unique(faces, return_inverse=True)
-    corner = index.reshape(faces.shape)
-    ends = (np.concatenate([corner[:, 0], corner[:, 1]]), np.concatenate([corner[:, 1], corner[:, 2]]))
-    graph = sparse.coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(len(used), len(used)))
-    return int(sparse.csgraph.connected_components(graph, directed=False)[0])
+    return int(parts_of(sides_of(index.reshape(faces.shape)), len(used)).max(initial=-1)) + 1
+
+
+def parts_of(edges: Int[np.ndarray, "e 2"], count: int) -> Int[np.ndarray, " n"]:
+    """The number of the connected part, from 0 on, that each of `count` vertices belongs to."""
+    graph = sparse.coo_array((np.ones(len(edges), np.int8), tuple(edges.T)), shape=(count, count))
+    return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1])
+
+
+def used_part(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "m 3"]]:
+    """The mesh without vertices that no face uses."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(renumbered).reshape(faces.shape)
 
 
 def consistently_oriented(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
@@ -53,22 +61,16 @@ def consistently_oriented(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3
     Each face has two copies, as it is and turned. Copies that agree along an edge are joined; what is joined
     to the first face's own copy agrees with it.
     """
-    m = len(faces)
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    _, of_side, count = np.unique(
-        low * (int(ends.max(initial=0)) + 1) + high, return_inverse=True, return_counts=True
-    )
-    if m == 0 or (count != 2).any():
+    m, ends = len(faces), sides_of(faces)
+    _, of_side = unique_edges(faces)
+    if m == 0 or (np.bincount(of_side) != 2).any():
         return faces
     sides = np.argsort(of_side, kind="stable").reshape(-1, 2)
     i, j = (sides % m).T
     against = (ends[sides[:, 0], 0] == ends[sides[:, 1], 0]).astype(np.int64)
     rows = np.concatenate([i, i + m])
     columns = np.concatenate([j + m * against, j + m * (1 - against)])
-    graph = sparse.coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * m, 2 * m))
-    part = sparse.csgraph.connected_components(graph, directed=False)[1]
-    as_they_are, turned = part[:m], part[m:]
+    as_they_are, turned = parts_of(np.stack([rows, columns], axis=1), 2 * m).reshape(2, m)
     if (as_they_are == turned).any():
         return faces
     flipped = as_they_are > turned  # of the two halves of each body, one has the lower number
@@ -89,20 +91,31 @@ def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 
 def face_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
     """Areas of the faces, mm^2."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    return np.asarray(np.linalg.norm(_crosses(vertices, faces), axis=1) / 2)
+
+
+def vertex_areas(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " n"]:
+    """A third of the areas of each vertex's faces, mm^2."""
+    return np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
 
 
 def vertex_normals(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """Unit normals at the vertices, faces weighted by area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    flat = np.cross(b - a, c - a)
+    flat = _crosses(vertices, faces)
     sums = np.stack(
         [np.bincount(faces.ravel(), np.repeat(flat[:, k], 3), len(vertices)) for k in range(3)], axis=1
     )
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
+
+
+def _crosses(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
+    """The faces' normals, twice as long as their areas."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def facing(
@@ -120,8 +133,8 @@ def rim_crossings(
     j: Int[np.ndarray, " e"],
     place: Float[np.ndarray, "3"],
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Edges (i, j) whose one end faces a camera at `place` and whose other does not: their ends a and b, and
-    the share t of the way from a to b where n . (place - x), linear along the edge, is zero.
+    """Edges (i, j) of which one end, a, faces a camera at `place` and the other, b, does not; and the share t
+    of the way from a to b where n . (place - x), linear along the edge, is zero.
     """
     towards = np.einsum("ij,ij->i", place - points, normals)
     crossing = (towards[i] > 0) != (towards[j] > 0)
@@ -129,10 +142,19 @@ def rim_crossings(
     return a, b, towards[a] / (towards[a] - towards[b])
 
 
+def smoothed(
+    values: Float[np.ndarray, "n ..."], faces: Int[np.ndarray, "m 3"], rounds: int
+) -> Float[np.ndarray, "n ..."]:
+    """Values at vertices, brought halfway to the mean over their neighbours, so many times."""
+    mean = neighbour_mean(faces, len(values))
+    for _ in range(rounds):
+        values = 0.5 * (values + mean @ values)
+    return values
+
+
 def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
     """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
-    i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    i = np.concatenate([i, i[:, ::-1]])
-    A = sparse.csr_array((np.ones(len(i)), (i[:, 0], i[:, 1])), shape=(count, count))
+    i, j = sides_of(faces).T
+    A = sparse.csr_array((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(count, count))
     A.data[:] = 1.0
     return sparse.csr_array(sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A)

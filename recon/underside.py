@@ -51,11 +51,7 @@ def _merged(
         views = seeing_views(mesh.vertices, mesh.faces, places)
         share, hole_mm2 = seen_and_unseen(mesh.vertices, mesh.faces, views)
         quality = replace(quality, seen_share=share, unseen_mm2=hole_mm2)
-    quality = replace(
-        quality,
-        flipped_views=over.quality.views_used,
-        flipped_miss_mm=found.miss_mm,
-    )
+    quality = replace(quality, flipped_views=over.quality.views_used, flipped_miss_mm=found.miss_mm)
     kept = [w for w in upright.warnings if w not in seen_doubts(upright.quality)]
     said = [
         f"In {WHERE}: {w}"

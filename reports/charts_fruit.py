@@ -21,8 +21,7 @@ _MOST_POINTS = 80
 _MOST_OF_LINE = 24
 """Points of a model's line: it is smooth."""
 LEAST_CERTAIN = 0.2
-"""Relative error of a frame's modulus from which it does not set the scale of the chart: the first frames
-after touch carry little."""
+"""Relative error of a frame's modulus from which it does not set the chart's scale."""
 _PAD_MARKS = ("circle", "square", "circle", "square")
 _PAD_DOTS = ("round", "cornered")
 

@@ -1,5 +1,4 @@
-"""One fruit's explanation as everything that is written of it has it: the JSON of the format drupe-mismatch
-(docs/formats.md), the page and the terminal.
+"""One fruit's explanation, for the JSON of the format drupe-mismatch (docs/formats.md), page and terminal.
 
 The finder's own records (fem/mismatch/result.py) are read by their attributes, since this package imports
 nothing of fem: a candidate of the ranking, a modulus, a check, a map. Units are in the names; standard
@@ -19,8 +18,7 @@ from jaxtyping import Float
 
 FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
-"""Name and number of the format that docs/formats.md describes; the number grows when an old reader would
-fail."""
+"""Name and number of the format in docs/formats.md; the number grows when an old reader would fail."""
 OPTIONAL = frozenset({"next_grasp_plan", "E_withheld", "doubts"})
 """Keys that are left out where there is nothing."""
 OF_THE_PAGE = frozenset({"patch_mm"})
@@ -86,9 +84,7 @@ class ExplainEntry:
     facts: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null.
-        OPTIONAL keys are left out where there is nothing.
-        """
+        """What drupe-mismatch holds, as JSON: null for no finite number, empty OPTIONAL keys left out."""
         written = {
             "format": FORMAT,
             "version": VERSION,
@@ -132,9 +128,7 @@ def _candidate(candidate: Record) -> dict[str, Any]:
 
 
 def _plain(content: Any) -> Any:
-    """Records as mappings, arrays and tuples as lists, numpy's numbers as Python's; one that is not finite as
-    None.
-    """
+    """Records as mappings, arrays and tuples as lists, numpy's numbers as Python's, None if not finite."""
     if is_dataclass(content):
         names = [known.name for known in fields(content) if known.name not in OF_THE_PAGE]
         return {name: _plain(getattr(content, name)) for name in names}

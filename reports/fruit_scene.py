@@ -22,8 +22,7 @@ SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
 SKIN_ALPHA, PATCH_ALPHA = 0.45, 0.92
 """Opacity of the skin and of what the pads touched (by eye)."""
 ROUND = 1.6
-"""Patch round a marker, in the median distance of neighbouring markers: patches are closed, rims half a pitch
-wide."""
+"""Patch round a marker, in the median distance of neighbours: closed patches, rims half a pitch wide."""
 _COMPONENTS = {"<f4": 5126, "|u1": 5121, "<u2": 5123}
 """Component types (glTF 2.0, 3.6.2.2) of numpy's."""
 _VERTICES, _TRIANGLES = 34962, 34963
@@ -66,9 +65,7 @@ def fruit_scene(
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]],
     layer: SkinLayer | None = None,
 ) -> bytes:
-    """A GLB in millimetres, z to the stem; `contacts_mm`: points that each pad's markers touch; `layer`: a
-    map over the skin's vertices.
-    """
+    """A GLB in mm, z to the stem; `contacts_mm`: points that each pad touches; `layer`: a map of the skin."""
     parts: list[_Part] = []
     if pit is not None and len(pit.faces):
         inner = pit.decimated(PIT_TRIANGLES)

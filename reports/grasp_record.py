@@ -8,9 +8,7 @@ class _Record(BaseModel):
 
 
 class ModelCurveRecord(_Record):
-    """Travel that the fitted model has under a pad's recorded force, in the frames that were used; `sd_mm`:
-    of that travel, by E's error.
-    """
+    """Travel of the fitted model under a pad's force, in the frames used; `sd_mm`: of it, by E's error."""
 
     travel_mm: list[float]
     force_N: list[float]

@@ -35,9 +35,7 @@ _compiled: dict[str, _Compiled] = {}
 
 
 def page_environment() -> Environment:
-    """Where templates are found by their path in this package, with the filters that several pages have; in
-    the language in force (reports.language).
-    """
+    """Templates by their path in this package, with filters, in the language in force (reports.language)."""
     environment = Environment(
         loader=PackageLoader("reports", package_path=""),
         autoescape=True,
@@ -58,8 +56,6 @@ def page_environment() -> Environment:
 
 
 def own_script(name: str) -> tuple[Markup, str]:
-    """A script of this package (static/`name`) to be put into a page as it is, and the SHA-256 of it (base64)
-    by which the page's content policy allows it.
-    """
+    """A script (static/`name`) for a page, and the SHA-256 (base64) by which its content policy allows it."""
     script = resources.files("reports").joinpath(f"static/{name}").read_text(encoding="utf-8")
     return Markup(script), base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")

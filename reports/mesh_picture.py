@@ -18,15 +18,13 @@ FLESH = np.array([0.99, 0.74, 0.47])
 PIT = np.array([0.36, 0.20, 0.12])
 """sRGB shares, a stone's brown (by eye)."""
 PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
-"""sRGB shares of the pads' patches: blue, green, violet, grey, told apart by colour-blind readers too (by
-eye)."""
+"""sRGB shares of the pads' patches: blue, green, violet, grey, for colour-blind readers too (by eye)."""
 _SUN = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
 """Where the light comes from: right, up, towards the viewer."""
 _HALFWAY = (_SUN + np.array([0.0, 0.0, 1.0])) / np.linalg.norm(_SUN + np.array([0.0, 0.0, 1.0]))
 """Unit vector between light and viewer, for the highlight (Blinn and Phong's shading)."""
 _SHADOW_CELLS = 64
-"""Cells along a side of the grid on which the fruit's shadow is cast (by eye: it is soft, and
-interpolated)."""
+"""Cells along a side of the grid of the fruit's shadow, which is soft and interpolated (by eye)."""
 _NEIGHBOURS = 12
 """Nearest markers of a pixel that paint a patch on it: a grid's 3 by 3 and three to spare."""
 
@@ -143,9 +141,7 @@ def _through_flesh(
 
 
 def _patch(surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " k"]:
-    """How much of each pixel that shows skin is painted: by the density of points there, relative to that of
-    a full grid.
-    """
+    """How much of each pixel of skin is painted: the density of points there over that of a full grid."""
     shown = surface.points_mm[surface.hit]
     cover = np.zeros(len(shown))
     if not len(points):

@@ -13,8 +13,7 @@ from jaxtyping import Float, UInt8
 from reports.photo import jpeg, within
 
 LINE_BGR, INK_BGR = (255, 190, 0), (29, 25, 22)
-"""A light blue, which no stone fruit has, and which shows on paper and in shadow too; names as the page's
-text."""
+"""A light blue, which no stone fruit has, on paper and in shadow too; names as the page's text."""
 TILE_PX, MARGIN = 220, 0.18
 """Height and width of a photo on the sheet (px), and what is shown around the outline, over its size. Set by
 hand: outlines can be judged to a pixel of the screen, and 24 photos take 250 kB."""
@@ -23,8 +22,7 @@ NAME_PX, COLUMNS = 20, 6
 NAME_LETTERS = 28
 """Letters of a name that fit under a photo at the size used."""
 BLUR = 0.45
-"""Standard deviation of the blur before a photo is shrunk, in pixels of the sheet: half a pixel stands for an
-area's mean."""
+"""Standard deviation of the blur before a photo is shrunk, in pixels of the sheet, as an area's mean."""
 LINE_PX = 1
 """Width of the line in the finished picture, px: a wider one hides the edge that it is to be held against."""
 _SUBPIXEL_BITS = 4

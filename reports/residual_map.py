@@ -13,16 +13,14 @@ from reports.raycast import TracedSurface, Viewing
 from reports.skin_map import MapStyle, SkinLayer, map_picture, side_of
 
 REACH = 1.6
-"""Skin farther from every marker than so many distances of neighbours is hatched, as patches are painted in
-reports.fruit_scene."""
+"""Skin farther from every marker than so many distances of neighbours is hatched."""
 NEIGHBOURS = 6
 """Markers of which a place's value is the mean, by a Gaussian of one marker's distance: a marker's own noise
 does not stand out, a patch's tilt or dome does. Set by hand."""
 MOST_SHARE = 0.98
 """The bar reaches what this share of the values stays below."""
 LEAST_UM = 20.0
-"""The bar reaches at least so far, um: twice a usual gel's noise, so that noise does not look like misfit.
-Set by hand."""
+"""The bar's least reach, um: twice a usual gel's noise, which is not to look like misfit. Set by hand."""
 VIEW_PX, SAMPLES = 200, 1
 """Pixels of a view, and rays for each of them along a side: with two the map of four
 patches takes .5 s of CPU instead of .23, and looks the same."""
@@ -33,9 +31,7 @@ MARGIN = 1.35
 def residual_map(
     vertices_mm: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"], patches: Sequence[PatchResidual]
 ) -> bytes | None:
-    """PNG with each patch seen from straight above, coloured by its residual on one scale; None where no
-    patch has two markers.
-    """
+    """PNG of each patch from above, coloured by its residual; None for no patch of two markers."""
     surface = TracedSurface.of(vertices_mm, triangles)
     middle_mm = 0.5 * (vertices_mm.min(axis=0) + vertices_mm.max(axis=0))
     sides, values, seen = [], [], []
@@ -68,9 +64,7 @@ def residual_map(
 def residual_layer(
     vertices_mm: Float[np.ndarray, "n 3"], patches: Sequence[PatchResidual]
 ) -> SkinLayer | None:
-    """The same over the whole skin, the mean of grasps where their patches overlap; None without a patch of
-    two markers.
-    """
+    """The same over the whole skin, the mean where patches overlap; None without a patch of two markers."""
     carried = [
         on_skin(vertices_mm, patch.places_mm, patch.residual_um)
         for patch in patches

@@ -29,8 +29,7 @@ _SIDES = (
     ("stem end", 0.0, 86.0),
     ("blossom end", 0.0, -86.0),
 )
-"""Name, azimuth and elevation of the view, degrees: four sides seen a little from above, then stem and
-blossom end."""
+"""Name, azimuth and elevation (degrees) of the views: four sides a little from above, stem, blossom end."""
 SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#7d0630", "#d1495b", "#f2b9a6", "#f7f3ea", "#a9cbe0", "#3c8dbc", "#163f70"]
 )
@@ -160,8 +159,7 @@ def map_picture(
     radius_mm: float | None = None,
     samples: int = 2,
 ) -> bytes:
-    """PNG of the views, three in a row, over a colour bar; `scores` per vertex, for all views or for each its
-    own, their range from those `seen`.
+    """PNG of the views, three in a row, over a colour bar; `scores` per vertex, for all views or each.
 
     A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
     """

@@ -138,9 +138,7 @@ class Plot:
         return polyline([*map(self.x, across[finite])], [*map(self.y, up[finite])], class_=class_)
 
     def dots(self, points: Iterable[tuple[float, float]]) -> str:
-        """The path of the finite points. A stroke without length is a round or square dot: a tenth of the
-        bytes of an element for each.
-        """
+        """The path of the finite points. A stroke without length is a dot, for a tenth of the bytes."""
         return "".join(
             f"M{self.x(across):.1f} {self.y(up):.1f}h0"
             for across, up in points
@@ -184,9 +182,7 @@ def class_mark(colour: str, shape: str) -> Markup:
 def error_bar(
     scale: AxisScale, value: float, sd: float | None, at: float, *, upright: bool = False, class_: str = ""
 ) -> Markup:
-    """Whiskers from one standard deviation below to one above, along x at the height `at` or upright at x;
-    nothing where the deviation is not known.
-    """
+    """Whiskers of one standard deviation each way, along x at the height `at` or upright at x, if known."""
     if sd is None or not math.isfinite(sd):
         return Markup("")
     low, high = scale(max(value - sd, scale.lowest)), scale(min(value + sd, scale.highest))

@@ -39,8 +39,7 @@ def ranking_json(batch: BatchEntry) -> str:
 
 
 def ranking_csv(batch: BatchEntry) -> str:
-    """Table of the batch, softest fruit first, those without a modulus last, reference bodies after them, as
-    CSV (RFC 4180, LF).
+    """Table of the batch: softest first, no modulus last, then reference bodies, as CSV (RFC 4180, LF).
 
     Moduli carry four significant figures, their standard deviations three; an unknown value is an empty
     cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
@@ -106,9 +105,7 @@ def _plain(text: str | None) -> str | None:
 
 
 def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
-    """A fruit's cells by column. New columns are added at the end only: programs read these by name and
-    place.
-    """
+    """A fruit's cells by column. New columns are added at the end only: programs read by name and place."""
     return {
         "rank": fruit.rank,
         "fruit_id": safe(fruit.fruit_id),

@@ -1,22 +1,18 @@
-"""A camera with its pose: world points to pixels. Pixel centres are whole numbers; axes x right, y down, z
-ahead.
-"""
+"""A camera with its pose: world to pixels, whose centres are whole numbers; x right, y down, z ahead."""
 
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from recon.cameras.photos import Photo
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole with one radial term, and where it stood.
-
-    u = f x (1 + k1 r²) + c, with (x, y) = (X, Y) / Z in camera axes, r² = x² + y², c the centre of the
-    picture.
+    """A pinhole with one radial term, and its pose: u = f x (1 + k1 r²) + c, r² = x² + y², c the middle of
+    the picture, (x, y) = (X, Y) / Z in camera axes.
     """
 
     name: str
@@ -26,6 +22,21 @@ class Camera:
     k1: float
     cam_from_world: Float[np.ndarray, "4 4"]
 
+    @classmethod
+    def of(
+        cls, photo: Photo, focal_px: float, k1: float, cam_from_world: Float[np.ndarray, "4 4"]
+    ) -> "Camera":
+        """The camera that took a photo."""
+        height, width = photo.image.shape[:2]
+        return cls(
+            name=photo.name,
+            width_px=width,
+            height_px=height,
+            focal_px=float(focal_px),
+            k1=float(k1),
+            cam_from_world=cam_from_world,
+        )
+
     @property
     def middle_px(self) -> Float[np.ndarray, "2"]:
         """The principal point: the picture's middle."""
@@ -34,14 +45,17 @@ class Camera:
     @property
     def place(self) -> Float[np.ndarray, "3"]:
         """The camera's centre in the world."""
-        return np.asarray(-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])
+        return place_of(self.cam_from_world)
 
     @property
     def intrinsics(self) -> Float[np.ndarray, "3 3"]:
         """The matrix K of the pinhole."""
-        K = np.diag([self.focal_px, self.focal_px, 1.0])
-        K[:2, 2] = self.middle_px
-        return K
+        return pinhole(self.focal_px, (self.height_px, self.width_px))
+
+    def shows(self, pixels: Float[np.ndarray, "*n 2"], border_px: float) -> Bool[np.ndarray, "*n"]:
+        """Which pixels lie in the picture, further than `border_px` from its outermost ones."""
+        outermost = np.array([self.width_px - 1, self.height_px - 1])
+        return np.asarray(((pixels > border_px) & (pixels < outermost - border_px)).all(axis=-1))
 
     def into(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """World points in the camera's axes; the third column is their depth."""
@@ -65,12 +79,35 @@ class Camera:
             xy = xy * (1 + self.k1 * np.sum(xy**2, 1, keepdims=True))
         return np.asarray(xy * self.focal_px + self.middle_px)
 
+    def pixel_mm(self, points: Float[np.ndarray, "n 3"]) -> float:
+        """How wide a pixel is at the points' median depth."""
+        return float(np.median(self.into(points)[:, 2])) / self.focal_px
+
     def moved(self, new_from_world: Float[np.ndarray, "4 4"]) -> "Camera":
         """The same camera in a world moved, turned and scaled by a similarity."""
         scale = np.cbrt(np.linalg.det(new_from_world[:3, :3]))
         cam_from_new = self.cam_from_world @ np.linalg.inv(new_from_world)
         cam_from_new[:3] *= scale
         return replace(self, cam_from_world=cam_from_new)
+
+
+def pinhole(focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """The matrix K of a camera whose photos are (height, width) pixels."""
+    return np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1.0]])
+
+
+def place_of(cam_from_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]:
+    """A camera's centre in the world."""
+    return np.asarray(-cam_from_world[:3, :3].T @ cam_from_world[:3, 3])
+
+
+def aim_of(poses: Float[np.ndarray, "v 4 4"]) -> Float[np.ndarray, "3"]:
+    """The point nearest to the optical axes of all cameras (cam_from_world)."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for pose in poses:
+        off = np.eye(3) - np.outer(pose[2, :3], pose[2, :3])
+        A, b = A + off, b + off @ place_of(pose)
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
 
 
 def straightened(photo: Photo, camera: Camera) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:

@@ -12,7 +12,9 @@ from jaxtyping import Float, UInt8
 from scipy.optimize import least_squares
 
 from recon.cameras.camera import Camera
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.picture_values import sampled
+from recon.recon_failure import ReconProblem
+from recon.silhouettes.mask import lab
 
 USUAL_THICKNESS_MM = 1.9
 """Of a coin that is given by its diameter alone: those of coins.toml have 1.35 to 2.5."""
@@ -21,18 +23,15 @@ STRUCK_SD_MM = 0.03
 EDGE_MM = 0.15
 """The widest place of a coin lies so far below its top: the edge is rounded (assumed)."""
 LEAST_SD = 0.005
-"""Relative error that the photos' own scatter does not show: 0.1 to 1.0 % on a coin 38 pixels wide, with
-cameras 0.3 % off, by where the search began."""
+"""Relative error beyond the photos' scatter: 0.1 to 1.0 % on a coin 38 px wide, by where the search began."""
 SPOTS = 180
 """Places looked at along the rim: every two degrees."""
 RADIUS_STEP = 0.02
 """Of the tried radii, relative: over an element of 1 / 9 radius, five steps of it."""
 LEAST_STEP = 3.0
-"""Least step of colour that counts as an edge, CIE Lab units: over four of the 41 places across a rim, and a
-picture element in the view from above."""
+"""Least step of colour of an edge, CIE Lab units, over four places across a rim or one pixel from above."""
 OUTERMOST = 0.5
-"""Of the steps along a ray that reach this share of its strongest, the outermost is the rim: coins
-have rings."""
+"""Coins have rings: of steps along a ray that reach this share of the strongest, the outermost is the rim."""
 OUTERMOST_VOTES = 0.8
 """Of the tried radii that reach this share of the most votes, the largest is the first guess."""
 FEWEST_VIEWS = 3
@@ -52,9 +51,7 @@ class Coin:
 
 @dataclass(frozen=True, kw_only=True)
 class CoinScale:
-    """The factor that takes the cameras' unit to mm, its relative standard deviation, where the coin lies
-    (in the cameras' unit), and how many photos show its rim.
-    """
+    """Factor from the cameras' unit to mm, its relative sd, where the coin lies, and photos with its rim."""
 
     factor: float
     sd: float
@@ -69,7 +66,7 @@ def known_coins() -> dict[str, Coin]:
 
 
 def coin_named(name: str) -> Coin:
-    """The coin of that name, capitals or not; raises ReconFailure (no-scale) that names all coins.
+    """The coin of that name, in any case; raises ReconFailure (no-scale) that names all coins.
 
     >>> coin_named("1 EURO").diameter_mm
     23.25
@@ -81,9 +78,8 @@ def coin_named(name: str) -> Coin:
     near = difflib.get_close_matches(name, coins, n=1)
     meant = f'did you mean "{near[0]}"? ' if near else ""
     known = ", ".join(f"{coin.name} ({coin.diameter_mm:g} mm)" for coin in coins.values())
-    raise ReconFailure(
-        ReconProblem.NO_SCALE,
-        f'drupe knows no coin "{name}"; {meant}known: {known}; for another coin give its diameter as coin_mm',
+    raise ReconProblem.NO_SCALE.failure(
+        f'drupe knows no coin "{name}"; {meant}known: {known}; for another coin give its diameter as coin_mm'
     )
 
 
@@ -97,24 +93,27 @@ def coin_scale(
 ) -> CoinScale:
     """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
 
-    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim is a circle of the
-    coin's thickness above the plane. It is sought in the photos' mean from above; then every photo's steps of
-    colour across the half of the rim that is farther from the camera (the nearer half shows the edge and its
-    shadow) settle centre and radius together, with Cauchy's weights. The middle of the fruit is at x = y = 0.
-    Raises ReconFailure (no-scale) where no circle of that size shows in three photos.
+    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim, a circle of the coin's
+    thickness above the plane, is sought in the photos' mean from above. Then steps of colour across its
+    farther half in every photo settle centre and radius together, with Cauchy's weights. The fruit's middle
+    is at x = y = 0. Raises ReconFailure (no-scale) where no such circle shows in three photos.
     """
     high = coin.thickness_mm - EDGE_MM
     about = coin.diameter_mm / 2 / unit_mm
-    seen = [_Edges.of(image) for image in images]
+    seen = [cv2.GaussianBlur(lab(image), (0, 0), 0.8) for image in images]
     x = _sought(seen, cameras, about, high / unit_mm, spread)
     for step in (spread + 0.06, spread, spread, 0.1, 0.1, 0.1):
         height = high * 2 * float(x[2]) / coin.diameter_mm
         spots = [
-            _far_rim(edges, camera, x, height, step) for edges, camera in zip(seen, cameras, strict=True)
+            _far_rim(colours, camera, x, height, step) for colours, camera in zip(seen, cameras, strict=True)
         ]
         spots = [s for s in spots if len(s) >= LEAST_SHARE * SPOTS / 2]
         if len(spots) < FEWEST_VIEWS:
-            raise _not_found(coin, len(spots))
+            raise ReconProblem.NO_SCALE.failure(
+                f'drupe found no coin of {coin.diameter_mm:g} mm ("{coin.name}") on the ground in three '
+                f"photos (its rim is visible in {len(spots)}). Lay it flat beside the fruit, in view of most "
+                "photos, on a ground of another colour. Or give height_mm."
+            )
         at = np.concatenate(spots)
 
         def misses(x: Float[np.ndarray, "3"], at: Float[np.ndarray, "n 2"] = at) -> Float[np.ndarray, " n"]:
@@ -131,55 +130,32 @@ def coin_scale(
     )
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """A photo's colours (CIE Lab, slightly blurred)."""
-
-    lab: Float[np.ndarray, "h w 3"]
-
-    @classmethod
-    def of(cls, image: UInt8[np.ndarray, "h w 3"]) -> "_Edges":
-        lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_BGR2Lab)
-        return cls(np.asarray(cv2.GaussianBlur(lab, (0, 0), 0.8)))
-
-    def at(self, pixels: Float[np.ndarray, "n m 2"]) -> Float[np.ndarray, "n m 3"]:
-        x, y = np.moveaxis(pixels.astype(np.float32), 2, 0)
-        return np.asarray(cv2.remap(self.lab, x, y, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3), float)
-
-
-def _ring(
-    camera: Camera, x: Float[np.ndarray, "3"], height: float, radii: Float[np.ndarray, " m"]
-) -> tuple[Float[np.ndarray, "n m 2"], Float[np.ndarray, "n 2"]]:
-    """Pixels of circles about x at a height, and the directions from the centre."""
-    turn = 2 * np.pi * np.arange(SPOTS) / SPOTS
-    way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    flat = x[:2] + radii[None, :, None] * way[:, None]
-    points = np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
-    return camera.project(points.reshape(-1, 3)).reshape(SPOTS, len(radii), 2), way
-
-
 def _far_rim(
-    edges: _Edges, camera: Camera, x: Float[np.ndarray, "3"], height: float, reach: float
+    colours: Float[np.ndarray, "h w 3"],
+    camera: Camera,
+    x: Float[np.ndarray, "3"],
+    height: float,
+    reach: float,
 ) -> Float[np.ndarray, "n 2"]:
     """Places on the plane of the rim's far half where a photo has its step of colour."""
     radii = x[2] * (1 + np.linspace(-reach, reach, 41))
-    pixels, way = _ring(camera, x, height, radii)
+    turn = 2 * np.pi * np.arange(SPOTS) / SPOTS
+    way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     away = x[:2] - camera.place[:2]
-    far = way @ (away / np.linalg.norm(away)) > -0.1
-    colours = edges.at(pixels[far])
-    steps = np.linalg.norm(colours[:, 4:] - colours[:, :-4], axis=2)
+    way = way[way @ (away / np.linalg.norm(away)) > -0.1]
+    flat = x[:2] + radii[None, :, None] * way[:, None]
+    points = np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
+    pixels = camera.project(points.reshape(-1, 3)).reshape(flat.shape)
+    across = sampled(colours, pixels, outside=float("nan")).astype(float)
+    steps = np.linalg.norm(across[:, 4:] - across[:, :-4], axis=2)
     good = np.isfinite(steps).all(axis=1)
-    steps, out = steps[good], way[far][good]
-    if len(steps) == 0:
-        return np.empty((0, 2))
+    steps, out = steps[good], way[good]
     inner = steps[:, 1:-1]
     top = (inner >= steps[:, :-2]) & (inner > steps[:, 2:])
-    strong = top & (inner > OUTERMOST * steps.max(axis=1, keepdims=True)) & (inner > LEAST_STEP)
+    strong = top & (inner > OUTERMOST * steps.max(axis=1, keepdims=True, initial=0.0)) & (inner > LEAST_STEP)
     best = steps.shape[1] - 2 - strong[:, ::-1].argmax(axis=1)
     clear = strong.any(axis=1)
     steps, best, out = steps[clear], best[clear], out[clear]
-    if len(best) == 0:
-        return np.empty((0, 2))
     row = np.arange(len(best))
     a, b, c = steps[row, best - 1], steps[row, best], steps[row, best + 1]
     part = 0.5 * (a - c) / np.minimum(a - 2 * b + c, -1e-9)
@@ -188,7 +164,11 @@ def _far_rim(
 
 
 def _sought(
-    seen: Sequence[_Edges], cameras: Sequence[Camera], about: float, height: float, spread: float
+    seen: Sequence[Float[np.ndarray, "_ _ 3"]],
+    cameras: Sequence[Camera],
+    about: float,
+    height: float,
+    spread: float,
 ) -> Float[np.ndarray, "3"]:
     """Centre and radius of the circle across which the photos' colours step most evenly all around.
 
@@ -204,10 +184,11 @@ def _sought(
     trials = 2 * int(np.ceil(spread / RADIUS_STEP)) + 1
     radii = about * (1 + np.linspace(-spread, spread, trials))
     votes = np.zeros((trials, side, side), np.float32)
-    for edges, camera in zip(seen, cameras, strict=True):
+    for colours, camera in zip(seen, cameras, strict=True):
         pixels = camera.project(flat).reshape(side, side, 2)
         ahead = camera.into(flat)[:, 2].reshape(side, side) > 0
-        picture = np.where(ahead[..., None], np.nan_to_num(edges.at(pixels)), 0).astype(np.float32)
+        ground = np.nan_to_num(sampled(colours, pixels, outside=float("nan")))
+        picture = np.where(ahead[..., None], ground, np.float32(0))
         gx = np.stack([cv2.Sobel(picture[..., k], cv2.CV_32F, 1, 0) for k in range(3)], 2) / 8
         gy = np.stack([cv2.Sobel(picture[..., k], cv2.CV_32F, 0, 1) for k in range(3)], 2) / 8
         strongest = np.argmax(gx**2 + gy**2, axis=2)[..., None]
@@ -219,25 +200,16 @@ def _sought(
             continue
         ux, uy = gx[rows, columns] / steep[rows, columns], gy[rows, columns] / steep[rows, columns]
         for k, radius in enumerate(radii):
-            own = np.zeros((side, side), np.float32)
+            round_ = np.zeros((side, side), np.float32)
             for sign in (-1.0, 1.0):
                 at = np.rint(
                     np.stack([columns + sign * ux * radius / element, rows + sign * uy * radius / element], 1)
                 ).astype(int)
                 ok = ((at >= 0) & (at < side)).all(axis=1)
-                own += np.bincount(at[ok, 1] * side + at[ok, 0], minlength=side * side).reshape(side, side)
-            votes[k] += np.minimum(cv2.GaussianBlur(own, (0, 0), 1.0), 8.0)
+                round_ += np.bincount(at[ok, 1] * side + at[ok, 0], minlength=side * side).reshape(side, side)
+            votes[k] += np.minimum(cv2.GaussianBlur(round_, (0, 0), 1.0), 8.0)
     total = votes.max(axis=0) + 0.2 * votes.sum(axis=0)
     row, column = np.unravel_index(int(np.argmax(total)), total.shape)
     near = votes[:, max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].max(axis=(1, 2))
     outermost = int(np.flatnonzero(near >= OUTERMOST_VOTES * near.max())[-1])
     return np.array([column * element - half, row * element - half, radii[outermost]])
-
-
-def _not_found(coin: Coin, views: int) -> ReconFailure:
-    return ReconFailure(
-        ReconProblem.NO_SCALE,
-        f'drupe found no coin of {coin.diameter_mm:g} mm ("{coin.name}") on the ground in three '
-        f"photos (its rim is visible in {views}). Lay it flat beside the fruit, in view of most photos, on a "
-        "ground of another colour. Or give height_mm.",
-    )

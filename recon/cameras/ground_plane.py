@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.cameras.similarity import affine
+from recon.recon_failure import ReconProblem
 
 TRIALS = 600
-"""Planes through three points that are tried: where a quarter of the points is ground, one of 600 misses it
-with probability 0.01 %."""
+"""Planes through three points that are tried; if a quarter is ground, all miss it with probability 0.01 %."""
 FEWEST_POINTS = 15
 """On a plane, at least; fewer may share one by chance. Set by hand."""
 STEEPEST_DEG = 10.0
@@ -21,8 +21,7 @@ def ground_plane(
     above: Float[np.ndarray, "m 3"] | None,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """A point of the plane that most points lie within `tolerance` of, and its upward unit normal (RANSAC,
-    least squares).
+    """A point, and the upward unit normal, of the plane within `tolerance` of most points (RANSAC).
 
     Up is where `above` (the cameras) is, all on one side; without it, where most of the remaining points are.
     Raises ReconFailure (no-overlap) where fewer than fifteen points share a plane.
@@ -42,10 +41,9 @@ def ground_plane(
             continue
         best, count = close, int(close.sum())
     if count < FEWEST_POINTS:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"drupe found no flat ground under the fruit among {len(points)} points; use the mat "
-            "(drupe mat) or a flat, textured ground.",
+            "(drupe mat) or a flat, textured ground."
         )
     for _ in range(5):
         middle = points[best].mean(0)
@@ -67,14 +65,11 @@ def upright(
     """
     x = ahead - (ahead @ up) * up
     if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             "The first photo looks straight down on the fruit. Without a mat it must show the "
             "suture's side, because it defines the suture's direction. Retake the first photo, or "
-            "use the mat (drupe mat).",
+            "use the mat (drupe mat)."
         )
     x /= np.linalg.norm(x)
-    T = np.eye(4)
-    T[:3, :3] = np.stack([x, np.cross(up, x), up])
-    T[:3, 3] = -T[:3, :3] @ foot
-    return T
+    turn = np.stack([x, np.cross(up, x), up])
+    return affine(turn, -turn @ foot)

@@ -1,22 +1,20 @@
-"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment over all
-photos.
-"""
+"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from recon.cameras.camera import Camera
+from recon.cameras.camera import Camera, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
-from recon.cameras.similarity import fitted_similarity
+from recon.cameras.similarity import affine, fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box, blank_box, with_print_error
+from recon.scale import PRINT_SCALE_SD, Box, blank_box
 
 FEWEST_TAGS = 4
 """Tags that place a photo, at least: sixteen corners. Set by hand."""
@@ -37,7 +35,6 @@ class Poses:
     reprojection_px: float
     scale_sd: float
     focal_sd_px: float
-    points: Float[np.ndarray, "n 3"]
     box: Box
     warnings: tuple[str, ...] = ()
 
@@ -50,13 +47,12 @@ class _Sighting:
 
 
 def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
-    """Cameras in the mat's frame (mm, z up), all sharing one focal length and one radial term.
+    """Cameras in the mat's frame (mm, z up) with one focal length and one radial term, without EXIF.
 
-    Minimises the distance in pixels between seen and projected tag corners over poses, focal length and k1,
-    with the corners held where they were printed. EXIF is not needed. Photos of another size than most are
-    left out, with a warning. `scale_sd` is the relative standard error of the scale: of the similarity that
-    takes the print to the corners as triangulated without it, and of the print. Raises ReconFailure:
-    mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
+    Minimises the distance in pixels of seen and projected tag corners. Photos of another size than most are
+    left out, with a warning. `scale_sd`: relative standard error of the similarity from the print to freely
+    triangulated corners, and of the print. Raises ReconFailure: mat-not-found (no tag anywhere),
+    too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
@@ -66,14 +62,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     )
     start = [_first_pose(s, focal_px, size) for s in sightings]
     for _ in range(2):
-        lens, poses, focal_sd_px = _adjust(sightings, start, focal_px, size)
-        cameras = [
-            Camera(
-                name=photos[s.photo].name, width_px=size[1], height_px=size[0],
-                focal_px=float(lens[0]), k1=float(lens[1]), cam_from_world=pose,
-            )
-            for s, pose in zip(sightings, poses, strict=True)
-        ]  # fmt: skip
+        cameras, focal_sd_px = _adjusted(photos, sightings, start, focal_px)
         errors = [
             np.linalg.norm(c.project(s.corners_mm) - s.corners_px, axis=1)
             for c, s in zip(cameras, sightings, strict=True)
@@ -86,7 +75,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
             _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
             for i in kept
         ]
-        start, focal_px = [poses[i] for i in kept], float(lens[0])
+        start, focal_px = [cameras[i].cam_from_world for i in kept], cameras[0].focal_px
     else:
         cameras = [cameras[i] for i in kept]
         errors = [errors[i][good[i]] for i in kept]
@@ -95,9 +84,8 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         cameras=tuple(cameras),
         used=np.array([s.photo for s in sightings], int),
         reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
-        scale_sd=with_print_error(_scale_error(sightings, cameras)),
+        scale_sd=float(np.hypot(_scale_error(sightings, cameras), PRINT_SCALE_SD)),
         focal_sd_px=focal_sd_px,
-        points=np.concatenate(list(mat.corners_mm.values())),
         box=blank_box(mat),
         warnings=warnings,
     )
@@ -113,11 +101,10 @@ def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
     ]
     most = max(len(tags) for tags, _ in seen)
     if most == 0:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
             f"of {len(photos)} photos; check that mat.json belongs to the printed mat and that the "
-            "photos show the mat.",
+            "photos show the mat."
         )
     if len(sightings) < FEWEST_PHOTOS:
         raise ReconFailure(
@@ -133,11 +120,10 @@ def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
     """Sightings of which most corners fit; raises ReconFailure (mat-not-found) where too few are left."""
     kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
     if len(kept) < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"The tags in {len(good)} photos do not fit the mat of mat.json: only {len(kept)} photos "
             f"have half of their corners within {LONGEST_ERROR_PX:g} px. Check that mat.json belongs "
-            "to the printed mat, that the mat lies flat, and that no photo is mirrored.",
+            "to the printed mat, that the mat lies flat, and that no photo is mirrored."
         )
     return kept
 
@@ -156,17 +142,15 @@ def _of_one_size(
     )
     advice = "take all photos with one camera, one zoom and one way up"
     if count < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
-            f"{fault}, and only {count} of one size remain, expected at least {FEWEST_PHOTOS}; {advice}.",
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
+            f"{fault}, and only {count} of one size remain, expected at least {FEWEST_PHOTOS}; {advice}."
         )
     kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
     return kept, size, (f"{fault}, so drupe left them out; {advice}.",)
 
 
 def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:
-    """Focal length for which the mat's x and y axes are orthogonal and equally long in every view, weighted
-    median.
+    """Focal length that makes the mat's axes orthogonal and equally long in each view; weighted median.
 
     With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
     h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
@@ -194,20 +178,19 @@ def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int
 
 
 def _first_pose(sighting: _Sighting, focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "4 4"]:
-    K = np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1]])
-    _, turn, shift = cv2.solvePnP(sighting.corners_mm, sighting.corners_px, K, None, flags=cv2.SOLVEPNP_IPPE)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
-    return pose
+    _, turn, shift = cv2.solvePnP(
+        sighting.corners_mm, sighting.corners_px, pinhole(focal_px, size), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    return affine(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
-def _adjust(
+def _adjusted(
+    photos: Sequence[Photo],
     sightings: Sequence[_Sighting],
     start: Sequence[Float[np.ndarray, "4 4"]],
     focal_px: float,
-    size: tuple[int, int],
-) -> tuple[Float[np.ndarray, "2"], list[Float[np.ndarray, "4 4"]], float]:
-    """One bundle adjustment with the corners held: ((f, k1), poses, standard deviation of f in px)."""
+) -> tuple[list[Camera], float]:
+    """One bundle adjustment with the corners held: the cameras, and the focal length's error (px)."""
     corners, point = np.unique(np.concatenate([s.corners_mm for s in sightings]), axis=0, return_inverse=True)
     seen = Sightings(
         view=np.repeat(np.arange(len(sightings)), [len(s.corners_mm) for s in sightings]),
@@ -219,23 +202,26 @@ def _adjust(
     best = adjusted(
         scene,
         seen,
-        size,
+        photos[sightings[0].photo].image.shape[:2],
         focal_prior=(float(np.log(focal_px)), UNKNOWN_FOCAL_SD),
         breathing_sd=RIGID,
         ground_sd_mm=HELD_MM,
     )
     focal_px = float(np.mean(best.scene.focals_px))
-    return np.array([focal_px, best.scene.k1]), list(best.scene.poses), best.focal_sd * focal_px
+    cameras = [
+        Camera.of(photos[s.photo], focal_px, best.scene.k1, pose)
+        for s, pose in zip(sightings, best.scene.poses, strict=True)
+    ]
+    return cameras, best.focal_sd * focal_px
 
 
 def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
-    """Relative standard error of scale: corners triangulated freely, against the print, by similarity
-    (Umeyama 1991).
-    """
+    """Relative standard error of scale: corners triangulated freely, against the print, by similarity."""
     rays: dict[tuple[float, ...], list[Float[np.ndarray, "2 4"]]] = {}
     for s, camera in zip(sightings, cameras, strict=True):
         P = camera.intrinsics @ camera.cam_from_world[:3]
-        plain = s.corners_px - (camera.project(s.corners_mm) - _pinhole(P, s.corners_mm))
+        bent_px = camera.project(s.corners_mm) - replace(camera, k1=0.0).project(s.corners_mm)
+        plain = s.corners_px - bent_px
         for corner, pixel in zip(s.corners_mm.tolist(), plain, strict=True):
             rays.setdefault(tuple(corner), []).append(np.outer(pixel, P[2]) - P[:2])
     printed = np.array([k for k, rows in rays.items() if len(rows) >= 3])
@@ -250,8 +236,3 @@ def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> f
     scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
     variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
     return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))
-
-
-def _pinhole(P: Float[np.ndarray, "3 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
-    homogeneous = points @ P[:, :3].T + P[:, 3]
-    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])

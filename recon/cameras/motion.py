@@ -1,6 +1,4 @@
-"""Cameras without a mat: pycolmap's structure from motion, turned upright on the plane that the fruit stands
-on.
-"""
+"""Cameras without a mat: from the ground, or by pycolmap, turned upright on the plane under the fruit."""
 
 import tempfile
 from collections.abc import Sequence
@@ -10,23 +8,22 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from recon.cameras.camera import Camera
+from recon.cameras.camera import Camera, aim_of
 from recon.cameras.colmap import pycolmap
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_motion import cameras_from_ground
-from recon.cameras.similarity import moved
+from recon.cameras.similarity import affine, moved
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box
+from recon.scale import Box, box_about_z
 
 MOST_FEATURES = 4000
 """Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
 LONGEST_SIDE_PX = 1280
 """px to which photos are reduced for this: ground and fruit have detail enough there. Set by hand."""
 FEWEST_FRUIT_POINTS = 40
-"""Points above the ground that tell where the fruit is; with fewer it is taken to be in the middle. Set by
-hand."""
+"""Points above the ground that tell where the fruit is; with fewer, it is in the middle. Set by hand."""
 MOST_TRIALS = 1000
 """Of RANSAC for a pair of photos: bounds the time of pairs that share nothing. Set by hand."""
 SEED = 1
@@ -59,47 +56,41 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 
 
 def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
-    """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
+    """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
 
-    The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh
-    settles it), z up from the support plane, the fruit near the z axis. x points to where the first photo was
-    taken: by convention from the suture's side. Works where the ground or the fruit has texture. Writes the
-    pictures as PNG to a scratch folder of the system, because pycolmap reads only files; it is gone
-    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together, or
-    the first photo does not hang together with them or looks straight down), no-fruit, missing-library.
+    World: about millimetres (the points' height is taken for `height_mm`), z up from the support plane, fruit
+    near the z axis, x to where the first photo was taken. Writes PNG to a scratch folder, as pycolmap reads
+    only files. Raises ReconFailure: no-overlap (fewer than three photos or half of them, or not the first,
+    hang together, or the first looks straight down), no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
     if pycolmap is None:
-        raise ReconFailure(
-            ReconProblem.MISSING_LIBRARY,
+        raise ReconProblem.MISSING_LIBRARY.failure(
             "The photos show no mat, and the ground's texture does not join them. The other method needs "
             "pycolmap, which is not installed here (pip has no package of it for Linux on ARM). "
-            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply.",
+            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply."
         )
     with tempfile.TemporaryDirectory() as scratch:
         model = _mapped(photos, Path(scratch))
     registered = 0 if model is None else model.num_reg_images()
     if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"Only {registered} of {len(photos)} photos share enough features. Without a mat, the "
             "fruit needs a textured ground, and neighbouring photos must be within 20 degrees. Print "
-            "the mat (drupe mat) or take more photos.",
+            "the mat (drupe mat) or take more photos."
         )
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
     if rows[0][0] != 0:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo ({photos[0].name}) shares too few features with the others. Without a "
             "mat it defines the suture's direction, and with it the places of pit and pads. Retake "
-            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat)."
         )
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
     level = _level(cloud, cameras)
     cameras = [c.moved(level) for c in cameras]
-    cloud = moved(cloud, level)
-    world, box = _placed(cloud, cameras, height_mm)
+    world, box = _placed(moved(cloud, level), cameras, height_mm)
     cameras = [c.moved(world) for c in cameras]
     focal = model.cameras[rows[0][1].camera_id]
     return Poses(
@@ -108,7 +99,6 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
         reprojection_px=float(model.compute_mean_reprojection_error()),
         scale_sd=float("inf"),
         focal_sd_px=0.002 * float(focal.params[0]),
-        points=moved(cloud, world),
         box=box,
         warnings=()
         if registered > 0.8 * len(photos)
@@ -166,47 +156,24 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction 
 
 def _camera(photo: Photo, image: "pycolmap.Image") -> Camera:
     """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
-    params = image.camera.params
-    pose = np.eye(4)
-    pose[:3] = image.cam_from_world().matrix()
-    height, width = photo.image.shape[:2]
-    return Camera(
-        name=photo.name,
-        width_px=width,
-        height_px=height,
-        focal_px=float(params[0]),
-        k1=float(params[3]),
-        cam_from_world=pose,
-    )
+    matrix, params = image.cam_from_world().matrix(), image.camera.params
+    return Camera.of(photo, params[0], params[3], affine(matrix[:, :3], matrix[:, 3]))
 
 
 def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
-    """The motion that puts the plane of most points at z = 0, the cameras above it and the place they look at
-    at x = y = 0.
-    """
-    aim = _aim(cameras)
+    """The motion to z = 0 of the plane of most points, cameras above it, and to x = y = 0 of their aim."""
+    aim = aim_of(np.array([c.cam_from_world for c in cameras]))
     places = np.array([c.place for c in cameras])
     distance = float(np.median(np.linalg.norm(places - aim, axis=1)))
     near = cloud[np.linalg.norm(cloud - aim, axis=1) < 0.8 * distance]
     if len(near) < 20:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"drupe found only {len(near)} points in the common field of view; use the mat or a "
-            "textured ground.",
+            "textured ground."
         )
     middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
     foot = aim - ((aim - middle) @ up) * up
     return upright(up, foot, places[0] - foot)
-
-
-def _aim(cameras: Sequence[Camera]) -> Float[np.ndarray, "3"]:
-    """The point nearest to all optical axes."""
-    A, b = np.zeros((3, 3)), np.zeros(3)
-    for c in cameras:
-        ray = c.cam_from_world[2, :3]
-        off = np.eye(3) - np.outer(ray, ray)
-        A, b = A + off, b + off @ c.place
-    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
 
 
 def _placed(
@@ -232,7 +199,6 @@ def _placed(
         tall = float(np.percentile(over[:, 2], 98))
         wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
     factor = height_mm / tall
-    world = np.diag([factor, factor, factor, 1.0])
-    world[:2, 3] = -factor * middle
+    world = affine(factor * np.eye(3), -factor * np.array([*middle, 0.0]))
     half = 1.7 * factor * max(wide, 0.5 * tall)
-    return world, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))
+    return world, box_about_z(half, 1.7 * height_mm)

@@ -29,10 +29,8 @@ def mat_doubts(tags: Sequence[Sequence[int]], mat: Mat) -> list[str]:
         return []
     missing = [str(t) for t in mat.corners_mm if t not in seen]
     return [
-        (
-            f"{len(missing)} of the mat's {len(mat.corners_mm)} tags are in no photo (tags "
-            f"{listed(missing)}): clear the mat, or check that mat.json belongs to the printed mat."
-        )
+        f"{len(missing)} of the mat's {len(mat.corners_mm)} tags are in no photo (tags "
+        f"{listed(missing)}): clear the mat, or check that mat.json belongs to the printed mat."
     ]
 
 
@@ -47,17 +45,13 @@ def lens_doubts(optics: Sequence[TagOptics]) -> list[str]:
     if fall <= MOST_FALL_OFF:
         return []
     return [
-        (
-            f"The photos darken by {100 * fall:.0f} % towards their corners, which makes outlines less "
-            "certain there. Use a smaller aperture, or remove the lens hood or filter."
-        )
+        f"The photos darken by {100 * fall:.0f} % towards their corners, which makes outlines less "
+        "certain there. Use a smaller aperture, or remove the lens hood or filter."
     ]
 
 
 def evened(photos: Sequence[Photo], optics: Sequence[TagOptics]) -> tuple[Photo, ...]:
-    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark;
-    as they are where `optics` does not tell of each.
-    """
+    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark."""
     whites = np.array([o.white for o in optics])
     if len(whites) < len(photos) or len(whites) == 0:
         return tuple(photos)

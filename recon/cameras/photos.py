@@ -1,6 +1,4 @@
-"""Reads the photos of one fruit: upright BGR images, small enough to work on, and the focal length if a
-camera wrote it.
-"""
+"""Reads the photos of one fruit: upright BGR images of a workable size, and the focal length in EXIF."""
 
 import struct
 from dataclasses import dataclass
@@ -16,9 +14,7 @@ from recon.cameras.picture_size import first_scan, in_one_pass, picture_kind, pi
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")
-"""In any case. What cameras and phones write, and how browsers and Windows name a JPEG; WebP, TIFF, AVIF and
-raw pictures are not read (unused_photos.py names such files).
-"""
+"""In any case. WebP, TIFF, AVIF and raw pictures are not read (unused_photos.py names such files)."""
 FEWEST_PHOTOS = 3
 """Of any reconstruction: two that err agree with each other, a third one tells."""
 MOST_PHOTOS = 500
@@ -38,9 +34,7 @@ FULL_FRAME_WIDTH_MM = 36.0
 
 @dataclass(frozen=True)
 class Photo:
-    """One picture: its file name, its pixels (BGR), the focal length in its own pixels where EXIF tells, and
-    the mat's tags in it once they were looked for: their numbers and corners (px).
-    """
+    """A picture: name, pixels (BGR), focal length in its pixels (EXIF), and, once sought, the mat's tags."""
 
     name: str
     image: UInt8[np.ndarray, "h w 3"]
@@ -56,11 +50,8 @@ def photo_paths(folder: Path) -> tuple[Path, ...]:
     """
     if not folder.is_dir():
         return ()
-    return tuple(sorted(p for p in folder.iterdir() if _is_photo(p)))
-
-
-def _is_photo(path: Path) -> bool:
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+    visible = (p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    return tuple(sorted(p for p in visible if p.is_file()))
 
 
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
@@ -108,11 +99,9 @@ def _require_size(
         other = "save it as a baseline JPEG, " if progressive else ""
         most = f"at most {most_pixels / 1e6:g} million pixels: {other}make it smaller or remove it"
         raise _unreadable(path, found, most)
-    if min(width, height) < SHORTEST_SIDE_PX:
-        found = f"has {width} x {height} pixels, too few to show a fruit"
-        raise _unreadable(path, found, "a photo: take it again or remove it")
-    if max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
-        found = f"has {width} x {height} pixels, a strip"
+    few = min(width, height) < SHORTEST_SIDE_PX
+    if few or max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
+        found = f"has {width} x {height} pixels, {'too few to show a fruit' if few else 'a strip'}"
         raise _unreadable(path, found, "a photo: take it again or remove it")
 
 
@@ -135,7 +124,7 @@ def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray,
     part = 1
     if size[0] * size[1] > MOST_WHOLE_PIXELS:
         share = max(size) / longest_side_px
-        part, way = next((one for one in _REDUCED if share >= one[0]), (part, way))
+        part, way = next((reduced for reduced in _REDUCED if share >= reduced[0]), (part, way))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), way)
     except cv2.error as error:
@@ -169,44 +158,37 @@ def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
     return np.ascontiguousarray(colours), exif
 
 
-def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ...]:
+def read_photos(folder: Path) -> tuple[Photo, ...]:
     """All photos of a folder, by name.
 
     Raises ReconFailure: too-few-views under three photos, unreadable-photo for the first file that is none.
     """
     paths = photo_paths(folder)
     require_enough(len(paths), where=str(folder))
-    return tuple(read_photo(path, longest_side_px=longest_side_px) for path in paths)
+    return tuple(read_photo(path) for path in paths)
 
 
-_REDUCED = (
-    (8, cv2.IMREAD_REDUCED_COLOR_8),
-    (4, cv2.IMREAD_REDUCED_COLOR_4),
-    (2, cv2.IMREAD_REDUCED_COLOR_2),
-)
+_REDUCED = ((8, cv2.IMREAD_REDUCED_COLOR_8), (4, cv2.IMREAD_REDUCED_COLOR_4), (2, cv2.IMREAD_REDUCED_COLOR_2))
 """Parts of its sides to which OpenCV decodes a JPEG, the strongest first."""
 
 
 def require_enough(count: int, *, where: str) -> None:
     """Refuse fewer than three photos, and more than memory holds."""
     if count > MOST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"{where} holds {count} photos; at most {MOST_PHOTOS} are read: keep some 24 to 72, evenly "
-            "around the fruit.",
+            "around the fruit."
         )
     if count < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"{where} holds {count} photo{'' if count == 1 else 's'}; a shape needs at least "
             f"{FEWEST_PHOTOS}, "
-            "and 24 all around the fruit are advised: take more photos.",
+            "and 24 all around the fruit are advised: take more photos."
         )
 
 
 def exif_focal_px(data: bytes, *, longest_px: int) -> float | None:
-    """Focal length in pixels from the EXIF tag FocalLengthIn35mmFilm of a JPEG or of a HEIC's EXIF block;
-    None where there is none.
+    """Focal length (px) from EXIF's FocalLengthIn35mmFilm of a JPEG or a HEIC's EXIF block, or None.
 
     f_px = f_35 / 36 mm * longest side. Tag numbers: Exif 2.32 (CIPA DC-008), 0x8769 and 0xA405.
     """
@@ -240,4 +222,4 @@ def _unreadable(
     path: Path, fault: str, expected: str = "a whole JPEG, PNG or HEIC: copy it again or remove it"
 ) -> ReconFailure:
     where = f"{printable(path.name)} in {printable(str(path.parent))}"
-    return ReconFailure(ReconProblem.UNREADABLE_PHOTO, f"{where} {fault}; expected {expected}.")
+    return ReconProblem.UNREADABLE_PHOTO.failure(f"{where} {fault}; expected {expected}.")

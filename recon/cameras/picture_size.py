@@ -1,6 +1,4 @@
-"""What a picture's header tells before anything is decoded: its kind, its size, and if it can be decoded by
-rows.
-"""
+"""What a picture's header tells before decoding: its kind, its size, and if it can be decoded by rows."""
 
 import struct
 from collections.abc import Iterator
@@ -68,8 +66,7 @@ def picture_px(data: bytes) -> tuple[int, int] | None:
 
 
 def first_scan(jpeg: bytes) -> int:
-    """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own; its
-    length where it never does.
+    """Where a JPEG's picture begins, behind headers that may hold a small one; its length if it never does.
 
     The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0
     or a restart marker alone); phones put a film after it.
@@ -97,9 +94,8 @@ def in_one_pass(jpeg: bytes) -> bool:
 def _segments(jpeg: bytes) -> Iterator[tuple[int, int]]:
     """Each marker of a JPEG's headers and its place, up to the first scan.
 
-    Markers are found as libjpeg finds them: bytes between two segments, a zero behind 0xFF included, are
-    skipped (jdmarker.c, next_marker). A reader that took such bytes for a segment could be shown another
-    frame header than the decoder uses.
+    Found as libjpeg does (jdmarker.c, next_marker): bytes between segments are skipped, lest another frame
+    header be read than the decoder uses.
     """
     place = 2 if jpeg[:3] == b"\xff\xd8\xff" else len(jpeg)
     while 0 <= (place := jpeg.find(b"\xff", place)) < len(jpeg) - 1:

@@ -1,16 +1,16 @@
 """Bundle adjustment of photos of a flat ground: its points keep to z = 0, every photo may focus anew."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array
+from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial.transform import Rotation
 
 BREATHING_SD = 0.004
-"""Spread of the focal length from photo to photo, relative: phones focus each one anew. Of drawn phones it is
-0.002; with one focal length for all, cameras were 0.31 mm off instead of 0.16 and 0.28 instead of 0.12
-(phone-002, phone-004 of benchmarks/photo_bank.py, 12 photos)."""
+"""Relative spread of the focal length from photo to photo: phones focus each one anew (drawn ones: 0.002).
+With 0, cameras were 0.31 instead of 0.16 mm off (phone-002 of benchmarks/photo_bank.py, 12 photos)."""
 RIGID = 1e-4
 """The same spread where all photos share one focal length: none to speak of."""
 K1_SD = 0.05
@@ -20,8 +20,7 @@ LOSS_PX = 1.0
 STEPS = 40
 """Of Gauss-Newton at most; it ends where steps no longer gain. Set by hand."""
 ROUNDS, STEADY = 4, 0.02
-"""How often the misses' spread is told anew at most, and the change of its logarithm that ends it (a tenth of
-what 60 points tell of it)."""
+"""How often the misses' spread is told anew, and the change of its logarithm that ends it (by hand)."""
 LEAST_SPREAD_PX = 1e-3
 """px, least spread of the misses: keeps exact data from a division by zero."""
 
@@ -94,42 +93,40 @@ def adjusted(
     spread (px), is told by their median, at the start and anew after each solution (ROUNDS). log f_i =
     log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f of (mean,
     spread) `focal_prior`; `loss_px` is where a miss counts half; `ground_sd_mm` is the spread of the points
-    about where they start: infinite where nothing is known of them. Levenberg and Marquardt's steps; points
-    eliminated (Schur), each a 2 x 2 block (Triggs et al. 2000, Bundle adjustment: a modern synthesis).
+    about where they start: infinite where nothing is known of them. Levenberg and Marquardt's steps, whose
+    sparse systems eliminate the points first (Triggs et al. 2000, Bundle adjustment: a modern synthesis).
     Similarities of the ground are left to the damping. `size`: (height, width) of the photos.
     """
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
+    views = len(scene.poses)
     common = float(np.mean(np.log(scene.focals_px)))
     state = _State(scene.poses, common, np.log(scene.focals_px) - common, scene.k1, scene.ground)
-    prior = _Prior(focal_prior[0], focal_prior[1], breathing_sd, scene.ground, ground_sd_mm)
-    system = _normal(state, seen, middle, prior, loss_px, 1.0)
+    of_views = np.tile([0.0] * 6 + [breathing_sd**-2], views)
+    shared, of_points = [focal_prior[1] ** -2, K1_SD**-2], np.full(scene.ground.size, ground_sd_mm**-2)
+    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
+    expected = replace(state, common=focal_prior[0])
+    problem = _Problem(seen, middle, loss_px, np.concatenate([of_points, of_views, shared]), expected)
+    miss_px = problem.system(state, 1.0).miss_px
     for _ in range(ROUNDS):
-        sigma_px = _spread_px(system)
-        state, system = _solved(state, seen, middle, prior, loss_px, sigma_px)
-        if abs(np.log(_spread_px(system) / sigma_px)) < STEADY:
+        sigma_px = _spread_px(miss_px)
+        state, system = _solved(problem, state, sigma_px)
+        miss_px = system.miss_px
+        if abs(np.log(_spread_px(miss_px) / sigma_px)) < STEADY:
             break
-    k = 7 * len(scene.poses)
-    away = np.linalg.norm(system.miss_px, axis=1)
-    covariance = np.linalg.pinv(system.H)
-    found = PlaneScene(state.poses, np.exp(state.common + state.own), state.k1, state.ground)
-    return Adjusted(found, away, float(np.sqrt(max(covariance[k, k], 0.0))))
+    unit = np.zeros(len(system.g))
+    unit[-2] = 1.0
+    variance = float(_factor(system.H).solve(unit)[-2])
+    adjusted_scene = PlaneScene(state.poses, np.exp(state.common + state.breathing), state.k1, state.ground)
+    return Adjusted(adjusted_scene, np.linalg.norm(miss_px, axis=1), float(np.sqrt(max(variance, 0.0))))
 
 
-def _solved(
-    state: "_State",
-    seen: Sightings,
-    middle: Float[np.ndarray, "2"],
-    prior: "_Prior",
-    loss_px: float,
-    sigma_px: float,
-) -> "tuple[_State, _System]":
+def _solved(problem: "_Problem", state: "_State", sigma_px: float) -> "tuple[_State, _System]":
     """The least cost at one spread of the misses."""
     damping = 1e-4
-    system = _normal(state, seen, middle, prior, loss_px, sigma_px)
+    system = problem.system(state, sigma_px)
     for _ in range(STEPS):
-        step = np.linalg.solve(system.H + damping * np.diag(np.diag(system.H)), -system.g)
-        tried = _moved(state, step, system.points(step))
-        new = _normal(tried, seen, middle, prior, loss_px, sigma_px)
+        step = _factor(system.H + damping * diags_array(system.H.diagonal())).solve(-system.g)
+        tried = state.moved(step)
+        new = problem.system(tried, sigma_px)
         if new.cost < system.cost:
             done = system.cost - new.cost < 1e-5 * system.cost
             state, system = tried, new
@@ -143,138 +140,103 @@ def _solved(
     return state, system
 
 
-def _spread_px(system: "_System") -> float:
+def _factor(matrix: csr_array) -> SuperLU:
+    """A symmetric positive definite matrix, factored in its order: points before cameras."""
+    symmetric = {"SymmetricMode": True}
+    return splu(csc_array(matrix), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=symmetric)
+
+
+def _spread_px(miss_px: Float[np.ndarray, "k 2"]) -> float:
     """Of the misses in each direction, as the median of a Rayleigh distribution tells it."""
-    away = np.linalg.norm(system.miss_px, axis=1)
+    away = np.linalg.norm(miss_px, axis=1)
     return max(float(np.median(away) / np.sqrt(2 * np.log(2))), LEAST_SPREAD_PX)
 
 
 @dataclass(frozen=True)
 class _State:
-    """What is sought: log focal lengths are `common` + `own`."""
+    """What is sought: log focal lengths are `common` + `breathing`."""
 
     poses: Float[np.ndarray, "v 4 4"]
     common: float
-    own: Float[np.ndarray, " v"]
+    breathing: Float[np.ndarray, " v"]
     k1: float
     ground: Float[np.ndarray, "n 2"]
 
+    def moved(self, step: Float[np.ndarray, " u"]) -> "_State":
+        """After a step of the points, of each view's turn, shift and breathing, and of log f and k1."""
+        of_points, of_views = (
+            step[: self.ground.size].reshape(-1, 2),
+            step[self.ground.size : -2].reshape(-1, 7),
+        )
+        poses = self.poses.copy()
+        turn = Rotation.from_rotvec(of_views[:, :3]).as_matrix()
+        poses[:, :3, :3] = turn @ self.poses[:, :3, :3]
+        poses[:, :3, 3] = np.einsum("vij,vj->vi", turn, self.poses[:, :3, 3]) + of_views[:, 3:6]
+        common, k1 = np.array([self.common, self.k1]) + step[-2:]
+        return _State(
+            poses, float(common), self.breathing + of_views[:, 6], float(k1), self.ground + of_points
+        )
 
-@dataclass(frozen=True)
-class _Prior:
-    common: float
-    common_sd: float
-    own_sd: float
-    ground: Float[np.ndarray, "n 2"]
-    ground_sd_mm: float
+    def apart(self, expected: "_State") -> Float[np.ndarray, " u"]:
+        """What priors know of the unknowns (poses: nothing), less what is expected of them."""
+        of_views = np.zeros((len(self.poses), 7))
+        of_views[:, 6] = self.breathing
+        shared = [self.common - expected.common, self.k1]
+        return np.concatenate([(self.ground - expected.ground).ravel(), of_views.ravel(), shared])
 
 
 @dataclass(frozen=True)
 class _System:
-    """The cost, and the normal equations of cameras (turn, shift, own log focal length), common log focal
-    length and k1, with the points eliminated; `inverse`, `coupling`, `slope` find those again.
-    """
+    """The cost, its normal equations and the misses (px, whitened) at a state."""
 
     cost: float
-    H: Float[np.ndarray, "c c"]
-    g: Float[np.ndarray, " c"]
-    inverse: Float[np.ndarray, "n 2 2"]
-    coupling: Float[np.ndarray, "n 2 c"]
-    slope: Float[np.ndarray, "n 2"]
+    H: csr_array
+    g: Float[np.ndarray, " u"]
     miss_px: Float[np.ndarray, "k 2"]
 
-    def points(self, step: Float[np.ndarray, " c"]) -> Float[np.ndarray, "n 2"]:
-        """The points' step that goes with the cameras'."""
-        return np.asarray(-np.einsum("nij,nj->ni", self.inverse, self.slope + self.coupling @ step))
 
+@dataclass(frozen=True)
+class _Problem:
+    """Sightings, the photos' middle, where a miss counts half, the priors' 1 / spread² and expected state."""
 
-def _prior_spreads(prior: _Prior, views: int) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-    """Where own and common log focal lengths and k1 stand among the unknowns, and their prior spreads."""
-    where = np.concatenate([7 * np.arange(views) + 6, [7 * views, 7 * views + 1]])
-    return where, np.concatenate([np.full(views, prior.own_sd), [prior.common_sd, K1_SD]])
+    seen: Sightings
+    middle: Float[np.ndarray, "2"]
+    loss_px: float
+    precision: Float[np.ndarray, " u"]
+    expected: _State
 
-
-def _moved(state: _State, step: Float[np.ndarray, " c"], points: Float[np.ndarray, "n 2"]) -> _State:
-    """The state after a step of poses, focal lengths and distortion, and of the points on the ground."""
-    v = len(state.poses)
-    own = step[: 7 * v].reshape(v, 7)
-    poses = state.poses.copy()
-    turn = Rotation.from_rotvec(own[:, :3]).as_matrix()
-    poses[:, :3, :3] = turn @ state.poses[:, :3, :3]
-    poses[:, :3, 3] = np.einsum("vij,vj->vi", turn, state.poses[:, :3, 3]) + own[:, 3:6]
-    return _State(
-        poses,
-        state.common + float(step[7 * v]),
-        state.own + own[:, 6],
-        state.k1 + float(step[7 * v + 1]),
-        state.ground + points,
-    )
-
-
-def _normal(
-    state: _State,
-    seen: Sightings,
-    middle: Float[np.ndarray, "2"],
-    prior: _Prior,
-    loss_px: float,
-    sigma_px: float,
-) -> _System:
-    """Normal equations of the sightings (Cauchy loss) and priors at a state, the points eliminated."""
-    v, n, size = len(state.poses), len(state.ground), 7 * len(state.poses) + 2
-    at = state.ground[seen.point]
-    R, t = state.poses[seen.view, :3, :3], state.poses[seen.view, :3, 3]
-    X = np.einsum("kij,kj->ki", R[:, :, :2], at) + t
-    z = np.maximum(X[:, 2], 1e-6)
-    xy = X[:, :2] / z[:, None]
-    r2 = np.sum(xy**2, 1)
-    f = np.exp(state.common + state.own[seen.view])
-    pixel = f[:, None] * xy * (1 + state.k1 * r2)[:, None]
-    miss = np.einsum("kij,kj->ki", seen.whiten, pixel + middle - seen.places_px)
-    square = np.sum(miss**2, 1)
-    weight = 1 / (1 + square / loss_px**2) / sigma_px**2
-    cost = float(np.sum(loss_px**2 * np.log1p(square / loss_px**2))) / sigma_px**2
-    bend = (1 + state.k1 * r2)[:, None, None] * np.eye(2) + 2 * state.k1 * xy[:, :, None] * xy[:, None, :]
-    to_xy = np.zeros((len(at), 2, 3))
-    to_xy[:, 0, 0] = to_xy[:, 1, 1] = 1 / z
-    to_xy[:, :, 2] = -xy / z[:, None]
-    JX = seen.whiten @ (f[:, None, None] * bend @ to_xy)
-    grown = np.einsum("kij,kj->ki", seen.whiten, pixel)
-    bent = np.einsum("kij,kj->ki", seen.whiten, f[:, None] * xy * r2[:, None])
-    cross = np.zeros((len(at), 3, 3))  # d (turn X) / d turn = -[X]x
-    cross[:, 0, 1], cross[:, 0, 2] = X[:, 2], -X[:, 1]
-    cross[:, 1, 0], cross[:, 1, 2] = -X[:, 2], X[:, 0]
-    cross[:, 2, 0], cross[:, 2, 1] = X[:, 1], -X[:, 0]
-    own = np.concatenate([JX @ cross, JX, grown[:, :, None]], axis=2)
-    shared = np.stack([grown, bent], axis=2)
-    columns = np.hstack([7 * seen.view[:, None] + np.arange(7), np.full((len(at), 2), [7 * v, 7 * v + 1])])
-    J = _rows(np.concatenate([own, shared], axis=2), columns, size)
-    Jp = JX @ R[:, :, :2]
-    Jg = _rows(Jp, 2 * seen.point[:, None] + np.arange(2), 2 * n)
-    heavy = np.repeat(weight, 2)
-    WJ = J * heavy[:, None]
-    H, g = (J.T @ WJ).toarray(), WJ.T @ miss.ravel()
-    B = (Jg.T @ WJ).toarray().reshape(n, 2, size)
-    known = prior.ground_sd_mm**-2
-    apart = state.ground - prior.ground
-    slope = (Jg.T @ (heavy * miss.ravel())).reshape(n, 2) + known * apart
-    U = np.tile(known * np.eye(2), (n, 1, 1))
-    np.add.at(U, seen.point, np.swapaxes(weight[:, None, None] * Jp, 1, 2) @ Jp)
-    where, sd = _prior_spreads(prior, v)
-    off = np.concatenate([state.own, [state.common - prior.common, state.k1]])
-    H[where, where] += 1 / sd**2
-    g[where] += off / sd**2
-    cost += float(np.sum((off / sd) ** 2)) + known * float(np.sum(apart**2))
-    trace = np.trace(U, axis1=1, axis2=2)[:, None, None]
-    inverse = np.linalg.inv(U + (1e-9 * trace + 1e-12) * np.eye(2))
-    lean = B.reshape(2 * n, size)
-    H = H - lean.T @ (inverse @ B).reshape(2 * n, size)
-    g = g - lean.T @ np.einsum("nij,nj->ni", inverse, slope).ravel()
-    H[np.diag_indices(size)] += 1e-9 * np.trace(H) / size
-    return _System(cost, H, g, inverse, B, slope, miss)
-
-
-def _rows(values: Float[np.ndarray, "k 2 c"], columns: Int[np.ndarray, "k c"], width: int) -> csr_array:
-    """Two rows of a matrix for each sighting, with their values in these columns."""
-    k, _, c = values.shape
-    start = np.arange(0, 2 * k * c + 1, c)
-    return csr_array((values.ravel(), np.repeat(columns, 2, axis=0).ravel(), start), shape=(2 * k, width))
+    def system(self, state: _State, sigma_px: float) -> _System:
+        """Normal equations of the sightings (Cauchy loss) and priors at a state."""
+        seen, unknowns = self.seen, len(self.precision)
+        at = state.ground[seen.point]
+        R, t = state.poses[seen.view, :3, :3], state.poses[seen.view, :3, 3]
+        X = np.einsum("kij,kj->ki", R[:, :, :2], at) + t
+        z = np.maximum(X[:, 2], 1e-6)
+        xy = X[:, :2] / z[:, None]
+        r2 = np.sum(xy**2, 1)
+        f = np.exp(state.common + state.breathing[seen.view])
+        pixel = f[:, None] * xy * (1 + state.k1 * r2)[:, None]
+        miss = np.einsum("kij,kj->ki", seen.whiten, pixel + self.middle - seen.places_px)
+        bend = (1 + state.k1 * r2)[:, None, None] * np.eye(2) + 2 * state.k1 * xy[:, :, None] * xy[:, None]
+        to_xy = np.zeros((len(at), 2, 3))
+        to_xy[:, 0, 0] = to_xy[:, 1, 1] = 1 / z
+        to_xy[:, :, 2] = -xy / z[:, None]
+        JX = seen.whiten @ (f[:, None, None] * bend @ to_xy)
+        grown = np.einsum("kij,kj->ki", seen.whiten, pixel)[:, :, None]
+        bent = np.einsum("kij,kj->ki", seen.whiten, f[:, None] * xy * r2[:, None])[:, :, None]
+        turned = np.cross(JX, -X[:, None])  # row . d (turn X) / d turn = row . -[X]x
+        values = np.concatenate([JX @ R[:, :, :2], turned, JX, grown, grown, bent], axis=2)
+        of_point = 2 * seen.point[:, None] + np.arange(2)
+        of_view = state.ground.size + 7 * seen.view[:, None] + np.arange(7)
+        shared = np.full((len(at), 2), [unknowns - 2, unknowns - 1])
+        columns = np.hstack([of_point, of_view, shared])
+        start = np.arange(0, values.size + 1, values.shape[2])
+        place = np.repeat(columns, 2, axis=0).ravel()
+        J = csr_array((values.ravel(), place, start), shape=(miss.size, unknowns))
+        square = np.sum(miss**2, 1) / self.loss_px**2
+        WJ = diags_array(np.repeat(1 / (1 + square) / sigma_px**2, 2)) @ J
+        apart = state.apart(self.expected)
+        cost = self.loss_px**2 * np.sum(np.log1p(square)) / sigma_px**2 + self.precision @ apart**2
+        H = csr_array(J.T @ WJ + diags_array(self.precision))
+        H += 1e-9 * H.trace() / unknowns * eye_array(unknowns)
+        return _System(float(cost), H, WJ.T @ miss.ravel() + self.precision * apart, miss)

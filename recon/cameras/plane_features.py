@@ -1,14 +1,14 @@
-"""Features of the ground under a fruit, found again in photos taken from far apart: the ground is flat, and a
-picture of it as from above differs from photo to photo by a turn and a shift only.
-"""
+"""Features of the ground, matched in pictures as from above, which differ by a turn and a shift only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from recon.cameras.camera import pinhole
 from recon.cameras.photos import Photo
 
 SINES = (0.25, 0.45, 0.72, 1.0)
@@ -19,8 +19,7 @@ USUAL_FOCAL = 1.15
 REACH = 0.75
 """Half side of the ground looked at, over the distance from camera to ground along the optical axis."""
 RATIO = 0.85
-"""Of a match's distance to the next best one's, at most (Lowe 2004, "Distinctive image features from
-scale-invariant keypoints", IJCV 60, has 0.8; here both photos must agree)."""
+"""Of a match's distance to the next best one's, at most (Lowe 2004: 0.8; here both photos must agree)."""
 FEWEST_INLIERS = 14
 """Matches that fit one homography, at least: eight numbers are fitted, and chance fits some. Set by hand."""
 INLIER_PX = 4.0
@@ -53,13 +52,12 @@ def down_view(
     picture's (width, height), for a camera held level whose axis meets the ground at arcsin(`sine`).
     """
     cosine = float(np.sqrt(max(1.0 - sine * sine, 0.0)))
-    K = np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1]])
     turn = np.array([[1.0, 0, 0], [0, sine, -cosine], [0, cosine, sine]])
     scale = 0.8 * focal_px * np.sqrt(sine)
     half = REACH * scale
     side = round(2 * half)
     onto = np.array([[scale * sine, 0, half], [0, scale * sine, half + scale * cosine], [0, 0, 1]])
-    return onto @ turn @ np.linalg.inv(K), (side, side)
+    return onto @ turn @ np.linalg.inv(pinhole(focal_px, size)), (side, side)
 
 
 def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
@@ -95,13 +93,8 @@ def _ahead(H: Float[np.ndarray, "3 3"], size: tuple[int, int]) -> Bool[np.ndarra
 
 def ground_pairs(features: Sequence[GroundFeatures]) -> list[GroundPair]:
     """Pairs of photos whose ground is the same plane: at least FEWEST_INLIERS matches fit one homography."""
-    pairs = []
-    for a in range(len(features)):
-        for b in range(a + 1, len(features)):
-            pair = _pair(a, b, features[a], features[b])
-            if pair is not None:
-                pairs.append(pair)
-    return pairs
+    pairs = (_pair(a, b, features[a], features[b]) for a, b in combinations(range(len(features)), 2))
+    return [pair for pair in pairs if pair is not None]
 
 
 def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundPair | None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from recon.cameras.camera import Camera, straightened
+from recon.cameras.camera import Camera, aim_of, pinhole, place_of, straightened
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
@@ -13,20 +13,19 @@ from recon.cameras.plane_bundle import RIGID, Adjusted, PlaneScene, Sightings, a
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
 from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
 from recon.cameras.plane_tracks import ground_tracks
-from recon.cameras.view_plan import plan_words, view_plan
+from recon.cameras.similarity import affine, scaling
+from recon.cameras.view_plan import ViewPlan, plan_words, view_plan
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box
+from recon.scale import Box, box_about_z
 from recon.silhouettes.segmentation import SegmentationScene, first_block
 from recon.wording import listed
 
 FEWER_FEATURES, MORE_FEATURES = 700, 1600
-"""Features of each picture from above, at first, and where photos do not join with these: matching costs
-their square."""
+"""Features of each picture from above, and where photos do not join with these; time goes by the square."""
 MOST_POINTS = 2500
 """In the first adjustment, of all photos together: bounds its time. Set by hand."""
 START_LOSS_PX, LOSS_PX = 4.0, 1.0
-"""px from where on a miss counts less than by its square: while cameras are rough, and at the end. Set by
-hand."""
+"""px from where on a miss counts for less, while cameras are rough and at the end. Set by hand."""
 SEARCHES_PX = (10, 4, 3)
 """px of the ground seen from above by which points are looked for, round by round as cameras get better."""
 FEWEST_TRACKS = 30
@@ -44,9 +43,8 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     fewer than three photos, or fewer than half, or not the first, hang together; no-fruit.
     """
     if len({p.image.shape for p in photos}) != 1:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
-            "The photos differ in size; use one camera, one zoom setting and one orientation for all photos.",
+        raise ReconProblem.NO_OVERLAP.failure(
+            "The photos differ in size; use one camera, one zoom setting and one orientation for all photos."
         )
     pairs = ground_pairs([ground_features(p, most=FEWER_FEATURES) for p in photos])
     members = joined(pairs, len(photos))[0]
@@ -57,59 +55,59 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     known = [p.focal_px for p in photos if p.focal_px is not None]
     focal_px = float(np.median(known)) if known else None
     if len(members) < max(FEWEST_PHOTOS, len(photos) / 2) or 0 not in members:
-        raise _apart(photos, joined(pairs, len(photos)), pairs, size, focal_px)
+        raise _apart(photos, members, pairs, size, focal_px)
     found = _refined([photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px)
-    cameras = [_camera(photos[m], found.scene, i) for i, m in enumerate(members)]
-    level = _level(found.scene, cameras[0])
-    cameras = [c.moved(level) for c in cameras]
-    world, box = _placed([photos[i] for i in members], cameras, height_mm)
-    points = np.column_stack([found.scene.ground, np.zeros(len(found.scene.ground))])
-    whole = world @ level
-    names = [p.name for p in photos]
-    unplaced = [name for i, name in enumerate(names) if i not in members]
-    places = np.array([c.place for c in cameras])
-    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names, unplaced=unplaced)
+    scene, placed = found.scene, [photos[m] for m in members]
+    foot = aim_of(scene.poses) * [1.0, 1.0, 0.0]
+    level = upright(np.array([0.0, 0.0, 1.0]), foot, place_of(scene.poses[0]) - foot)
+    cameras = [
+        Camera.of(photo, focal_px, scene.k1, pose).moved(level)
+        for photo, focal_px, pose in zip(placed, scene.focals_px, scene.poses, strict=True)
+    ]
+    world, box = _placed(placed, cameras, height_mm)
+    plan = _plan(photos, members, [c.place for c in cameras], np.zeros(3))
+    lost = f"drupe found no camera pose for {len(plan.unplaced)}"
     return Poses(
         cameras=tuple(c.moved(world) for c in cameras),
         used=np.array(members, int),
         reprojection_px=float(np.median(found.miss_px)),
         scale_sd=float("inf"),
         focal_sd_px=found.focal_sd * cameras[0].focal_px,
-        points=points @ whole[:3, :3].T + whole[:3, 3],
         box=box,
-        warnings=(
-            f"drupe found no camera pose for {len(unplaced)} of {len(photos)} photos. {plan_words(plan)}",
-        )
-        if unplaced
-        else (),
+        warnings=(f"{lost} of {len(photos)} photos. {plan_words(plan)}",) if plan.unplaced else (),
     )
+
+
+def _plan(
+    photos: Sequence[Photo],
+    members: Sequence[int],
+    places: Sequence[Float[np.ndarray, "3"]],
+    middle: Float[np.ndarray, "3"],
+) -> ViewPlan:
+    """Where the photos `members` were taken around the middle, and which others could not be placed."""
+    names = [p.name for p in photos]
+    unplaced = [name for i, name in enumerate(names) if i not in members]
+    return view_plan([names[i] for i in members], np.array(places), middle, given=names, unplaced=unplaced)
 
 
 def _apart(
     photos: Sequence[Photo],
-    groups: Sequence[Sequence[int]],
+    largest: Sequence[int],
     pairs: Sequence[GroundPair],
     size: tuple[int, int],
     focal_px: float | None,
 ) -> ReconFailure:
     """Which photos hang together and which do not, and where more are needed."""
-    names = [p.name for p in photos]
-    largest = list(groups[0])
     if len(largest) < FEWEST_PHOTOS:
-        return ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        return ReconProblem.NO_OVERLAP.failure(
             f"Of {len(photos)} photos no three show the same ground (at most {len(largest)} overlap); "
             f"expected {FEWEST_PHOTOS} or more. Lay a printed cloth or paper under the fruit and take "
-            "the photos again.",
+            "the photos again."
         )
     scene = _started(pairs, largest, size, focal_px)
-    places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
-    unplaced = [name for i, name in enumerate(names) if i not in largest]
-    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=unplaced)
-    return ReconFailure(
-        ReconProblem.NO_OVERLAP,
-        f"The ground connects only {listed([names[i] for i in largest])}. {plan_words(plan)}",
-        plan,
+    plan = _plan(photos, largest, [place_of(p) for p in scene.poses], aim_of(scene.poses))
+    return ReconProblem.NO_OVERLAP.failure(
+        f"The ground connects only {listed(plan.names)}. {plan_words(plan)}", plan
     )
 
 
@@ -119,7 +117,7 @@ def _started(
     """Poses and focal length from the homographies, then from all matches."""
     _, from_first = chained(pairs, members)
     start_px, poses = start_cameras(from_first, size, focal_px)
-    K = np.array([[start_px, 0, (size[1] - 1) / 2], [0, start_px, (size[0] - 1) / 2], [0, 0, 1.0]])
+    K = pinhole(start_px, size)
     number = {m: i for i, m in enumerate(members)}
     inner = [p for p in pairs if p.a in number and p.b in number]
     most = max(8, MOST_POINTS // len(inner))
@@ -135,9 +133,8 @@ def _started(
         places.append(np.stack([a[ahead], b[ahead]], axis=1))
         view.append(np.tile([number[pair.a], number[pair.b]], (int(ahead.sum()), 1)))
     at = np.concatenate(ground)
-    near = np.linalg.norm(at - np.median(at, axis=0), axis=1) < 10 * np.median(
-        np.linalg.norm(at - np.median(at, axis=0), axis=1)
-    )
+    away = np.linalg.norm(at - np.median(at, axis=0), axis=1)
+    near = away < 10 * np.median(away)
     seen = Sightings(
         np.concatenate(view)[near].ravel(),
         np.repeat(np.arange(int(near.sum())), 2),
@@ -161,7 +158,7 @@ def _refined(
     """The scene from patches of the ground, searched in smaller and smaller windows."""
     found = None
     for search_px in SEARCHES_PX:
-        seen, ground = ground_tracks(photos, scene, _aim(scene)[:2], search_px=search_px)
+        seen, ground = ground_tracks(photos, scene, aim_of(scene.poses)[:2], search_px=search_px)
         least = np.bincount(seen.view, minlength=len(photos)).min()
         if len(ground) < FEWEST_TRACKS or least < 8:
             break
@@ -169,41 +166,12 @@ def _refined(
         found = adjusted(start, seen, size, focal_prior=_focal_prior(size, focal_px), loss_px=LOSS_PX)
         scene = found.scene
     if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             "The common ground of the photos is not flat, or has too little texture; expected at "
             f"least {FEWEST_TRACKS} patches within {MOST_MISS_PX:g} px of one plane. Lay a printed "
-            "cloth or paper flat under the fruit, or use the mat (drupe mat).",
+            "cloth or paper flat under the fruit, or use the mat (drupe mat)."
         )
     return found
-
-
-def _aim(scene: PlaneScene) -> Float[np.ndarray, "3"]:
-    """The point nearest to all optical axes."""
-    A, b = np.zeros((3, 3)), np.zeros(3)
-    for pose in scene.poses:
-        ray = pose[2, :3]
-        off = np.eye(3) - np.outer(ray, ray)
-        A, b = A + off, b - off @ pose[:3, :3].T @ pose[:3, 3]
-    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
-
-
-def _camera(photo: Photo, scene: PlaneScene, i: int) -> Camera:
-    height, width = photo.image.shape[:2]
-    return Camera(
-        name=photo.name,
-        width_px=width,
-        height_px=height,
-        focal_px=float(scene.focals_px[i]),
-        k1=scene.k1,
-        cam_from_world=scene.poses[i],
-    )
-
-
-def _level(scene: PlaneScene, first: Camera) -> Float[np.ndarray, "4 4"]:
-    """The place that the photos look at to x = y = 0, the first photo towards x."""
-    foot = _aim(scene) * [1.0, 1.0, 0.0]
-    return upright(np.array([0.0, 0.0, 1.0]), foot, first.place - foot)
 
 
 def _placed(
@@ -215,14 +183,13 @@ def _placed(
     agree on.
     """
     distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
-    guess = np.diag([100 / distance] * 3 + [1.0])
+    guess = scaling(100 / distance)
     pairs = [straightened(p, c.moved(guess)) for p, c in zip(photos, cameras, strict=True)]
     images, plain = [image for image, _ in pairs], [camera for _, camera in pairs]
-    scene = SegmentationScene(images, plain, np.array([-32.0, -32.0, 0.0]), np.array([32.0, 32.0, 55.0]))
+    scene = SegmentationScene(images, plain, *box_about_z(32.0, 55.0))
     cells = first_block(scene).points * distance / 100
     low, high = cells.min(0), cells.max(0)
     factor = height_mm / high[2]
-    world = np.diag([factor, factor, factor, 1.0])
-    world[:2, 3] = -factor * (low + high)[:2] / 2
+    world = affine(factor * np.eye(3), -factor * (low + high) / 2 * [1, 1, 0])
     half = factor * 0.85 * max(float((high - low)[:2].max()), float(high[2]))
-    return world, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))
+    return world, box_about_z(half, 1.7 * height_mm)

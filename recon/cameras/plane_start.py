@@ -1,6 +1,4 @@
-"""First cameras from homographies of the ground: the focal length and tilt for which every photo shows the
-same flat ground to scale.
-"""
+"""First cameras: the focal length and tilt for which homographies show the same flat ground to scale."""
 
 from collections.abc import Sequence
 
@@ -8,7 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
+from recon.cameras.camera import pinhole
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair
+from recon.cameras.similarity import affine
+from recon.triangle_mesh import parts_of
 
 FOCALS = np.geomspace(0.55, 3.2, 14)
 """Tried focal lengths over the longest side: phones from ultra-wide to a threefold zoom."""
@@ -24,19 +25,9 @@ KNOWN_FOCAL_SD, USUAL_FOCAL_SD = 0.03, 0.6
 
 def joined(pairs: Sequence[GroundPair], count: int) -> list[list[int]]:
     """The groups of photos that hang together by pairs, the largest first."""
-    group = list(range(count))
-
-    def root(i: int) -> int:
-        while group[i] != i:
-            i = group[i]
-        return i
-
-    for pair in pairs:
-        group[root(pair.b)] = root(pair.a)
-    found: dict[int, list[int]] = {}
-    for i in range(count):
-        found.setdefault(root(i), []).append(i)
-    return sorted(found.values(), key=lambda g: (-len(g), g[0]))
+    part = parts_of(np.array([(p.a, p.b) for p in pairs], int).reshape(-1, 2), count)
+    groups = [np.flatnonzero(part == k).tolist() for k in np.unique(part)]
+    return sorted(groups, key=lambda g: (-len(g), g[0]))
 
 
 def chained(
@@ -81,7 +72,7 @@ def start_cameras(
     spread = KNOWN_FOCAL_SD if known_focal_px else USUAL_FOCAL_SD
 
     def misses(x: Float[np.ndarray, "3"]) -> Float[np.ndarray, " m"]:
-        K = _intrinsics(float(np.exp(x[0])), size)
+        K = pinhole(float(np.exp(x[0])), size)
         A = np.linalg.inv(K) @ H @ (K @ _down(x[1], x[2]).T)
         a, b = A[:, :, 0], A[:, :, 1]
         total = np.sum(a * a, 1) + np.sum(b * b, 1)
@@ -100,7 +91,7 @@ def start_cameras(
     ]
     best = min(tried, key=lambda fit: float(fit.cost)).x
     focal = float(np.exp(best[0]))
-    K = _intrinsics(focal, size)
+    K = pinhole(focal, size)
     plane = K @ _down(best[1], best[2]).T
     poses = {}
     for name, h in zip(names, H, strict=True):
@@ -121,14 +112,7 @@ def _pose(A: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
     if np.cross(r1, r2) @ t > 0:
         r1, r2, t = -r1, -r2, -t
     U, _, V = np.linalg.svd(np.column_stack([r1, r2, np.cross(r1, r2)]))
-    pose = np.eye(4)
-    pose[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
-    pose[:3, 3] = t
-    return pose
-
-
-def _intrinsics(focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1.0]])
+    return affine(U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V, t)
 
 
 def _down(elevation: float, roll: float) -> Float[np.ndarray, "3 3"]:

@@ -1,6 +1,4 @@
-"""Points of the ground measured in every photo that shows them: patches of the ground as from above, found in
-each photo's own picture from above by correlation.
-"""
+"""Points of the ground measured in every photo that shows them, by correlation of patches as from above."""
 
 from collections.abc import Sequence
 
@@ -8,8 +6,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from recon.cameras.camera import place_of
 from recon.cameras.photos import Photo
 from recon.cameras.plane_bundle import PlaneScene, Sightings, projected
+from recon.picture_values import sampled
 
 SIDE_PX = 1000
 """Of the picture from above: about as fine as the photos show the ground. Set by hand."""
@@ -42,8 +42,8 @@ def _from_above(
     pose = scene.poses[view]
     ahead = grid @ pose[2, :2] + pose[2, 3] > 0
     inside = ahead & (at > 2).all(1) & (at < [width - 3, height - 3]).all(1)
-    at = np.where(inside[:, None], at, -10).astype(np.float32).reshape(side, side, 2)
-    seen = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    at = np.where(inside[:, None], at, -10).reshape(side, side, 2)
+    seen = sampled(grey, at, outside=0.0)
     shown = inside.reshape(side, side).astype(np.float32)
     share = cv2.GaussianBlur(shown, (0, 0), EVEN_PX) + 1e-3
     mean = cv2.GaussianBlur(seen * shown, (0, 0), EVEN_PX) / share
@@ -60,7 +60,7 @@ def ground_tracks(
     The median of all photos' grounds shows the ground without the fruit; about its corners (Shi, Tomasi
     1994) each photo is searched by normalised cross correlation within `search_px` picture elements.
     """
-    distance = float(np.median([np.linalg.norm(-p[:3, :3].T @ p[:3, 3] - [*foot, 0.0]) for p in scene.poses]))
+    distance = float(np.median([np.linalg.norm(place_of(p) - [*foot, 0.0]) for p in scene.poses]))
     side = SIDE_PX
     unit = 2 * REACH * distance / side
     y, x = np.mgrid[:side, :side].astype(float)
@@ -94,19 +94,14 @@ def ground_tracks(
         steps = [projected(scene, views[-1], at + unit * e, middle) - places[-1] for e in np.eye(2)]
         px_from_element = np.stack(steps, axis=2)
         spreads.append(px_from_element @ spread[found] @ np.swapaxes(px_from_element, 1, 2))
+    W = np.linalg.inv(np.linalg.cholesky(np.concatenate(spreads)))  # the median sighting keeps its size
     seen = Sightings(
         np.concatenate(views),
         np.concatenate(points),
         np.concatenate(places),
-        _whitening(np.concatenate(spreads)),
+        W / np.median(np.sqrt(np.abs(np.linalg.det(W)))) if len(W) else W,
     )
     return compacted(seen, corners * unit + foot - REACH * distance)
-
-
-def _whitening(spread: Float[np.ndarray, "k 2 2"]) -> Float[np.ndarray, "k 2 2"]:
-    """W with W spread W' = unit, scaled so that the median observation keeps its size."""
-    W = np.linalg.inv(np.linalg.cholesky(spread))
-    return np.asarray(W / np.median(np.sqrt(np.abs(np.linalg.det(W)))) if len(W) else W)
 
 
 def compacted(
@@ -128,10 +123,9 @@ def _median(
         stack = np.stack([np.where(s[rows], p[rows], np.inf) for p, s in zip(pictures, shown, strict=True)])
         stack.sort(axis=0)
         count = np.isfinite(stack).sum(0)
-        low = np.take_along_axis(stack, np.maximum((count - 1) // 2, 0)[None], 0)[0]
-        high = np.take_along_axis(stack, np.maximum(count // 2, 0).clip(max=len(stack) - 1)[None], 0)[0]
-        out[rows] = np.where(count > 0, (low + np.where(np.isfinite(high), high, low)) / 2, 0)
-    return np.where(np.isfinite(out), out, 0).astype(np.float32)
+        ranks = np.maximum([(count - 1) // 2, count // 2], 0)
+        out[rows] = np.where(count > 0, np.take_along_axis(stack, ranks, 0).mean(0), 0)
+    return out.astype(np.float32)
 
 
 def _searched(
@@ -167,12 +161,8 @@ def _searched(
     return moved, found, spread
 
 
-def _top(
-    like: Float[np.ndarray, "3 3"],
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
-    """Top of the quadratic through 3 x 3 values by least squares and its curvature A, None where there is no
-    top within a pixel.
-    """
+def _top(like: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
+    """Top and curvature A of the quadratic fitted to 3 x 3 values; None without a top within a pixel."""
     gx = (like[:, 2].sum() - like[:, 0].sum()) / 6
     gy = (like[2].sum() - like[0].sum()) / 6
     xx = (like[:, 0].sum() + like[:, 2].sum() - 2 * like[:, 1].sum()) / 3

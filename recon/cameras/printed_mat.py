@@ -1,6 +1,4 @@
-"""The printed marker mat: where each tag's corners lie, how to read mat.json, how to see the tags in a
-photo.
-"""
+"""The printed marker mat: corners of its tags, how to read mat.json, how to find the tags in a photo."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -11,18 +9,18 @@ from typing import Any
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from scipy.spatial import cKDTree
 
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
-"""Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
-and 18 mm within 95 mm."""
+"""Sides of tags, 30 mm mat to poster, and their reach; `drupe mat` prints 9 and 18 mm within 95 mm."""
 BORDERS = (1, 2)
 """Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
 PLACED, SHARP = 0.3, 0.05
-"""Of a tag's side: its corners lie so near to where the mat has them if their order is right (a quarter turn
-moves them by 1), and if the border is right too. Drawn tags 16 px wide have up to 0.05. Kalibr's grids read
-with a border of one cell have 0.08 and more."""
+"""Of a tag's side, how near its corners lie to the mat's if their order is right (a quarter turn: 1), and if
+the border is right: up to 0.05 for drawn tags 16 px wide, 0.08 and more for Kalibr's with the wrong
+border."""
 LEAST_SIDE_PX = 30.0
 """A shorter side counts as this long: corners are off by fractions of a pixel, whatever the tag's size."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
@@ -31,9 +29,7 @@ _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
 
 @dataclass(frozen=True)
 class Mat:
-    """Tags on a plane, mm, z up: `corners_mm[id]` is (4, 3), top-left first, clockwise; the centre is
-    blank.
-    """
+    """Tags on a plane, mm, z up: `corners_mm[id]` is (4, 3), top-left first, clockwise; blank centre."""
 
     dictionary: str
     corners_mm: dict[int, Float[np.ndarray, "4 3"]]
@@ -47,32 +43,17 @@ class Mat:
         return float(np.linalg.norm(corners[1] - corners[0]))
 
 
-def standard_mat(
-    *,
-    columns: int = 7,
-    rows: int = 7,
-    blank: int = 3,
-    tag_mm: float = 18.0,
-    gap_mm: float = 5.0,
-    margin_mm: float = 17.0,
-) -> Mat:
-    """A square mat with `blank` x `blank` places left free in the middle for the fruit.
+def standard_mat(*, tag_mm: float = 18.0, gap_mm: float = 5.0, margin_mm: float = 17.0) -> Mat:
+    """7 x 7 tags without the middle 3 x 3, whose place is the fruit's.
 
     The default, 40 tags on 190 x 190 mm, fits A4 and Letter paper. Halve `tag_mm` and `gap_mm` for cherries.
     """
-    pitch = tag_mm + gap_mm
-    corners: dict[int, Float[np.ndarray, "4 3"]] = {}
-    for row in range(rows):
-        for column in range(columns):
-            if 2 * abs(row - (rows - 1) / 2) < blank and 2 * abs(column - (columns - 1) / 2) < blank:
-                continue
-            x, y = (column - (columns - 1) / 2) * pitch, ((rows - 1) / 2 - row) * pitch
-            h = tag_mm / 2
-            corners[len(corners)] = np.array(
-                [(x - h, y + h, 0), (x + h, y + h, 0), (x + h, y - h, 0), (x - h, y - h, 0)]
-            )
-    width, height = (n * pitch - gap_mm + 2 * margin_mm for n in (columns, rows))
-    return Mat("APRILTAG_36h11", corners, width, height)
+    pitch, h = tag_mm + gap_mm, tag_mm / 2
+    square = np.array([(-h, h, 0), (h, h, 0), (h, -h, 0), (-h, -h, 0)])
+    places = [(x, y) for y in range(3, -4, -1) for x in range(-3, 4) if max(abs(x), abs(y)) > 1]
+    corners = {tag: square + pitch * np.array([x, y, 0]) for tag, (x, y) in enumerate(places)}
+    side_mm = 7 * pitch - gap_mm + 2 * margin_mm
+    return Mat("APRILTAG_36h11", corners, side_mm, side_mm)
 
 
 def mat_mapping(mat: Mat) -> dict[str, Any]:
@@ -94,7 +75,7 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
     """
 
     def bad(field: str, found: str, expected: str) -> ReconFailure:
-        return ReconFailure(ReconProblem.BAD_MAT, f"{source}: {field}: found {found}; expected {expected}.")
+        return ReconProblem.BAD_MAT.failure(f"{source}: {field}: found {found}; expected {expected}.")
 
     if not isinstance(mapping, Mapping):
         raise bad("the file", _short(mapping), 'an object with "dict" and "tags"')
@@ -148,36 +129,21 @@ def _square(value: object, bad: Callable[[str, str], ReconFailure]) -> Float[np.
     if not TAG_MM[0] <= side <= TAG_MM[1]:
         slip = next((f": is it in {unit}?" for f, unit in _UNITS if TAG_MM[0] <= side * f <= TAG_MM[1]), "")
         raise bad(f"a tag {side:.3g} mm wide", f"{TAG_MM[0]:g} to {TAG_MM[1]:g} mm{slip}")
-    if _turn(points) > 0:
+    if cv2.contourArea(points[:, :2].astype(np.float32), oriented=True) > 0:
         found = "corners that run counter-clockwise"
         raise bad(found, "top-left first, then clockwise, seen from above: does y point down?")
     return points
 
 
-def _turn(corners: Float[np.ndarray, "4 3"]) -> float:
-    """Twice the area that the corners run around; positive when counter-clockwise seen from above."""
-    x, y = corners[:, 0], corners[:, 1]
-    return float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
-
-
 def _overlapping(corners: Mapping[int, Float[np.ndarray, "4 3"]]) -> tuple[int, int] | None:
-    """The first two tags that cover each other, beyond a hundredth of a side: convex and clockwise, they lie
-    apart where all corners of one are outside some side of the other.
-    """
-    tags, squares = list(corners), np.stack([one[:, :2] for one in corners.values()])
-    sides = np.roll(squares, -1, axis=1) - squares
-    length = np.linalg.norm(sides, axis=2)
-    outward = np.stack([-sides[..., 1], sides[..., 0]], axis=2) / length[..., None]
-    own = np.einsum("akd,akd->ak", outward, squares)
-    for a in range(len(tags)):
-        reach = np.einsum("kd,bcd->bkc", outward[a], squares) - own[a][:, None]
-        beyond = (reach.min(axis=2) > -0.01 * length[a]).any(axis=1)
-        seen_from = np.einsum("bkd,cd->bkc", outward, squares[a]) - own[..., None]
-        beyond |= (seen_from.min(axis=2) > -0.01 * length).any(axis=1)
-        beyond[: a + 1] = True
-        if not beyond.all():
-            return tags[a], tags[int(np.argmin(beyond))]
-    return None
+    """The first two tags that cover each other, by more than about a hundredth of a side."""
+    squares = {tag: square[:, :2].astype(np.float32) for tag, square in corners.items()}
+    middles = np.stack([square.mean(axis=0) for square in squares.values()])
+    shrunk = [c + 0.99 * (square - c) for c, square in zip(middles, squares.values(), strict=True)]
+    widest = max(np.linalg.norm(square[2] - square[0]) for square in shrunk)
+    near = sorted(cKDTree(middles).query_pairs(float(widest)))
+    pair = next((p for p in near if cv2.intersectConvexConvex(shrunk[p[0]], shrunk[p[1]])[0] > 0), None)
+    return None if pair is None else (list(squares)[pair[0]], list(squares)[pair[1]])
 
 
 def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
@@ -190,8 +156,7 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 def detect_tags(
     image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
-    """The mat's tags in a photo: their numbers and corners, px (pixel centres whole), to a fraction of a
-    pixel.
+    """The mat's tags in a photo: numbers and corners, px (centres whole), to a fraction of a pixel.
 
     Corners come in the mat's order, whichever corner of a printed tag is its first: AprilTag's own images are
     turned by half a turn against OpenCV's. `borders` are tried in turn until the tags fit the mat. Tags that

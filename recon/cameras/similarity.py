@@ -7,8 +7,7 @@ from jaxtyping import Float
 def fitted_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, " n"]]:
-    """target_from_source minimising sum |target - (s R source + t)|² (Umeyama 1991, IEEE PAMI 13:376), and
-    residuals.
+    """target_from_source of least sum |target - (s R source + t)|² (Umeyama 1991, PAMI 13:376); residuals.
 
     >>> T, away = fitted_similarity(np.eye(3), 2 * np.eye(3) + 1)
     >>> round(float(np.cbrt(np.linalg.det(T[:3, :3]))), 9), bool(away.max() < 1e-9)
@@ -19,24 +18,32 @@ def fitted_similarity(
     flip = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     turn = (U * flip) @ Vt
     scale = float(singular @ flip) / float(np.sum(a**2))
-    T = np.eye(4)
-    T[:3, :3] = scale * turn
-    T[:3, 3] = target.mean(0) - scale * turn @ source.mean(0)
+    T = affine(scale * turn, target.mean(0) - scale * turn @ source.mean(0))
     return T, np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
 
 
 def robust_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, " m"]]:
-    """The same without pairs that lie more than three times the median residual off, and the residuals
-    that stay.
-    """
+    """The same without pairs over three times the median residual off, and the other pairs' residuals."""
     keep = np.ones(len(source), bool)
     for _ in range(8):
         T, _ = fitted_similarity(source[keep], target[keep])
         away = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
         keep = away <= 3 * float(np.median(away)) + 1e-12
     return T, away[keep]
+
+
+def affine(linear: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """The transform that takes x to linear x + shift."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = linear, shift
+    return T
+
+
+def scaling(factor: float) -> Float[np.ndarray, "4 4"]:
+    """The transform that scales about the origin."""
+    return np.diag([factor, factor, factor, 1.0])
 
 
 def moved(points: Float[np.ndarray, "*n 3"], T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "*n 3"]:

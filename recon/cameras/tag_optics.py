@@ -1,16 +1,14 @@
-"""What printed tags tell of a photo's optics: how wide an edge is smeared, and how bright the paper came
-out.
-"""
+"""What printed tags tell of a photo's optics: how far edges are smeared, and how bright the paper is."""
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from recon.picture_values import sampled
+
 STEPS = 33
-"""Places across an edge, from a sixteenth of the side before to one behind it: a step of a few tenths of a
-pixel."""
+"""Places across an edge, a sixteenth of the side before it to one behind: a few tenths of a pixel apart."""
 ROWS = 9
 """Profiles along the middle half of an edge that are averaged against noise. Set by hand."""
 LEAST_CONTRAST = 10.0
@@ -45,18 +43,7 @@ def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2
     across = np.linspace(-1, 1, STEPS)
     at = (a + 0 * b)[:, :, None, None] + along[..., None] * (b - a)[:, :, None, None]
     at = at + (across[:, None] * (side / 16)[:, :, None] * out[:, :, None])[:, :, None]
-    flat = at.reshape(-1, STEPS, 2).astype(np.float32)
-    rows = [
-        cv2.remap(
-            grey.astype(np.float32),
-            part[..., 0],
-            part[..., 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        for part in np.array_split(flat, max(1, len(flat) // 8000))
-    ]
-    profile = np.concatenate(rows).reshape(-1, ROWS, STEPS).mean(axis=1)
+    profile = sampled(grey.astype(np.float32), at).reshape(-1, ROWS, STEPS).mean(axis=1)
     white, black = np.percentile(profile, [95, 5], axis=1)
     good = white - black > LEAST_CONTRAST
     if not good.any():

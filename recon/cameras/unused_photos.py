@@ -2,7 +2,6 @@
 
 import os
 from collections import defaultdict
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,9 +17,7 @@ NO_PHOTOS = frozenset(
         ".mov", ".mp4", ".m4v", ".avi", ".3gp", ".wav", ".m4a", ".mp3", ".lrv",
     }
 )  # fmt: skip
-"""Notes, and what cameras and phones write beside a photo: how it was edited, a small copy of a film, the
-film of a moving photo.
-"""
+"""Notes, and what cameras write beside a photo: edits, a film's small copy, the film of a moving photo."""
 READ_KINDS = {"JPEG": ".jpg", "PNG": ".png", "HEIC": ".heic"}
 """Kinds of pictures that are read, and the suffix that each should have."""
 MOST_ENTRIES = 2000
@@ -34,48 +31,43 @@ def unused_photos(folder: Path, *, pictures_alone: bool = False) -> list[str]:
     Left out are notes and what cameras write beside a photo (NO_PHOTOS), hidden files, and a raw picture or
     the like beside a photo of the same name. The kind of a picture is told by its first bytes.
     """
+    used = {path.stem.lower() for path in photo_paths(folder)}
     causes: dict[str, list[str]] = defaultdict(list)
-    for path, why in _unused(folder, pictures_alone=pictures_alone):
-        causes[why].append(printable(path.name))
+    for path in _entries(folder):
+        if why := _why_unused(path, used, pictures_alone=pictures_alone):
+            causes[why].append(printable(path.name))
     return [
         f"{listed(names)} {'is' if len(names) == 1 else 'are'} not used: {why}."
         for why, names in causes.items()
     ]
 
 
-def _unused(folder: Path, *, pictures_alone: bool) -> Iterator[tuple[Path, str]]:
-    """Each file and folder that is not used, with the reason."""
-    used = {path.stem.lower() for path in photo_paths(folder)}
-    for path in _entries(folder):
-        suffix = path.suffix.lower()
-        wrong = not_plain(path)
-        if suffix in SUFFIXES:
-            if wrong and not wrong.startswith("has a name"):  # its reader refuses such a name
-                yield path, f"it {wrong}; put the file itself there, or remove it"
-        elif path.is_dir():
-            if not pictures_alone and (inside := photo_paths(path)):
-                yield (
-                    path,
-                    f"a folder within photos/ is not read ({len(inside)} photos); move the photos up",
-                )
-        elif not wrong and suffix not in NO_PHOTOS:
-            kind = _kind(path)
-            if kind in READ_KINDS:
-                yield (
-                    path,
-                    f"drupe reads a {kind} only with a photo's suffix; rename it to {READ_KINDS[kind]}",
-                )
-            elif path.stem.lower() not in used and (kind or not pictures_alone):
-                what = f"drupe does not read {kind} pictures" if kind else "it is no JPEG, PNG or HEIC"
-                yield path, f"{what}; convert it to JPEG or PNG, or move it away"
+def _why_unused(path: Path, used: set[str], *, pictures_alone: bool) -> str:
+    """Why a file or folder is not used; empty where it is, or where nobody expects it to be."""
+    suffix, wrong = path.suffix.lower(), not_plain(path)
+    if suffix in SUFFIXES:
+        if not wrong or wrong.startswith("has a name"):  # its reader refuses such a name
+            return ""
+        return f"it {wrong}; put the file itself there, or remove it"
+    if path.is_dir():
+        inside = () if pictures_alone else photo_paths(path)
+        within = f"a folder within photos/ is not read ({len(inside)} photos); move the photos up"
+        return within if inside else ""
+    if wrong or suffix in NO_PHOTOS:
+        return ""
+    kind = _kind(path)
+    if kind in READ_KINDS:
+        return f"drupe reads a {kind} only with a photo's suffix; rename it to {READ_KINDS[kind]}"
+    if path.stem.lower() in used or (pictures_alone and not kind):
+        return ""
+    what = f"drupe does not read {kind} pictures" if kind else "it is no JPEG, PNG or HEIC"
+    return f"{what}; convert it to JPEG or PNG, or move it away"
 
 
 def _entries(folder: Path) -> list[Path]:
-    """The visible entries of a folder, by name; none where it cannot be read. Names that begin with @, #, $
-    or ~ are of network storage and of office programs.
-    """
-    with suppress(OSError), os.scandir(folder) as found:
-        names = sorted(one.name for one, _ in zip(found, range(MOST_ENTRIES), strict=False))
+    """Visible entries by name, none if unreadable; @, #, $ and ~ begin names of storage and offices."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        names = sorted(entry.name for entry, _ in zip(entries, range(MOST_ENTRIES), strict=False))
         return [folder / name for name in names if name[0] not in ".@#$~"]
     return []
 

@@ -16,12 +16,9 @@ STEP_DEG = 45.0
 
 @dataclass(frozen=True, kw_only=True)
 class ViewPlan:
-    """Photos that could be placed, by name: `azimuth_deg` from the first photo on, to the right as one walks
-    facing the fruit (anticlockwise from above), and `distance`, in fruit diameters or any one unit.
-
-    `unplaced` share too little with these; photos left out for another reason are in neither. `gaps_deg`:
-    sides (from, to) without a photo; `stand_deg`: where the next photos should be taken; `given`: all photos
-    in the order that they were taken in.
+    """Photos that could be placed, by name: `azimuth_deg` from the first photo on, anticlockwise from above,
+    and `distance`, in any one unit. `unplaced` share too little with these. `gaps_deg`: sides (from, to)
+    without a photo; `stand_deg`: where the next photos should be taken; `given`: all photos in order.
     """
 
     names: tuple[str, ...]
@@ -91,18 +88,13 @@ def plan_words(plan: ViewPlan) -> str:
             f"take photos at {stand} degrees."
         )
     at = dict(zip(plan.names, plan.azimuth_deg, strict=True))
-    named = [*plan.unplaced[:3]]
+    named = plan.unplaced[:3]
     for name in named:
         before, after = _neighbours(name, plan.given, at)
         where = " and ".join(x for x in (before, after) if x is not None)
-        said.append(
-            (
-                f"{name} overlaps too little with the other photos: retake it, and take another between "
-                f"{where}."
-            )
-            if before and after and before != after
-            else f"{name} overlaps too little with the other photos: retake it closer to {where}."
-        )
+        apart = before and after and before != after
+        how = f"it, and take another between {where}" if apart else f"it closer to {where}"
+        said.append(f"{name} overlaps too little with the other photos: retake {how}.")
     if len(plan.unplaced) > len(named):
         said.append(f"The same applies to {listed(plan.unplaced[len(named) :])}.")
     return " ".join(said)

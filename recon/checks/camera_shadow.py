@@ -1,7 +1,5 @@
-"""A shadow that goes with the camera, as a flash beside the lens throws it: on one side of every photo's rim.
-
-Skin that a mesh misses is on the left of the fruit in one photo and on its right in another. What reaches
-further on one side in all photos is not the fruit's.
+"""A shadow that goes with the camera, as a flash throws it: on one side of every photo's rim. Skin that a
+mesh misses is on another side in each photo; what reaches further on one side in all is not the fruit's.
 """
 
 import numpy as np
@@ -10,14 +8,11 @@ from jaxtyping import Bool, Float, Int
 from recon.checks.ground_check import RimEvidence
 
 HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
-"""Bounds of the bands of the rim that are compared, by direction above the horizontal: shadows lie low, and
-straight below there is no left and right."""
+"""Bounds of the rim's bands, above the horizontal: shadows lie low; straight below has no left or right."""
 FEWEST_SAMPLES = 30
-"""Samples that each side of a band must have: of a photo's 96 evenly around the rim 8 lie
-within the 30 degrees of a band's side, so that 24 photos have 190 and four photos suffice."""
+"""Samples of each side of a band, at least: a photo has 8 of its 96 there, so four photos suffice."""
 NOTICED_PX = 0.5
-"""Left against right from which on it counts, px of the photo as checked. On the sets that it was chosen on
-0.3 at most without a flash, 1.5 and 2.4 with one."""
+"""Left against right that counts, px of the photo as checked: 0.3 at most without a flash, 1.5 with one."""
 
 
 def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
@@ -25,8 +20,16 @@ def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
 
     The known samples of a band's two sides are compared; 0 where either has fewer than FEWEST_SAMPLES.
     """
-    left, right = _sides_px(evidence)
-    return np.asarray(left - right)
+    right = np.cos(evidence.turn) > 0
+    offset_px = evidence.offset_mm / evidence.pixel_mm
+    band = _band(evidence)
+    apart = np.zeros(len(HEIGHTS_DEG) - 1)
+    for k in range(len(apart)):
+        here = evidence.known & (band == k)
+        sides = offset_px[here & ~right], offset_px[here & right]
+        if min(map(len, sides)) >= FEWEST_SAMPLES:
+            apart[k] = np.median(sides[0]) - np.median(sides[1])
+    return apart
 
 
 def in_camera_shadow(evidence: RimEvidence) -> Bool[np.ndarray, " k"]:
@@ -61,17 +64,3 @@ def _band(evidence: RimEvidence) -> Int[np.ndarray, " k"]:
     """The band of each sample; -1 below the lowest, the number of bands above the highest."""
     height_deg = np.degrees(np.arcsin(np.clip(np.sin(evidence.turn), -1, 1)))
     return np.asarray(np.searchsorted(HEIGHTS_DEG, height_deg, side="right") - 1)
-
-
-def _sides_px(evidence: RimEvidence) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
-    """Median offset of each band's left and right side, px; 0 for both where either has too few samples."""
-    right = np.cos(evidence.turn) > 0
-    offset_px = evidence.offset_mm / evidence.pixel_mm
-    band = _band(evidence)
-    medians = np.zeros((2, len(HEIGHTS_DEG) - 1))
-    for k in range(medians.shape[1]):
-        here = evidence.known & (band == k)
-        sides = offset_px[here & ~right], offset_px[here & right]
-        if min(map(len, sides)) >= FEWEST_SAMPLES:
-            medians[:, k] = [np.median(side) for side in sides]
-    return medians[0], medians[1]

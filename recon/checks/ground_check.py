@@ -1,11 +1,8 @@
 """What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
 
-The outlines that a mesh was fitted to agree with it by construction. This looks again, without the outlines
-and the background plate that they came from: a point of the support plane that the mesh leaves free in
-several photos must keep its colour in them all. It is a second look, not independent evidence. Photos,
-cameras and support plane are the same, the mesh itself says where ground and skin are looked at, and the
-colours are modelled alike (shadows and histograms of recon/silhouettes/mask.py). What misleads both, such as
-a wrong camera or ground mirrored in the skin, goes unnoticed here.
+A point of the support plane that the mesh leaves free in several photos must keep its colour in them all.
+This is a second look without outlines and background plate, not independent evidence: what misleads both,
+such as a wrong camera or ground mirrored in the skin, goes unnoticed.
 """
 
 from collections.abc import Sequence
@@ -24,7 +21,6 @@ from recon.silhouettes.mask import (
     LEAST_NOISE_LAB,
     cells_of,
     colour_density,
-    density_at,
 )
 
 REACH_PX = 10
@@ -36,8 +32,7 @@ MOST_EVIDENCE = 3.0
 MOST_OF_SHADOW = 0.5
 """The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
 CORRELATED = 0.6
-"""Share by which a pixel's evidence counts, as neighbours on a profile are alike: blur, texture. To it comes
-half as much from either neighbouring sample."""
+"""Share by which a pixel's evidence counts, as neighbours are alike; half as much of both next samples'."""
 EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
 """Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
 STEP_POOLING), and the step (Lab units) that counts so much."""
@@ -47,8 +42,7 @@ STEP_PX = 3
 """The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
 PRIOR_SCALE_PX = 1.5
 """Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
-Evidence of three units moves the edge by seven pixels all the same. With this and STEP_PX the edge's error
-fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
+With this and STEP_PX the error fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
 SHADOW_SHARE = 0.15
 """Prior share of ground beside a fruit that is darkened."""
 LEAST_DENSITY = 2e-7
@@ -109,7 +103,7 @@ def _evidence(
 ) -> RimEvidence:
     """Where each sample of the rims has its edge, and what the colours beside it say."""
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
-    out = {k: np.zeros(len(view)) for k in ("offset", "sd", "dim", "through")}
+    offset_px, sd_px, dimmed, through = np.zeros((4, len(view)))
     known = np.zeros(len(view), bool)
     for k in range(len(rims)):
         mine = view == k
@@ -121,25 +115,20 @@ def _evidence(
         log_odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
         least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
         log_odds = np.where(ok, separable * np.clip(log_odds, least, MOST_EVIDENCE), 0.0)
-        step = _steps(profiles, mine)
-        mean, sd = _edge_of(log_odds, step, offsets, reach)
-        out["offset"][mine], out["sd"][mine] = mean, sd
+        offset_px[mine], sd_px[mine] = _edge_of(log_odds, _steps(profiles, mine), offsets, reach)
         adjacent = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        out["dim"][mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
-        out["through"][mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
+        dimmed[mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
+        through[mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
     joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
     return RimEvidence(
         view=view,
-        a=joined["a"],
-        b=joined["b"],
-        t=joined["t"],
-        offset_mm=out["offset"] * joined["pixel_mm"],
-        sd_mm=out["sd"] * joined["pixel_mm"],
-        pixel_mm=joined["pixel_mm"],
-        dim=out["dim"],
-        through=out["through"],
+        **joined,
+        offset_mm=offset_px * joined["pixel_mm"],
+        sd_mm=sd_px * joined["pixel_mm"],
+        dim=dimmed,
+        through=through,
         known=known,
         turn=np.concatenate([_turn(r.pixel) for r in rims]),
     )
@@ -161,13 +150,9 @@ def _densities(
     """Densities of one photo's profile colours as lit ground, darkened ground, and skin; and in 0..1 how far
     skin and ground can be told apart at all there.
 
-    The counterpart of recon.silhouettes.mask's ground_noise and ground_density, from other data. There the
-    ground is the plate, its noise is estimated over a whole window that a shadow may half cover (a low
-    quantile), and the window tells how common and how dark shadows are. Here the ground is what the other
+    As recon.silhouettes.mask's ground_noise and ground_density, from other data: the ground is what the other
     photos show, with a spread for every pixel and channel; its noise comes from a few thousand pixels of
-    profiles (their median deviation), too few to tell of shadows, which are taken as even over k with the
-    prior SHADOW_SHARE.
-    Degrees of freedom, least noise and darkest shadow are recon.silhouettes.mask's.
+    profiles, too few to tell of shadows, which are taken as even over k with the prior SHADOW_SHARE.
     """
     colours, known = profiles.colours[mine], profiles.known[mine]
     ground = profiles.ground[mine]
@@ -197,7 +182,7 @@ def _densities(
 
     def skin(of: Float[np.ndarray, "k o 3"]) -> Float[np.ndarray, "k o"]:
         near = student(of - middle[:, None], np.maximum(wide, [4.0, 2.5, 2.5])[:, None])
-        return np.asarray(0.5 * near + 0.5 * density_at(palette, cells_of(of)))
+        return np.asarray(0.5 * near + 0.5 * palette[cells_of(of)])
 
     separable = np.log(student(0 * off, scale) + LEAST_DENSITY) - np.log(skin(ground) + LEAST_DENSITY)
     return lit, dim, skin(colours), np.clip(separable / MOST_EVIDENCE, 0, 1)

@@ -13,9 +13,9 @@ from recon.checks.rim_samples import (
     Rim,
     RimView,
     ground_centre,
-    interpolated,
     visible_ground,
 )
+from recon.picture_values import sampled
 
 FARTHEST_DIAMETERS = 6.0
 """Ground further from the fruit than this many diameters is not looked up: a wall may stand there."""
@@ -54,12 +54,13 @@ def profiles_of(
         down = rays[:, 2] < -1e-3 * np.linalg.norm(rays, axis=1)
         along = np.where(down, -s.camera.place[2] / np.where(down, rays[:, 2], -1.0), 0.0)
         spot = s.camera.place + along[:, None] * rays
-        inside = ((pixels > 0) & (pixels < [s.camera.width_px - 1, s.camera.height_px - 1])).all(1)
         points.append(spot)
         reached.append(
-            down & inside & (np.linalg.norm(spot - middle, axis=1) < 2 * FARTHEST_DIAMETERS * radius)
+            down
+            & s.camera.shows(pixels, 0)
+            & (np.linalg.norm(spot - middle, axis=1) < 2 * FARTHEST_DIAMETERS * radius)
         )
-        colours.append(interpolated(s.colours, pixels))
+        colours.append(sampled(s.colours, pixels))
     spots, reach = np.concatenate(points), np.concatenate(reached)
     own = np.repeat(np.arange(len(rim_views)), [len(p) for p in points])
     count = len(spots)
@@ -69,9 +70,9 @@ def profiles_of(
         pixels, free = visible_ground(s.camera, s.outside_px, spots, CLEARANCE_PX)
         free &= reach & (own != k)
         seen[k] = free
-        stack[0, k, free] = interpolated(s.colours, pixels[free])
-        stack[1, k, free] = interpolated(s.lowest, pixels[free], cv2.INTER_NEAREST)
-        stack[2, k, free] = interpolated(s.highest, pixels[free], cv2.INTER_NEAREST)
+        stack[0, k, free] = sampled(s.colours, pixels[free])
+        stack[1, k, free] = sampled(s.lowest, pixels[free], how=cv2.INTER_NEAREST)
+        stack[2, k, free] = sampled(s.highest, pixels[free], how=cv2.INTER_NEAREST)
     sightings = seen.sum(0)
     shape = (-1, len(offsets), 3)
 

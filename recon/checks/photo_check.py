@@ -1,6 +1,4 @@
-"""Photos looked at before any geometry: which are of no use, which need their light evened, and why, by
-name.
-"""
+"""Photos inspected before any geometry: which are of no use, which need their light evened, and why."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -19,15 +17,13 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed
 
 ENOUGH_VIEWS = 12
-"""Photos; where the best are as many, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off
-(docs/validation.md, Shape)."""
+"""With so many good photos, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off."""
 MOST_BLUR_PX = 1.25
 """Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
 LEAST_SHARP = 0.35
 """Sharpness over the usual one of its set, below which a photo is blurred. Set by hand."""
 LEAST_SHARP_ALONE = 0.06
-"""Sharpness below which it is so whatever the others are: 99 % of the second differences of a sharp photo of
-a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
+"""Least sharpness, whatever the others have: a sharp photo of a mat has 0.5, blurred by 4 px 0.025."""
 MOST_CLIPPED = 0.35
 """Share of a photo's pixels at full white beyond which it is of no use. Set by hand."""
 LEAST_BRIGHT = 45.0
@@ -64,12 +60,16 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     brought to the same. Raises ReconFailure: mirrored photos all through, unreadable-photo (all too dark to
     tell fruit from paper), mat-not-found, too-few-views.
     """
-    known = mat if mat is not None else standard_mat()
+    known, on_mat = (mat, True) if mat is not None else (standard_mat(), False)
     distinct, copies = _without_copies(photos)
-    looks = [_look(p, known, on_mat=mat is not None) for p in distinct]
-    _refuse_mirrored(looks, on_mat=mat is not None)
-    lost = _reasons(looks, on_mat=mat is not None)
-    weak = _weak(looks, on_mat=mat is not None)
+    looks = [_look(p, known, on_mat=on_mat) for p in distinct]
+    _refuse_mirrored(looks, on_mat=on_mat)
+    usual = float(np.median([look.sharpness for look in looks]))
+    any_tags = any(len(look.tags) >= FEWEST_TAGS for look in looks)
+    losses = {look.photo.name: _loss(look, usual, others_show_it=any_tags, on_mat=on_mat) for look in looks}
+    lost = {name: reason for name, reason in losses.items() if reason}
+    weaknesses = {look.photo.name: _weakness(look, usual, on_mat=on_mat) for look in looks}
+    weak = {name: reason for name, reason in weaknesses.items() if reason}
     good = [look for look in looks if look.photo.name not in lost]
     best = [look for look in good if look.photo.name not in weak]
     warnings = [*copies]
@@ -92,15 +92,12 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
 
 
 def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
-    """Without a mat the first photo says where the suture is: it stays, poor or not, or the set is
-    refused.
-    """
+    """Without a mat the first photo shows where the suture is: it stays, or the set is refused."""
     if first.name in lost:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo, {first.name}, is unusable ({lost[first.name]}). Without a mat it "
             "defines the suture's direction: retake it from the suture's side, or use the mat (drupe "
-            "mat).",
+            "mat)."
         )
     names = {look.photo.name for look in kept} | {first.name}
     return [look for look in good if look.photo.name in names]
@@ -116,15 +113,12 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
             copies.append((photo.name, original.name))
     if not copies:
         return list(photos), []
-    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
-        ", ..." if len(copies) > FEW_NAMES else ""
-    )
+    more = ", ..." if len(copies) > FEW_NAMES else ""
+    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + more
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        (
-            f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
-            "every direction."
-        )
+        f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
+        "every direction."
     ]
 
 
@@ -157,58 +151,40 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
     mirrored = [look for look in looks if look.mirrored]
     upright = [look for look in looks if len(look.tags) >= FEWEST_TAGS]
     if mirrored and (not upright if on_mat else len(mirrored) > len(upright)):
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"{len(mirrored)} of {len(looks)} photos are mirrored "
             f"({listed([m.photo.name for m in mirrored])}): the mat's tags are readable only in a "
-            "mirror. Turn the camera's mirroring off, or flip the files back.",
+            "mirror. Turn the camera's mirroring off, or flip the files back."
         )
 
 
-def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
-    """Photos that cannot be placed, and why."""
-    usual = float(np.median([look.sharpness for look in looks]))
-    others_show_it = any(len(look.tags) >= FEWEST_TAGS for look in looks)
-    lost = {}
-    for look in looks:
-        if look.mirrored:
-            lost[look.photo.name] = "mirrored (the mat's tags are readable only in a mirror); flip it back"
-        elif on_mat and len(look.tags) < FEWEST_TAGS:
-            blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
-            if blurred and (look.tags or not others_show_it):
-                what = "too blurred for drupe to read its tags"
-            elif blurred:
-                what = "shows no tags of the mat (too blurred, or another scene)"
-            else:
-                what = "shows fewer than four tags of the mat"
-            lost[look.photo.name] = f"{what}; retake it, in focus and with the mat in view"
-    return lost
+def _loss(look: _Look, usual: float, *, others_show_it: bool, on_mat: bool) -> str:
+    """Why a photo cannot be placed; empty where it can."""
+    if look.mirrored:
+        return "mirrored (the mat's tags are readable only in a mirror); flip it back"
+    if not on_mat or len(look.tags) >= FEWEST_TAGS:
+        return ""
+    what = "shows fewer than four tags of the mat"
+    if look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE):
+        what = "shows no tags of the mat (too blurred, or another scene)"
+        if look.tags or not others_show_it:
+            what = "too blurred for drupe to read its tags"
+    return f"{what}; retake it, in focus and with the mat in view"
 
 
-def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
-    """Photos that can be placed but show the fruit badly, and how."""
-    usual = float(np.median([look.sharpness for look in looks]))
-    weak = {}
-    for look in looks:
-        optics = look.optics
-        if look.clipped > MOST_CLIPPED:
-            weak[look.photo.name] = (
-                "overexposed (more than a third of the picture is pure white); retake it with less exposure"
-            )
-        elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
-            weak[look.photo.name] = (
-                "too dark (white paper should exceed 90 of 255); retake it with more exposure"
-            )
-        elif optics is not None and optics.blur_px > MOST_BLUR_PX:
-            weak[look.photo.name] = (
-                "blurred (edges of the tags spread over several pixels); retake it with a steady "
-                "camera and in focus"
-            )
-        elif not on_mat and look.sharpness < LEAST_SHARP * usual:
-            weak[look.photo.name] = (
-                "more blurred than the other photos; retake it with a steady camera and in focus"
-            )
-    return weak
+def _weakness(look: _Look, usual: float, *, on_mat: bool) -> str:
+    """How a photo that can be placed shows the fruit badly; empty where it does not."""
+    optics = look.optics
+    if look.clipped > MOST_CLIPPED:
+        return "overexposed (more than a third of the picture is pure white); retake it with less exposure"
+    if (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
+        return "too dark (white paper should exceed 90 of 255); retake it with more exposure"
+    again = "retake it with a steady camera and in focus"
+    if optics is not None and optics.blur_px > MOST_BLUR_PX:
+        return f"blurred (edges of the tags spread over several pixels); {again}"
+    if not on_mat and look.sharpness < LEAST_SHARP * usual:
+        return f"more blurred than the other photos; {again}"
+    return ""
 
 
 def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
@@ -217,11 +193,10 @@ def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
         return
     most = max(len(look.tags) for look in looks)
     if most == 0 and not any("blurred" in reason for reason in lost.values()):
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
+        raise ReconProblem.MAT_NOT_FOUND.failure(
             f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) is visible in any "
             f"of {len(looks)} photos; check that mat.json belongs to the printed mat, and that the "
-            "photos show the mat in focus.",
+            "photos show the mat in focus."
         )
     why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
     raise ReconFailure(

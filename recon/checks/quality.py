@@ -1,6 +1,4 @@
-"""How good a reconstruction is, in numbers that a person can check, and the warnings that follow from
-them.
-"""
+"""How good a reconstruction is, in numbers that a person can check, and the warnings from them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +11,7 @@ from recon.silhouettes.outline import outline_of
 
 ENOUGH_SEEN = 0.8
 """Share of the skin in sight of photos below which it is said. Set by hand."""
+UNKNOWN = float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,48 +28,33 @@ class ReconQuality:
     photos show.
     """
 
-    views_given: int
-    views_used: int
-    reprojection_px: float
-    silhouette_iou: float
-    outline_rms_mm: float
-    clear_outline_share: float
-    focal_px: float
-    focal_sd_px: float
-    k1: float
-    widest_gap_deg: float
-    seen_share: float
-    unseen_mm2: float
-    decimation_rms_mm: float
-    relief_share: float
+    views_given: int = 0
+    views_used: int = 0
+    reprojection_px: float = UNKNOWN
+    silhouette_iou: float = UNKNOWN
+    outline_rms_mm: float = UNKNOWN
+    clear_outline_share: float = UNKNOWN
+    focal_px: float = UNKNOWN
+    focal_sd_px: float = UNKNOWN
+    k1: float = UNKNOWN
+    widest_gap_deg: float = UNKNOWN
+    seen_share: float = UNKNOWN
+    unseen_mm2: float = UNKNOWN
+    decimation_rms_mm: float = UNKNOWN
+    relief_share: float = 0.0
     flipped_views: int = 0
-    flipped_miss_mm: float = float("nan")
-    offset_rms_mm: float = float("nan")
-    offset_local_mm: float = float("nan")
-    offset_volume_share: float = float("nan")
-    ground_known_share: float = float("nan")
+    flipped_miss_mm: float = UNKNOWN
+    offset_rms_mm: float = UNKNOWN
+    offset_local_mm: float = UNKNOWN
+    offset_volume_share: float = UNKNOWN
+    ground_known_share: float = UNKNOWN
 
     def known(self) -> dict[str, int | float]:
         """The numbers that are known, by name."""
         return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
-NOTHING_KNOWN = ReconQuality(
-    views_given=0,
-    views_used=0,
-    reprojection_px=float("nan"),
-    silhouette_iou=float("nan"),
-    outline_rms_mm=float("nan"),
-    clear_outline_share=float("nan"),
-    focal_px=float("nan"),
-    focal_sd_px=float("nan"),
-    k1=float("nan"),
-    widest_gap_deg=float("nan"),
-    seen_share=float("nan"),
-    unseen_mm2=float("nan"),
-    decimation_rms_mm=float("nan"),
-    relief_share=0.0,
-)
+NOTHING_KNOWN = ReconQuality()
 """Of a mesh that no photos stand for."""
 
 
@@ -84,8 +68,7 @@ def outline_rms_mm(
         if rim is None:
             continue
         at = np.rint(rim.points).astype(int)
-        depth = float(np.median(s.camera.into(vertices)[:, 2]))
-        squares.append((s.distance_px[at[:, 1], at[:, 0]] * depth / s.camera.focal_px) ** 2)
+        squares.append((s.distance_px[at[:, 1], at[:, 0]] * s.camera.pixel_mm(vertices)) ** 2)
     return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else float("inf")
 
 

@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
+from recon.silhouettes.outline import resampled
 from recon.wording import listed
 
 SAMPLES = 180
 """Places along the rim: every two degrees."""
 REACH = 0.1
-"""How far from the rim a step is sought, over the fruit's width. Set by hand: a mesh that is farther off is
-refused."""
+"""Reach of the search about the rim, over the fruit's width; meshes farther off are refused. By hand."""
 STEP_PX = 0.5
 """px between the places looked at: half a pixel."""
 LEAST_STEP = 6.0
@@ -31,9 +32,7 @@ LEAST_PX = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class RimOffset:
-    """How a photo's fruit lies against the mesh: moved by `shift_px` in the picture, larger by `growth_px`
-    in radius; `apart` is the larger of the two over the fruit's diameter.
-    """
+    """A photo's fruit: moved by `shift_px`, larger in radius by `growth_px`; `apart` in diameters."""
 
     name: str
     shift_px: float
@@ -44,8 +43,7 @@ class RimOffset:
 def rim_offset(
     image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
 ) -> RimOffset | None:
-    """The shift and growth of the rim that bring it onto the photo's colour steps; None where there are too
-    few.
+    """The rim's shift and growth that bring it onto the photo's colour steps; None for too few steps.
 
     The rim is the convex hull of the projected vertices. On its normals, within a tenth of its diameter,
     steps of colour (CIE Lab) are sought; their offsets s are fitted by s = n . shift + growth, once from the
@@ -53,14 +51,11 @@ def rim_offset(
     counts, so that tags, shadows and highlights do not. The camera has no distortion.
     """
     hull = cv2.convexHull(camera.project(vertices).astype(np.float32))[:, 0].astype(float)
-    closed = np.concatenate([hull, hull[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
-    rim = np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1)
+    rim, length_px = resampled(hull, SAMPLES)
     ahead = np.roll(rim, -2, 0) - np.roll(rim, 2, 0)
     normal = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)
     normal *= np.sign(np.sum(normal * (rim - rim.mean(0)), axis=1).mean())
-    size = along[-1] / np.pi
+    size = length_px / np.pi
     reach = max(REACH * size, 4.0)
     offsets = np.arange(-reach, reach + STEP_PX, STEP_PX)
     place = rim[:, None] + offsets[:, None] * normal[:, None]
@@ -70,8 +65,7 @@ def rim_offset(
         return None
     part = image[low[1] : high[1], low[0] : high[0]].astype(np.float32) / 255
     colours = cv2.GaussianBlur(cv2.cvtColor(part, cv2.COLOR_BGR2Lab), (0, 0), 1.0)
-    x, y = np.moveaxis((place - low).astype(np.float32), 2, 0)
-    profile = cv2.remap(colours, x, y, cv2.INTER_LINEAR)
+    profile = sampled(colours, place - low)
     steps = np.asarray(np.linalg.norm(profile[:, 4:] - profile[:, :-4], axis=2), float)
     columns = np.column_stack([normal, np.ones(SAMPLES)])
     tried = [_held(np.zeros(3), steps, offsets[2:-2], columns), _held(None, steps, offsets[2:-2], columns)]
@@ -90,9 +84,7 @@ def _held(
     offsets: Float[np.ndarray, " k"],
     columns: Float[np.ndarray, "n 3"],
 ) -> tuple[Float[np.ndarray, "3"], int]:
-    """A fit and how many normals have their step within a pixel of it: from `start`, or from the
-    strongest steps.
-    """
+    """A fit from `start` or the strongest steps, and how many normals have a step within a pixel."""
     if start is None:
         best = steps.argmax(axis=1)
         clear = steps[np.arange(len(steps)), best] > LEAST_STEP
@@ -100,17 +92,7 @@ def _held(
         for _ in range(12):
             fit = np.linalg.lstsq(columns * weight[:, None], offsets[best] * weight, rcond=None)[0]
             away = np.abs(offsets[best] - columns @ fit)
-            scale = max(
-                1.5
-                * float(
-                    np.median(
-                        away[clear],
-                    )
-                )
-                if clear.any()
-                else 0.5,
-                0.5,
-            )
+            scale = max(1.5 * float(np.median(away[clear])) if clear.any() else 0.5, 0.5)
             weight = clear / np.sqrt(1 + (away / scale) ** 2)
     else:
         fit = start
@@ -137,21 +119,20 @@ def rim_doubts(
 
     What counts is more than 1 % of the diameter and 1.5 px.
     """
-    found = [o for i, c in zip(images, cameras, strict=True) if (o := rim_offset(i, c, vertices)) is not None]
+    offsets = (rim_offset(i, c, vertices) for i, c in zip(images, cameras, strict=True))
     largest = float(np.ptp(vertices, axis=0).max())
-    odd = sorted((o for o in found if _odd(o)), key=lambda o: -o.apart)
+    odd = [
+        o
+        for o in offsets
+        if o is not None and o.apart > APART and max(o.shift_px, abs(o.growth_px)) > LEAST_PX
+    ]
+    odd.sort(key=lambda o: -o.apart)
     if not odd:
         return ()
     misses = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
     noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
     return (
-        (
-            f"In {noun} the fruit has another position or size than in the other photos ({misses}). "
-            "Somebody moved or changed the fruit, an object hides its edge, or the zoom changed. "
-            "Photograph it again without touching it."
-        ),
+        f"In {noun} the fruit has another position or size than in the other photos ({misses}). "
+        "Somebody moved or changed the fruit, an object hides its edge, or the zoom changed. "
+        "Photograph it again without touching it.",
     )
-
-
-def _odd(offset: RimOffset) -> bool:
-    return offset.apart > APART and max(offset.shift_px, abs(offset.growth_px)) > LEAST_PX

@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.silhouettes.hull import drawn
 from recon.silhouettes.mask import Window
-from recon.triangle_mesh import rim_crossings, vertex_normals
+from recon.triangle_mesh import rim_crossings, sides_of, vertex_normals
 
 DIAMETER_PX = 260.0
 """Photos are downscaled until the fruit is about this wide (px): finer pixels cost time and tell no more."""
@@ -19,15 +20,12 @@ RIM_SAMPLES = 96
 CLEARANCE_PX = 4.0
 """A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
 FEWEST_SIGHTINGS = 3
-"""Photos that show a place of the ground free, at least, for its colour: one that errs stands out among
-three."""
+"""Photos that show a place of the ground, at least, for its colour: of three, one that errs stands out."""
 
 
 @dataclass(frozen=True)
 class RimView:
-    """A downscaled photo as 8-bit Lab with its range over eight neighbours, and the signed distance from the
-    mesh's silhouette in it (px, positive outside).
-    """
+    """A downscaled photo (8-bit Lab), its range over eight neighbours, distance outside the mesh (px)."""
 
     camera: Camera
     colours: UInt8[np.ndarray, "h w 3"]
@@ -93,17 +91,6 @@ def _outside_px(
     return np.asarray(out - cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
-def interpolated(
-    picture: np.ndarray, pixels: Float[np.ndarray, "k 2"], flags: int = cv2.INTER_LINEAR
-) -> np.ndarray:
-    """Values at pixels; what misses the picture gets its border."""
-    width = 512
-    maps = np.zeros((-(-len(pixels) // width) * width, 2), np.float32)
-    maps[: len(pixels)] = np.clip(pixels, -9, 3e4)
-    found = cv2.remap(picture, maps.reshape(-1, width, 2), None, flags, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(len(maps), *picture.shape[2:])[: len(pixels)])
-
-
 def visible_ground(
     camera: Camera,
     outside_px: Float[np.ndarray, "h w"],
@@ -113,8 +100,7 @@ def visible_ground(
     """Pixels of ground points, and which of them are in the picture and free of the mesh."""
     ahead = camera.into(points)[:, 2] > 0
     pixels = camera.project(points)
-    inside = ((pixels > 2) & (pixels < [camera.width_px - 3, camera.height_px - 3])).all(1)
-    return pixels, ahead & inside & (interpolated(outside_px, pixels) > clearance_px)
+    return pixels, ahead & camera.shows(pixels, 2) & (sampled(outside_px, pixels) > clearance_px)
 
 
 def _gains(
@@ -130,7 +116,7 @@ def _gains(
     colours = np.full((len(pairs), len(points), 3), np.nan)
     for k, ((image, camera), out) in enumerate(zip(pairs, outside, strict=True)):
         pixels, seen = visible_ground(camera, out, points, 2 * CLEARANCE_PX)
-        colours[k, seen] = np.log(interpolated(image, pixels[seen]).reshape(-1, 3) + 8.0)
+        colours[k, seen] = np.log(sampled(image, pixels[seen]).reshape(-1, 3) + 8.0)
     known = np.isfinite(colours[..., 0]).sum(0) >= FEWEST_SIGHTINGS
     if known.sum() < 30:
         return np.ones((len(pairs), 3))
@@ -168,14 +154,13 @@ def _rim(
 ) -> Rim:
     """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
     camera = view.camera
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = sides_of(faces)
     i, j = edges[edges[:, 0] < edges[:, 1]].T
     a, b, t = rim_crossings(vertices, normals, i, j, camera.place)
     points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
     pixel = camera.project(points)
-    outer = np.abs(interpolated(view.outside_px, pixel)) < 1.6
-    inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
-    keep = np.flatnonzero(outer & inside)
+    outer = np.abs(sampled(view.outside_px, pixel)) < 1.6
+    keep = np.flatnonzero(outer & camera.shows(pixel, 2))
     turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)
     keep = keep[np.argsort(turn, kind="stable")]
     if len(keep) > RIM_SAMPLES:

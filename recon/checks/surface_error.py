@@ -1,27 +1,26 @@
 """How far the mesh's skin may be off, vertex by vertex, from what the photos show beside its rims."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from recon.checks.camera_shadow import in_camera_shadow, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
-from recon.native import open3d
 from recon.surface.coverage import SEEN_BY
-from recon.triangle_mesh import face_areas, facing, neighbour_mean, vertex_normals
+from recon.surface.ray_mesh import RayMesh
+from recon.triangle_mesh import facing, smoothed, vertex_areas, vertex_normals
 
 SPREADING = 8
 """Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
 OUTLIER = 2.5
-"""Robust spreads from where on a sample counts less. Set by hand, as usual in robust statistics (2.5 leaves 1
-% out)."""
+"""Robust spreads from where on a sample counts for less: 2.5 leaves 1 % out. Set by hand."""
 ROBUST_ROUNDS = 4
 """Of reweighting. Set by hand."""
 INDEPENDENT, LEAST_HELD = 3.0, 0.3
-"""Samples about a vertex that err independently, per full one held there: neighbours in a photo do not, the
-two to six photos whose rims pass by do. What unclear rims made of right meshes of dark glossy fruit
-fell from 0.31 mm to 0.16; with 1 instead of 3 half as many wrong meshes more passed."""
+"""Samples about a vertex that err independently, per full one held there: photos do, neighbours do not. With
+1 instead of 3, half as many wrong meshes more passed."""
 RIM_SD_PX = 0.35
 """Least error of a place on a rim, px."""
 HALF_KNOWN = 0.03
@@ -31,8 +30,8 @@ UNKNOWN_RIM = 0.007
 NEVER_GRAZED = 0.06
 """Standard deviation per diameter and per squared angle (rad) to the nearest rim, where no rim tells."""
 BRIDGED = 0.008
-"""Standard deviation per diameter where outlines may bridge a hollow and no photos measured its depth: root
-mean square error there 0.005 to 0.012 on eleven sets, against 0.002 where the surface is round."""
+"""Standard deviation per diameter where outlines may bridge a hollow of unknown depth: 0.005 to 0.012 on
+eleven sets, against 0.002 where the surface is round."""
 
 
 def sd_on_patch_mm(
@@ -46,21 +45,13 @@ def sd_on_patch_mm(
     sqrt(mean over p of sd(x_p)²), sd linear within each triangle. Points that stand evenly on a contact patch
     give the root mean square over its area.
     """
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
-    found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=1)
-    corners = sd_mm[faces[found["primitive_ids"].numpy().astype(int)]]
-    u, v = found["primitive_uvs"].numpy().astype(float).T
-    sd = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-    return float(np.sqrt(np.mean(sd**2)))
+    corners, shares = RayMesh(vertices, faces).nearest(points)
+    return float(np.sqrt(np.mean(np.sum(shares * sd_mm[corners], axis=1) ** 2)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceError:
-    """What is known of each vertex' place, along the normal, and how many rim samples spoke (`samples`).
+    """What is known of each vertex' place, along the normal.
 
     `sd_mm`: standard deviation; `offset_mm`: the offset that the rims measured (positive: fruit outside the
     mesh), shrunk where they disagree; `rms_mm`: root mean square of `sd_mm` over the skin that two cameras or
@@ -69,7 +60,6 @@ class SurfaceError:
 
     sd_mm: Float[np.ndarray, " n"]
     offset_mm: Float[np.ndarray, " n"]
-    samples: Float[np.ndarray, " n"]
     rms_mm: float
 
 
@@ -91,13 +81,7 @@ def surface_error(
     goes with the camera stands beside the rim, what that makes uncertain is added in squares.
     """
     count = len(vertices)
-    step = neighbour_mean(faces, count)
     diameter = float(np.ptp(vertices, axis=0).max())
-
-    def spread(values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n c"]:
-        for _ in range(SPREADING):
-            values = 0.5 * (values + step @ values)
-        return values
 
     e = evidence
     known = e.known & ~in_camera_shadow(e)
@@ -105,31 +89,27 @@ def surface_error(
     floor = RIM_SD_PX * e.pixel_mm[known]
     trust = (np.median(floor) ** 2 if len(floor) else 1.0) / (e.sd_mm[known] ** 2 + floor**2)
 
-    def onto(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "n c"]:
-        columns = [np.bincount(a, (1 - t) * v, count) + np.bincount(b, t * v, count) for v in values.T]
-        return spread(np.stack(columns, axis=1))
+    def onto(
+        values: Sequence[Float[np.ndarray, " k"]], some: Bool[np.ndarray, " s"]
+    ) -> Float[np.ndarray, "c n"]:
+        a, b, t = e.a[some], e.b[some], e.t[some]
+        columns = [np.bincount(a, (1 - t) * v, count) + np.bincount(b, t * v, count) for v in values]
+        return smoothed(np.stack(columns, axis=1), faces, SPREADING).T
 
     def at(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         return np.asarray((1 - t) * values[a] + t * values[b])
 
-    unknown, every, shaded = spread(
-        np.stack(
-            [
-                np.bincount(e.a, (1 - e.t) * w, count) + np.bincount(e.b, e.t * w, count)
-                for w in (~known, np.ones(len(known)), shadow_sd_mm(e) ** 2)
-            ],
-            axis=1,
-        )
-    ).T
+    all_samples = np.ones(len(known), bool)
+    masses = [(~known).astype(float), all_samples.astype(float), shadow_sd_mm(e) ** 2]
+    unknown, every, shaded = onto(masses, all_samples)
     weight = trust
     mean, scatter, held = np.zeros(count), np.zeros(count), np.zeros(count)
     for _ in range(ROBUST_ROUNDS):
-        sums = onto(np.stack([weight, weight * offset], axis=1))
-        mean = sums[:, 1] / np.maximum(sums[:, 0], 1e-9)
+        held, weighted = onto([weight, weight * offset], known)
+        mean = weighted / np.maximum(held, 1e-9)
         off = offset - at(mean)
-        squares = onto(np.stack([weight, weight * off**2], axis=1))
-        scatter = squares[:, 1] / np.maximum(squares[:, 0], 1e-9)
-        held = sums[:, 0]
+        (squares,) = onto([weight * off**2], known)
+        scatter = squares / np.maximum(held, 1e-9)
         scale = OUTLIER * np.maximum(np.sqrt(at(scatter)), floor) if len(floor) else floor
         weight = trust / (1 + (off / scale) ** 2)
     floor_mm = float(np.median(floor)) if len(floor) else 0.0
@@ -143,7 +123,6 @@ def surface_error(
     share = (held + unknown) / (held + unknown + HALF_KNOWN)
     hollow = 0.0 if bridged is None else (BRIDGED * diameter * bridged) ** 2
     sd = np.sqrt(share * rim + (1 - share) * blind + shaded / np.maximum(every, 1e-9) + hollow)
-    area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), count)
-    seen = area * (views >= SEEN_BY)
+    seen = vertex_areas(vertices, faces) * (views >= SEEN_BY)
     rms = float(np.sqrt(np.sum(seen * sd**2) / max(float(seen.sum()), 1e-9))) if seen.any() else float("inf")
-    return SurfaceError(sd_mm=sd, offset_mm=mean * share * agreed, samples=held, rms_mm=rms)
+    return SurfaceError(sd_mm=sd, offset_mm=mean * share * agreed, rms_mm=rms)

@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 from recon.checks.camera_shadow import camera_shadow_px
 from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface.coverage import SEEN_BY
-from recon.triangle_mesh import face_areas, vertex_normals, volume_mm3
+from recon.triangle_mesh import vertex_areas, vertex_normals, volume_mm3
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
 """Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
@@ -22,8 +22,7 @@ LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
 less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
 1.5 mm: 0.36 mm on a cherry, 0.85 mm and more on the rest."""
 VOLUME_SHARE = 0.02
-"""Share of the volume that the offsets add up to, said from here on at the latest. True surfaces: at most
-0.019, shrunk by 2 % in length: 0.027 and more."""
+"""Share of the volume of the offsets' sum that is said: true surfaces 0.019, shrunk by 2 % 0.027 and more."""
 EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 """An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
@@ -36,9 +35,7 @@ MOVED_SHARE = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOffset:
-    """Sizes of the offsets over the skin that two cameras saw: root mean square, the size that 2 % of it
-    exceeds (mm), and what they add up to as a share of the volume (positive: the mesh is too small).
-    """
+    """Offsets of the skin that two cameras saw: rms, the 98 % size (mm), and their sum over the volume."""
 
     rms_mm: float
     local_mm: float
@@ -95,9 +92,8 @@ def surface_doubts(
     )
     cause = _cause(evidence, patch, outside=bool(error.offset_mm[peak] > 0))
     if offset.rms_mm > REFUSED_OFF * diameter or offset.local_mm > REFUSED_LOCAL * diameter:
-        raise ReconFailure(
-            ReconProblem.SURFACE_CONTRADICTED,
-            f"The mesh does not fit the photos: {found} ({whole}). {cause}",
+        raise ReconProblem.SURFACE_CONTRADICTED.failure(
+            f"The mesh does not fit the photos: {found} ({whole}). {cause}"
         )
     return (*shadow, f"{found[0].upper()}{found[1:]} ({whole}). {cause}")
 
@@ -118,12 +114,10 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
     off_mm = abs(worst) * float(np.median(evidence.pixel_mm))
     side, other = ("left", "right") if worst > 0 else ("right", "left")
     return (
-        (
-            f"In all photos the fruit's outline is {off_mm:.1f} mm farther out on the {side} than on the "
-            f"{other}. A shadow that follows the camera may look like fruit, so the mesh may be too "
-            "large. A flash casts one, and so does a lamp beside a turntable. Switch the flash off and "
-            "retake the photos in even light from all sides."
-        ),
+        f"In all photos the fruit's outline is {off_mm:.1f} mm farther out on the {side} than on the "
+        f"{other}. A shadow that follows the camera may look like fruit, so the mesh may be too "
+        "large. A flash casts one, and so does a lamp beside a turntable. Switch the flash off and "
+        "retake the photos in even light from all sides.",
     )
 
 
@@ -134,21 +128,15 @@ def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     x, y = vertices[vertex, :2] - middle[:2]
     level = "near the top" if normal[2] > 0.8 else "on the lower side" if normal[2] < -0.3 else "on the flank"
     turn = float(np.degrees(np.arctan2(y, x)))
-    side = (
-        ("towards the suture", "right of the suture", "away from the suture", "left of the suture")[
-            round(turn / 90) % 4
-        ]
-        if abs(normal[2]) < 0.95
-        else "in the middle"
-    )
+    sides = ("towards the suture", "right of the suture", "away from the suture", "left of the suture")
+    side = sides[round(turn / 90) % 4] if abs(normal[2]) < 0.95 else "in the middle"
     return f"{level}, {side}, about {max(vertices[vertex, 2], 0.0):.0f} mm above the ground,"
 
 
 def _seen_area(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
-    return np.asarray(area * (views >= SEEN_BY))
+    return np.asarray(vertex_areas(vertices, faces) * (views >= SEEN_BY))
 
 
 def _worst(

@@ -9,12 +9,11 @@ from scipy.spatial import ConvexHull
 from recon.cameras.view_plan import ViewPlan, plan_words
 from recon.checks.quality import ReconQuality
 from recon.pit.priors import STONE_FRUIT, PitBody
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.triangle_mesh import volume_mm3
 
 FEWEST_VIEWS = 6
-"""Photos in use, at least: with 8 meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv), fewer
-leave gaps. Set by hand."""
+"""Photos in use, at least; with 8, meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv). By hand."""
 WIDEST_GAP_DEG = 120.0
 """Degrees about the fruit that no photo covers, at most: a third of a turn. Set by hand."""
 
@@ -22,24 +21,22 @@ WIDEST_GAP_DEG = 120.0
 def require_seen(
     quality: ReconQuality, *, left_out: Sequence[str] = (), plan: ViewPlan | None = None
 ) -> None:
-    """Refuse a shape that was seen from too few directions to be more than a guess.
+    """Refuse a shape seen from too few directions: fewer than six views, or a side of over 120 degrees
+    without any, make meshes wrong by half to all of the volume.
 
-    With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
-    off by half to all of its volume. `left_out`: why photos were not even tried; `plan`: where the others
-    were taken, which the failure then says and carries. Raises ReconFailure (too-few-views).
+    `left_out`: why photos were not tried; `plan`: where the others were taken, which the failure says and
+    carries. Raises ReconFailure (too-few-views).
     """
     where = "" if plan is None else f" {plan_words(plan)}".rstrip()
     if quality.views_used < FEWEST_VIEWS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: only {quality.views_used} of {quality.views_given} photos are usable, "
             f"expected at least {FEWEST_VIEWS}.{_why_left_out(quality, left_out)} Take 24 sharp "
             f"photos from all sides, at two or three heights.{where}",
             plan,
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS,
+        raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: usable photos leave a gap of {quality.widest_gap_deg:.0f} degrees around "
             f"the fruit, expected at most {WIDEST_GAP_DEG:.0f}; take photos from that side too.{where}",
             plan,

@@ -1,8 +1,4 @@
-"""The fruit model: a small network (ONNX) that tells from a square picture alone which pixels are fruit.
-
-It adds its log odds where outlines are found (`recon.silhouettes.segmentation`), to those of the background
-plate and the colours learned in each photo. The shipped one was trained by benchmarks/fruit_model_train.py.
-"""
+"""The fruit model: a network (ONNX, benchmarks/fruit_model_train.py) that tells which pixels are fruit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +7,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from recon.learned.onnx_file import bad_model
 from recon.learned.onnx_session import opened, ran
+from recon.silhouettes.mask import Window
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
 SIDE_PX = 192
@@ -35,41 +32,25 @@ class FruitModel:
     session: Any
 
     def log_odds(
-        self,
-        images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-        corners_px: Sequence[tuple[int, int]],
-        sizes_px: Sequence[tuple[int, int]],
-        shrinks: Sequence[int],
+        self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], windows: Sequence[Window]
     ) -> list[Float[np.ndarray, "_ _"]]:
-        """Log odds of fruit over windows of BGR photos: first pixel (column, row), shrunk (columns, rows).
+        """Log odds of fruit over shrunk windows of BGR photos.
 
         The model sees the square round a window, which beyond the photo goes on as its edge. Raises
         ReconFailure (bad-geometry-model) where the model fails or gives another shape.
         """
-        squares, maps = [], []
-        for image, corner, size, shrink in zip(images, corners_px, sizes_px, shrinks, strict=True):
-            side = max(size) * shrink
-            middle = np.array(corner) + np.array(size) * shrink / 2
-            start = np.floor(middle - side / 2).astype(int)
-            squares.append(_square(image, start, side))
-            maps.append((start, side))
+        extents = [_extent(window) for window in windows]
+        squares = [_square(image, *extent) for image, extent in zip(images, extents, strict=True)]
         made = np.concatenate(
             [self._run(squares[first : first + AT_ONCE]) for first in range(0, len(squares), AT_ONCE)]
         )
+        how = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
         out = []
-        for logits, (start, side), corner, size, shrink in zip(
-            made, maps, corners_px, sizes_px, shrinks, strict=True
-        ):
-            # cell of the model's picture -> pixel of the shrunk window, centres at whole numbers
-            cell = side / logits.shape[1]
-            scale = cell / shrink
-            shift = ((cell - 1) / 2 + start - np.array(corner) - (shrink - 1) / 2) / shrink
-            M = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
-            out.append(
-                np.asarray(
-                    cv2.warpAffine(logits, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-                )
-            )
+        for logits, (start, side), window in zip(made, extents, windows, strict=True):
+            cell = side / logits.shape[1]  # px of the photo, whose pixel centres are whole numbers
+            corner = window.into_small((start + (cell - 1) / 2)[None])[0]
+            M = np.column_stack([np.eye(2) * cell / window.shrink, corner])
+            out.append(np.asarray(cv2.warpAffine(logits, M, window.small_size_px, **how)))
         return out
 
     def _run(self, squares: list[UInt8[np.ndarray, "s s 3"]]) -> Float[np.ndarray, "n h w"]:
@@ -103,6 +84,13 @@ def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> Frui
 def is_fruit_model(path: Path, *, providers: Sequence[str] = CPU) -> bool:
     """Whether an ONNX file gives fruit_log_odds. Raises ReconFailure where it cannot be opened."""
     return OUTPUT in {o.name for o in opened(path, providers).get_outputs()}
+
+
+def _extent(window: Window) -> tuple[Int[np.ndarray, "2"], int]:
+    """First pixel (column, row) and side of the square round a window."""
+    size = np.array(window.small_size_px) * window.shrink
+    side = int(size.max())
+    return np.floor(np.array(window.corner_px) + size / 2 - side / 2).astype(int), side
 
 
 def _square(image: UInt8[np.ndarray, "h w 3"], start: np.ndarray, side: int) -> UInt8[np.ndarray, "s s 3"]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from recon.cameras.photos import Photo
 from recon.learned.model_cameras import camera_places, first_place, unprojected
@@ -63,7 +63,8 @@ def point_maps(
         if isinstance(shape[3], int)
         else max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
     )
-    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None]
+    small = [cv2.resize(p.image, (columns, rows), interpolation=cv2.INTER_AREA) for p in photos]
+    images = np.stack(small)[None, ..., ::-1].transpose(0, 1, 4, 2, 3).astype(np.float32) / np.float32(255)
     outputs = _outputs(model, session, images, offered)
     poses = None if "pose_enc" not in outputs else np.asarray(outputs["pose_enc"][0], float)
     points, trust = _trusted_points(model, outputs, poses)
@@ -101,10 +102,7 @@ def _require_signature(model: Path, session: Session, offered: set[str], *, phot
 
 
 def _outputs(
-    model: Path,
-    session: Session,
-    images: Float[np.ndarray, "1 s 3 h w"],
-    offered: set[str],
+    model: Path, session: Session, images: Float[np.ndarray, "1 s 3 h w"], offered: set[str]
 ) -> dict[str, np.ndarray]:
     """What it gives for the images, of the shapes that it should be; raises ReconFailure."""
     kind = session.get_inputs()[0].type
@@ -151,8 +149,3 @@ def _trusted_points(
             model, f"gives {int(np.isfinite(trust).sum())} finite points", f"at least {FEWEST_POINTS}"
         )
     return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), trust
-
-
-def _prepared(image: UInt8[np.ndarray, "h w 3"], columns: int, rows: int) -> Float[np.ndarray, "3 r c"]:
-    small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)[:, :, ::-1]
-    return np.asarray(small.transpose(2, 0, 1), np.float32) / np.float32(255)

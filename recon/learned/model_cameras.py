@@ -31,12 +31,10 @@ def camera_places(pose: Float[np.ndarray, "s 9"]) -> Float[np.ndarray, "s 3"]:
 def first_place(
     points: Float[np.ndarray, "h w 3"], trust: Float[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "1 3"] | None:
-    """The camera's centre from its own point map: the null vector of the 3 x 4 matrix P with P (X, 1) ~ (u,
-    v, 1).
+    """The camera's centre from its point map: the null vector of the 3 x 4 P with P (X, 1) ~ (u, v, 1).
 
     P by the direct linear transform (Hartley and Zisserman, Multiple View Geometry, 2nd ed., algorithm 7.1)
-    from up to 2,000 of the more trusted points, three times, the last two without what lay over three times
-    the median off.
+    from up to 2,000 of the more trusted points, thrice, twice without those over three times the median off.
     """
     known = np.isfinite(trust)
     if known.sum() < FEWEST_PLACED:

@@ -159,6 +159,6 @@ def _varint(file: BinaryIO) -> int | None:
 
 def bad_model(model: Path, found: str, expected: str) -> ReconFailure:
     """The failure that a model is not what was expected."""
-    return ReconFailure(
-        ReconProblem.BAD_GEOMETRY_MODEL, f"The geometry model {model} {found}; expected {expected}."
+    return ReconProblem.BAD_GEOMETRY_MODEL.failure(
+        f"The geometry model {model} {found}; expected {expected}."
     )

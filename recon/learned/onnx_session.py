@@ -16,8 +16,7 @@ from recon.learned.onnx_file import bad_model, model_files, require_onnx
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""
 SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
-"""Memory to load a model: so many times its files, since constants are computed and copied, and so many bytes
-beside."""
+"""Memory to load a model: so many times its files (constants are copied), and so many bytes more."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from recon.pit.placement import require_closed
 from recon.pit.priors import MeasuredPit, PitPrior, load_prior
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface.mesh_file import SUFFIXES, read_mesh
 
 
@@ -25,18 +25,16 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
         return load_prior(named)
     prior = load_prior(category)
     if not path.is_file():
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
-            f"{path} is not a file; give the mesh of a measured pit ({', '.join(SUFFIXES)}), in mm.",
+        raise ReconProblem.NO_PRIOR.failure(
+            f"{path} is not a file; give the mesh of a measured pit ({', '.join(SUFFIXES)}), in mm."
         )
     vertices, faces = read_mesh(path)
     require_closed(vertices, faces, what=path.name)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     longest, (least, most) = float((high - low).max()), prior.body.pit_mm
     if not least <= longest <= most:
-        raise ReconFailure(
-            ReconProblem.BAD_PRIOR,
-            f"{path}: the pit is {longest:.3g} long, expected {least:g} to {most:g} mm; export it in mm.",
+        raise ReconProblem.BAD_PRIOR.failure(
+            f"{path}: the pit is {longest:.3g} long, expected {least:g} to {most:g} mm; export it in mm."
         )
     digest = hashlib.sha256(np.ascontiguousarray(vertices).tobytes())
     digest.update(faces.astype(np.int64).tobytes())

@@ -1,6 +1,4 @@
-"""The pit in the fruit: placed by the category's prior, cut out of the fruit by an exact Boolean
-(manifold3d).
-"""
+"""The pit in the fruit: placed by the category's prior, cut out by an exact Boolean (manifold3d)."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,22 +10,19 @@ from jaxtyping import Bool, Float, Int
 from recon.pit.priors import PitPrior
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.poisson import distances_mm
-from recon.triangle_mesh import bodies, open_edges, volume_mm3
+from recon.surface.ray_mesh import RayMesh
+from recon.triangle_mesh import bodies, open_edges, used_part, volume_mm3
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 LEVEL = 3
-"""Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius. The check of flesh
-takes three more."""
+"""Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius."""
 LEAST_FLESH_MM = 0.5
 """Of flesh over the pit, mm: thinner than an element, and than any fruit's. Set by hand."""
 
 
 @dataclass(frozen=True)
 class EmbeddedPit:
-    """The flesh as one solid: outer skin and pit wall (faces look out of the flesh), and which faces are
-    pit wall.
-    """
+    """The flesh as one solid, faces out of it: outer skin and pit wall, and which faces are pit wall."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
@@ -39,24 +34,18 @@ class EmbeddedPit:
     @property
     def skin(self) -> Mesh:
         """The flesh's outer surface, faces outward."""
-        return _compact(self.vertices, self.faces[~self.on_pit])
+        return used_part(self.vertices, self.faces[~self.on_pit])
 
     @property
     def pit(self) -> Mesh:
         """The pit as the cut left it, faces out of the pit."""
-        return _compact(self.vertices, self.faces[self.on_pit][:, ::-1])
-
-
-def _compact(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return vertices[used], np.asarray(renumbered).reshape(faces.shape)
+        return used_part(self.vertices, self.faces[self.on_pit][:, ::-1])
 
 
 def place_pit(
     fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
-    """The prior's pit for a closed fruit mesh given in the fruit frame: a closed mesh with the
-    superellipsoid's volume.
+    """The prior's pit in a closed fruit mesh (fruit frame): a closed mesh of the superellipsoid's volume.
 
     In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
     by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises
@@ -70,18 +59,15 @@ def place_pit(
     if prior.measured is not None:
         return centre + prior.measured.vertices, prior.measured.faces
     if prior.axis_ratios is None:
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f'The category "{prior.category}" has no default pit; add pit.ply beside fruit.ply, or '
-            "name a pit prior in batch.toml.",
+            "name a pit prior in batch.toml."
         )
     semi = np.array(prior.axis_ratios) * half
-    directions, faces = ball(LEVEL)
-    shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (
-        -1 / prior.exponent
+    (shape, faces), (smooth, fine_faces) = (
+        (d / np.linalg.norm(d, prior.exponent, axis=1, keepdims=True), triangles)
+        for d, triangles in (ball(LEVEL), ball(LEVEL + 3))
     )
-    fine, fine_faces = ball(LEVEL + 3)
-    smooth = fine * np.sum(np.abs(fine) ** prior.exponent, axis=1, keepdims=True) ** (-1 / prior.exponent)
     grow = np.cbrt(volume_mm3(smooth, fine_faces) / volume_mm3(shape, faces))
     return centre + grow * semi * shape, faces
 
@@ -113,12 +99,13 @@ def embed_pit(
     flesh = (fruit.as_original() - pit.as_original()).to_mesh64()
     faces = np.asarray(flesh.tri_verts, int)
     runs = np.asarray(flesh.run_index) // 3
-    sizes = [abs(_run_volume(flesh, faces[a:b])) for a, b in pairwise(runs)]
+    vertices = np.asarray(flesh.vert_properties, float)[:, :3]
+    sizes = [abs(volume_mm3(vertices, faces[a:b])) if b > a else np.inf for a, b in pairwise(runs)]
     on_pit = np.zeros(len(faces), bool)
     smallest = int(np.argmin(sizes))
     on_pit[runs[smallest] : runs[smallest + 1]] = True
     return EmbeddedPit(
-        vertices=np.asarray(flesh.vert_properties, float)[:, :3],
+        vertices=vertices,
         faces=faces,
         on_pit=on_pit,
         flesh_volume_mm3=fruit_volume - pit_volume,
@@ -133,30 +120,28 @@ def least_gap_mm(one: Mesh, other: Mesh) -> float:
     Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
     edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
     """
-    ways = [distances_mm(v[np.unique(f)], *mesh).min() for (v, f), mesh in ((one, other), (other, one))]
+    ways = [
+        RayMesh(*mesh).distances_mm(v[np.unique(f)]).min() for (v, f), mesh in ((one, other), (other, one))
+    ]
     return float(min(ways))
 
 
 def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, what: str) -> None:
     """Refuse a mesh that is open, in pieces, or turned inside out."""
-    gaps = open_edges(faces)
-    if gaps:
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is not watertight: {gaps} edges do not join exactly two faces; "
-            "expected one closed surface. Repair the mesh.",
+    if gaps := open_edges(faces):
+        raise _unsound(
+            what,
+            f"is not watertight: {gaps} edges do not join exactly two faces; expected one closed surface. "
+            "Repair the mesh.",
         )
     if (pieces := bodies(faces)) > 1:
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh has {pieces} separate surfaces; expected one closed surface. Keep "
-            "only the outer skin (put the pit into pit.ply).",
+        raise _unsound(
+            what,
+            f"has {pieces} separate surfaces; expected one closed surface. Keep only the outer skin (put the "
+            "pit into pit.ply).",
         )
     if volume_mm3(vertices, faces) <= 0:
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is inside out; expected faces that point outward. Flip the faces.",
-        )
+        raise _unsound(what, "is inside out; expected faces that point outward. Flip the faces.")
 
 
 def _solid(
@@ -169,21 +154,17 @@ def _solid(
     )
     solid = manifold3d.Manifold(mesh)
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is not a valid solid ({solid.status().name}); expected one closed "
-            "surface. Repair the mesh.",
-        )
+        fault = f"is not a valid solid ({solid.status().name})"
+        raise _unsound(what, f"{fault}; expected one closed surface. Repair the mesh.")
     return solid
 
 
-def _run_volume(mesh: manifold3d.Mesh64, faces: Int[np.ndarray, "m 3"]) -> float:
-    return volume_mm3(np.asarray(mesh.vert_properties, float)[:, :3], faces) if len(faces) else float("inf")
+def _unsound(what: str, fault: str) -> ReconFailure:
+    return ReconProblem.NOT_WATERTIGHT.failure(f"The {what}'s mesh {fault}")
 
 
 def _outside(fault: str) -> ReconFailure:
-    return ReconFailure(
-        ReconProblem.PIT_OUTSIDE_FRUIT,
+    return ReconProblem.PIT_OUTSIDE_FRUIT.failure(
         f"{fault}; expected the pit well inside. Check pit.ply (or the category's pit and the "
-        "height), and the meshes' unit (mm).",
+        "height), and the meshes' unit (mm)."
     )

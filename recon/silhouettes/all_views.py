@@ -1,9 +1,7 @@
-"""All photos' outlines of the fruit together: cut from the outside in, then made sharp in rounds of carving
-and projecting back.
-"""
+"""All outlines of the fruit: cut from the outside in, then sharpened in rounds of carving and projecting."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.silhouettes.carve import AGREEMENT, Block
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
@@ -42,16 +40,10 @@ MOST_INWARD_PX = 3.5
 """px of the cut picture by which an outline may lie inside what the hull shows. Set by hand."""
 OUTLIER_SHARE = 0.03
 """Of the views that may cut away too much in the fit: less than one of 33. Set by hand."""
-HULL_OUTLIER_SHARE = (0.25, 0.25, 0.15)
-"""Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
-again in the next round, too small a one bounds it wrongly."""
 HULL_LEVEL, FIT_LEVEL = 4, 5
 """Subdivisions of an icosahedron, in the first rounds and in the fit: 2562 and 10242 vertices."""
-SIDES_PX = (320, 420)
-"""px of a photo's cut picture under each cover: finer when the fruit's place is known."""
 COVER_SHRINK = 4
-"""The ground's cover is worked out at a quarter of the photo's sides: its edge is wide of the fruit
-anyway."""
+"""The ground's cover is computed at a quarter of the photo's sides: its edge is off the fruit anyway."""
 SURE_SHARE = 0.06
 """So deep inside a hull, as a share of the window, pixels are surely fruit."""
 
@@ -60,48 +52,50 @@ SURE_SHARE = 0.06
 class Cover:
     """What may hide the ground while the background plate is made: the hull grown by a share of the fruit's
     size, and a foot under it, a disc on the ground as wide as a share of the hull.
+
+    `side_px` of a photo's cut picture; `outlier_share` of the views that may cut away too much of the hull:
+    too large a one is cut again in the next round, too small a one bounds it wrongly.
     """
 
     grown: float
     foot: float
+    side_px: int
+    outlier_share: float
 
 
-COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
-"""Shares of the fruit's size, wide at first and closer once the hull is known. Set by hand."""
+COVERS = (
+    Cover(grown=0.05, foot=0.6, side_px=320, outlier_share=0.25),
+    Cover(grown=0.03, foot=0.35, side_px=420, outlier_share=0.15),
+)
+"""Wide at first (as for the block), closer and finer once the hull is known. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may cut away too much in the hull of the outlines
-    found, how much a pixel's log odds may count against a step of colour, and what is done with the outline
-    found: kept near the hull's, sharpened on the photo's own pixels, and before that moved to the steepest
-    step nearby.
+    """How far an outline may move, which share of views may cut away too much in the hull, how much a pixel's
+    log odds count at most, and whether the outline is sharpened on the photo's own pixels and kept near the
+    hull's, and before that moved to the steepest step nearby.
     """
 
     reach_px: float
     outlier_share: float
     most_log_odds: float
-    keep: bool
     sharpen: bool
     search: bool
 
 
 ROUNDS = (
-    Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, keep=False, sharpen=False, search=False),
-    Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, keep=True, sharpen=True, search=True),
-    Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
-    Round(
-        reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, keep=True, sharpen=True, search=False
-    ),
+    Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, sharpen=False, search=False),
+    Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, sharpen=True, search=True),
+    Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, sharpen=True, search=False),
+    Round(reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, sharpen=True, search=False),
 )
 """Of making the outlines sharp, coarse to fine; the surface comes from the last one's. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundFruit:
-    """The fruit's outlines in the views that agree, the surface fitted to them, how many rims hold each of
-    its vertices, and how far photos and surface agree.
-    """
+    """Outlines in the views that agree, the surface fitted to them, rims at each vertex, agreement."""
 
     silhouettes: tuple[Silhouette, ...]
     used: Int[np.ndarray, " v"]
@@ -112,12 +106,7 @@ class FoundFruit:
     clear_share: float
 
 
-@dataclass(frozen=True)
-class _Hull:
-    """The coarse hull of some outlines, fitted to them."""
-
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
 def find_fruit(
@@ -132,11 +121,10 @@ def find_fruit(
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
-    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown in
-    the background plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the
-    next. `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is
-    asked, too, which pixels are fruit. Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off
-    (fewer than three photos hold it whole).
+    From the outside in: what may be fruit is unknown in the background plate, and there alone pixels may turn
+    into fruit; each hull bounds the next. `agreement`: the share of the views that must take a cell of the
+    first block for fruit. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
+    three photos hold it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)
@@ -144,8 +132,8 @@ def find_fruit(
     centre = block.points.mean(0)
     longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
 
-    def hull(silhouettes: Sequence[Silhouette], outlier_share: float, level: int = HULL_LEVEL) -> _Hull:
-        vertices, faces = visual_hull(
+    def hull(silhouettes: Sequence[Silhouette], outlier_share: float, level: int = HULL_LEVEL) -> Mesh:
+        return visual_hull(
             silhouettes,
             centre_mm=centre,
             longest_mm=longest,
@@ -153,25 +141,26 @@ def find_fruit(
             level=level,
             outlier_share=outlier_share,
         )
-        return _Hull(vertices, faces)
 
-    views, log_odds, masks = _cut_block(scene, block)
-    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], HULL_OUTLIER_SHARE[0])
-    for cover, side_px, outlier_share in zip(COVERS, SIDES_PX, HULL_OUTLIER_SHARE[1:], strict=True):
-        del views, log_odds, masks  # hundreds of MB, before as much is made anew
-        views, log_odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
-        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], outlier_share)
+    def hull_of_masks(cut: Cut, outlier_share: float) -> Mesh:
+        views, _, masks = cut
+        outlines = [silhouette_of_mask(m, v.window, v.camera) for m, v in zip(masks, views, strict=True)]
+        return hull(outlines, outlier_share)
+
+    mesh = hull_of_masks(_cut_block(scene, block), COVERS[0].outlier_share)
+    for cover in COVERS[:-1]:
+        mesh = hull_of_masks(_cut_hull(scene, mesh, cover, centre), cover.outlier_share)
+    views, log_odds, masks = _cut_hull(scene, mesh, COVERS[-1], centre)
+    mesh = hull_of_masks((views, log_odds, masks), COVERS[-1].outlier_share)
     kept = _agreeing(views, masks, mesh)
     views, log_odds = [views[i] for i in kept], [log_odds[i] for i in kept]
     coarse = max(HULL_LEVEL, min(level, FIT_LEVEL))
     for step in ROUNDS:
         silhouettes, clear = _refined(views, log_odds, mesh, step)
-        rough = hull(silhouettes, step.outlier_share, level=coarse if step is ROUNDS[-1] else HULL_LEVEL)
-        surface = fitted_to_outlines(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
-        mesh = _Hull(surface.vertices, rough.faces)
-    overlap = [
-        _overlap(drawn(mesh.vertices, mesh.faces, s.window, s.camera), s.distance_px > 0) for s in silhouettes
-    ]
+        rough, faces = hull(silhouettes, step.outlier_share, coarse if step is ROUNDS[-1] else HULL_LEVEL)
+        surface = fitted_to_outlines(rough, faces, silhouettes)
+        mesh = surface.vertices, faces
+    overlap = [_overlap(drawn(*mesh, s.window, s.camera), s.distance_px > 0) for s in silhouettes]
     return FoundFruit(
         silhouettes=tuple(silhouettes),
         used=names[[v.index for v in views]],
@@ -183,12 +172,9 @@ def find_fruit(
     )
 
 
-def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]], mesh: _Hull) -> list[int]:
+def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]], mesh: Mesh) -> list[int]:
     """Views whose mask is that of the hull; raises ReconFailure, no-fruit, where too few are."""
-    overlaps = [
-        _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
-        for v, m in zip(views, masks, strict=True)
-    ]
+    overlaps = [_overlap(drawn(*mesh, v.window, v.camera), m) for v, m in zip(views, masks, strict=True)]
     kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
     if len(kept) < FEWEST_PHOTOS:
         raise no_fruit(
@@ -198,41 +184,56 @@ def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]
     return kept
 
 
-def _cut_block(
-    scene: SegmentationScene, block: Block
-) -> tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
-    """Views, odds and masks, with the block and everything under it as what may be fruit."""
+Pixels = Callable[[Window, Camera], Bool[np.ndarray, "h w"]]
+"""What marks pixels of a camera's shrunk window."""
+Cut = tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]
+"""Views, log odds and masks."""
+
+
+def _cut(
+    scene: SegmentationScene,
+    around: Float[np.ndarray, "n 3"],
+    centre_mm: Float[np.ndarray, "3"],
+    *,
+    margin: float,
+    side_px: int,
+    perhaps: Pixels,
+    sure: Pixels,
+) -> Cut:
+    """The photos cut in windows around points, where `perhaps` bounds the fruit and hides the ground."""
+    covered = [
+        perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
+        for image, camera in zip(scene.images, scene.cameras, strict=True)
+    ]
+    views = scene.views(around, margin=margin, side_px=side_px)
+    bounds = [Bounds(sure(v.window, v.camera), perhaps(v.window, v.camera)) for v in views]
+    return views, *learned_log_odds(views, bounds, scene.background(covered), centre_mm)
+
+
+def _cut_block(scene: SegmentationScene, block: Block) -> Cut:
+    """The photos cut with the block and everything under it as what may be fruit."""
     column = block.with_column(reach=2)
-    covered = []
-    for image, camera in zip(scene.images, scene.cameras, strict=True):
-        covered.append(pixels_of(column, Window(image, (0, 0), COVER_SHRINK), camera))
-    views = scene.views(column.points, margin=0.12, side_px=SIDES_PX[0])
-    bounds = []
-    for view in views:
-        inner = pixels_of(block, view.window, view.camera)
-        bounds.append(
-            Bounds(eroded(inner, 0.5 * SURE_SHARE * len(inner)), pixels_of(column, view.window, view.camera))
-        )
-    return views, *learned_log_odds(views, bounds, scene.background(covered), block.points.mean(0))
-
-
-def _cut_hull(
-    scene: SegmentationScene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
-) -> tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
-    """The same with a hull, grown, and a foot under it."""
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
-    half = np.ptp(mesh.vertices, axis=0) / 2
-    foot = np.stack(
-        [
-            middle[0] + cover.foot * half[0] * np.cos(turn),
-            middle[1] + cover.foot * half[1] * np.sin(turn),
-            np.zeros_like(turn),
-        ],
-        axis=1,
+    return _cut(
+        scene,
+        column.points,
+        block.points.mean(0),
+        margin=0.12,
+        side_px=COVERS[0].side_px,
+        perhaps=lambda window, camera: pixels_of(column, window, camera),
+        sure=lambda window, camera: eroded(
+            pixels_of(block, window, camera), 0.5 * SURE_SHARE * window.small_size_px[1]
+        ),
     )
-    both = np.concatenate([mesh.vertices, foot])
+
+
+def _cut_hull(scene: SegmentationScene, mesh: Mesh, cover: Cover, centre_mm: Float[np.ndarray, "3"]) -> Cut:
+    """The same with a hull, grown, and a foot under it."""
+    vertices, _ = mesh
+    size = float(np.ptp(vertices, axis=0).max())
+    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    middle, half = (vertices.min(0) + vertices.max(0)) / 2, np.ptp(vertices, axis=0) / 2
+    foot = middle + cover.foot * half * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    both = np.concatenate([vertices, foot * [1, 1, 0]])
 
     def perhaps(window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
         columns, rows = window.small_size_px
@@ -243,27 +244,24 @@ def _cut_hull(
         reach = 2 * round(cover.grown * size * camera.focal_px / depth / window.shrink) + 1
         return np.asarray(cv2.dilate(out, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
 
-    covered = [
-        perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
-        for image, camera in zip(scene.images, scene.cameras, strict=True)
-    ]
-    views = scene.views(both, margin=0.15, side_px=side_px)
-    bounds = []
-    for view in views:
-        inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
-        bounds.append(Bounds(eroded(inner, SURE_SHARE * len(inner)), perhaps(view.window, view.camera)))
-    return views, *learned_log_odds(views, bounds, scene.background(covered), centre_mm)
-
-
-def _of_mask(mask: Bool[np.ndarray, "h w"], view: CutPhoto) -> Silhouette:
-    return silhouette_of_mask(mask, view.window, view.camera)
+    return _cut(
+        scene,
+        both,
+        centre_mm,
+        margin=0.15,
+        side_px=cover.side_px,
+        perhaps=perhaps,
+        sure=lambda window, camera: eroded(
+            drawn(*mesh, window, camera), SURE_SHARE * window.small_size_px[1]
+        ),
+    )
 
 
 def _refined(
-    views: list[CutPhoto], log_odds: list[Float[np.ndarray, "_ _"]], mesh: _Hull, step: Round
+    views: list[CutPhoto], log_odds: list[Float[np.ndarray, "_ _"]], mesh: Mesh, step: Round
 ) -> tuple[list[Silhouette], float]:
     """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
-    drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
+    drawings = [outline_of(drawn(*mesh, v.window, v.camera)) for v in views]
     expected = [outline for outline in drawings if outline is not None]
     if len(expected) < len(views):
         raise no_fruit("drupe lost its outline during refinement")
@@ -280,7 +278,6 @@ def _refined(
         if step.sharpen:
             outline, window = sharpened(outline, window, search=step.search)
             near = enlarged(near, view.window.shrink)
-        if step.keep:
             outline = kept_near(outline, near, inward_px=MOST_INWARD_PX)
         clear.append(outline.clear_share)
         silhouettes.append(silhouette_of_outline(outline, window, view.camera))
@@ -289,30 +286,18 @@ def _refined(
 
 def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, Int[np.ndarray, " v"]]:
     """The photos that hold the whole block, and which they are."""
-    whole = []
-    for i, camera in enumerate(scene.cameras):
-        pixels = camera.project(block.points)
-        inside = (pixels > 3) & (pixels < [camera.width_px - 4, camera.height_px - 4])
-        if inside.all():
-            whole.append(i)
-    given = len(scene.cameras)
+    points, given = block.points, len(scene.cameras)
+    whole = [i for i, camera in enumerate(scene.cameras) if camera.shows(camera.project(points), 3).all()]
     if len(whole) < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.FRUIT_CUT_OFF,
+        raise ReconProblem.FRUIT_CUT_OFF.failure(
             f"Only {len(whole)} of {given} photos show the whole fruit, expected at least "
             f"{FEWEST_PHOTOS}, better all. Increase the distance. If no photo cuts the fruit off, all "
-            "have one height, which leaves its top open. Take photos from two or three heights.",
+            "have one height, which leaves its top open. Take photos from two or three heights."
         )
-    if len(whole) == given:
-        return scene, np.arange(given)
-    kept = SegmentationScene(
-        [scene.images[i] for i in whole],
-        [scene.cameras[i] for i in whole],
-        scene.low_mm,
-        scene.high_mm,
-        scene.model,
-    )
-    return kept, np.array(whole, int)
+    if len(whole) < given:
+        images, cameras = [scene.images[i] for i in whole], [scene.cameras[i] for i in whole]
+        scene = replace(scene, images=images, cameras=cameras)
+    return scene, np.array(whole, int)
 
 
 def _overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:

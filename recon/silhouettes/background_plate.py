@@ -1,6 +1,4 @@
-"""The background plate: the support plane without the fruit, put together from all views, since each sees
-another part.
-"""
+"""The background plate: the support plane without the fruit, put together from all views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +16,7 @@ FEWEST_VIEWS = 3
 SIDE_CELLS = 900
 """Along a side of the plate. Set by hand, about as fine as the photos show the ground; see ROWS_AT_ONCE."""
 DIM = 0.15
-"""Quantile of the views for the dim side, and from the top for the bright one. Set by hand: one odd view of
-seven is outside."""
+"""Quantile of the views for the dim side, and from the top for the bright: one odd view of seven is out."""
 LEAST_GAIN = 0.03
 """Relative difference of brightness between photos below which they are taken as they are. Set by hand."""
 ROWS_AT_ONCE = 12
@@ -127,8 +124,7 @@ def background_in_view(
     size_px: tuple[int, int],
     shrink: int,
 ) -> tuple[list[np.ndarray], Bool[np.ndarray, "h w"]]:
-    """Layers on the plate's grid as a camera would see them, and where the plate is known, in a window shrunk
-    `shrink` times.
+    """Layers on the plate's grid as a camera sees them, and where the plate is known, in a shrunk window.
 
     `corner_px` is the window's first pixel (column, row) in the picture, `size_px` its (columns, rows) when
     shrunk.
@@ -163,9 +159,7 @@ def _quantiles(
     gains: Float[np.ndarray, "v 3"],
     shares: tuple[float, ...],
 ) -> list[UInt8[np.ndarray, "s s 3"]]:
-    """Order statistics over the layers that see a cell (of an even number the lower middle), each layer's
-    channels times its gains.
-    """
+    """Order statistics over the layers that see a cell (lower middle), channels times the layers' gains."""
     side = seen.shape[1]
     out = [np.zeros((side, side, 3), np.uint8) for _ in shares]
     last = np.maximum(seen.sum(0, dtype=np.uint8), 1) - 1

@@ -47,8 +47,7 @@ def carve(
     high_mm: Float[np.ndarray, "3"],
     agreement: float = AGREEMENT,
 ) -> Block:
-    """The largest connected set of cells inside the masks of `agreement` of the views that have them in their
-    window.
+    """The largest connected set of cells inside the masks of a share `agreement` of the views that show them.
 
     Voting instead of strict intersection keeps one bad mask from eating the fruit.
     """

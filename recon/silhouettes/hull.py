@@ -1,6 +1,4 @@
-"""The visual hull as an implicit function, met by rays from inside the fruit: vertices finer than any
-cell.
-"""
+"""The visual hull as an implicit function, met by rays from inside: vertices finer than any cell."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.silhouettes.mask import Window
 from recon.triangle_mesh import unique_edges
 
@@ -23,18 +22,14 @@ NEAREST_MM = 1e-3
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Signed distance to a fruit's outline, px of the photo, positive inside, over a window (shrunk
-    pixels).
-    """
+    """Signed distance to a fruit's outline (px of the photo, positive inside) over a shrunk window."""
 
     distance_px: Float[np.ndarray, "h w"]
     window: Window
     camera: Camera
 
     def depth_mm(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """How far inside the cone through the outline points lie (mm, to first order); far inside off the
-        window. The camera has no distortion.
-        """
+        """How far inside the outline's cone points lie (mm); no distortion; far inside off the window."""
         cone = self._cone
         column, row, depth = cone[:, :3] @ points.T + cone[:, 3:]
         pixels = np.stack([column / depth, row / depth], axis=1, dtype=np.float32, casting="same_kind")
@@ -55,33 +50,12 @@ class Silhouette:
         return float(self.distance_px.max())
 
     def outline_px(self) -> Float[np.ndarray, "n 2"]:
-        """The outline of the largest part as a closed curve, pixels of the photo; empty where nothing is
-        inside.
-        """
+        """The largest part's outline as a closed curve, pixels of the photo; empty for no part."""
         inside = (self.distance_px > 0).astype(np.uint8)
         contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         if not contours:
             return np.zeros((0, 2))
         return self.window.from_small(max(contours, key=cv2.contourArea)[:, 0].astype(float))
-
-
-def sampled(
-    picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float
-) -> Float[np.ndarray, " n *c"]:
-    """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it.
-
-    >>> picture = np.array([[0.0, 2.0]], dtype=np.float32)
-    >>> sampled(picture, np.array([[0.5, 0.0], [9.0, 0.0]]), outside=-1.0)
-    array([ 1., -1.], dtype=float32)
-    """
-    row = 1024
-    padded = np.full((-(-len(pixels) // row) * row, 2), -9.0, np.float32)
-    padded[: len(pixels)] = np.clip(pixels, -9.0, 30000.0)
-    maps = padded.reshape(-1, row, 2)
-    found = cv2.remap(
-        picture, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,) * 4
-    )
-    return np.asarray(found.reshape(len(padded), *picture.shape[2:])[: len(pixels)])
 
 
 def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Camera) -> Silhouette:
@@ -95,9 +69,7 @@ def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Ca
 
 @cache
 def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
-    """Even directions: an icosahedron whose faces are split in four `level` times; 10 * 4^level + 2
-    vertices.
-    """
+    """Even directions: an icosahedron's faces split in four `level` times; 10 * 4^level + 2 vertices."""
     g = (1 + 5**0.5) / 2
     flat = [(-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0)]
     vertices = np.array([np.roll(p, turn) for turn in range(3) for p in flat])
@@ -118,9 +90,7 @@ def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
 
 
 def split(values: Float[np.ndarray, "n k"], level: int, finer: int) -> Float[np.ndarray, "m k"]:
-    """Values at the vertices of `ball(level)` carried to `ball(finer)`: a new vertex gets the mean of its
-    edge's ends.
-    """
+    """Values at vertices of `ball(level)` on `ball(finer)`: a new vertex gets the mean of its edge's ends."""
     for step in range(level, finer):
         values = np.concatenate([values, values[unique_edges(ball(step)[1])[0]].mean(1)])
     return values
@@ -131,18 +101,16 @@ def visual_hull(
     *,
     centre_mm: Float[np.ndarray, "3"],
     longest_mm: float,
-    floor_mm: float | None,
+    floor_mm: float = -np.inf,
     level: int,
     outlier_share: float = 0.0,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
-    """Where rays from `centre_mm` leave the intersection of all silhouette cones and the half-space z >=
-    floor.
+    """Where rays from `centre_mm` leave the intersection of all silhouette cones and of z >= floor.
 
     phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
-    the views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² /
-    2); a ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines'
-    own precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included.
-    The mesh is closed and of genus 0.
+    the views undercuts (a ball of radius r grows by about r doubt² / 2). A ray advances by phi until phi = 0
+    (sphere tracing, Hart 1996). Right for shapes seen whole from their centre; the mesh is closed and of
+    genus 0.
     """
     directions, faces = ball(level)
     radius = np.zeros(len(directions))
@@ -154,8 +122,7 @@ def visual_hull(
         depths = np.array([s.depth_mm(points) for s in silhouettes])
         low, high = np.partition(depths, ranks, axis=0)[ranks]
         phi = (1 - part) * low + part * high
-        if floor_mm is not None:
-            phi = np.minimum(phi, points[:, 2] - floor_mm)
+        phi = np.minimum(phi, points[:, 2] - floor_mm)
         radius[busy] = np.clip(radius[busy] + phi, 0.02 * longest_mm, longest_mm)
         busy = busy[(np.abs(phi) > NEAREST_MM) & (radius[busy] < longest_mm)]
         if len(busy) == 0:

@@ -27,14 +27,12 @@ DEGREES_OF_FREEDOM = 5.0
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
 SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
-"""Of the shadows' histogram, and the share of them that any depth of shadow keeps though none was seen. Set
-by hand."""
+"""Of the shadows' histogram, and the share of them that unseen depths of shadow keep. Set by hand."""
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
 """Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
 STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)
-"""A pixel is strange to the plate where the photo's own surroundings tell its colour so many times better;
-how far that reaches, as a share of the window's side; the bounds of the share, of which the lower keeps dark
-skin before dark ink."""
+"""A pixel is strange to the plate where the photo's surroundings tell its colour so many times better; reach
+of that over the window's side; bounds of the share (the lower keeps dark skin before dark ink)."""
 UNSEEN_DENSITY = 2.5e-8
 """Of either: two percent of the pixels spread evenly over the 8e5 Lab units cubed of the sRGB gamut."""
 SPREAD_OF_QUANTILES = 2.07
@@ -84,20 +82,10 @@ class Behind:
     scatter: Float[np.ndarray, "*n 2"]
     known: Bool[np.ndarray, "*n"]
 
-    def flat(self) -> "Behind":
-        """The same as a list of pixels, line by line."""
-        colours, lowest, highest = (a.reshape(-1, 3) for a in (self.colours, self.lowest, self.highest))
-        return Behind(colours, lowest, highest, self.scatter.reshape(-1, 2), self.known.ravel())
-
-    def at(self, where: Bool[np.ndarray, "*n"] | Int[np.ndarray, " m"] | tuple[slice, ...]) -> "Behind":
+    def at(self, where: np.ndarray | tuple[np.ndarray, ...] | tuple[slice, ...]) -> "Behind":
         """The same for some pixels."""
-        return Behind(
-            self.colours[where],
-            self.lowest[where],
-            self.highest[where],
-            self.scatter[where],
-            self.known[where],
-        )
+        layers = (self.colours, self.lowest, self.highest, self.scatter, self.known)
+        return Behind(*(layer[where] for layer in layers))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,9 +114,7 @@ def window_around(
     margin: float,
     small_side_px: int,
 ) -> Window | None:
-    """The box of the points' projections, widened by `margin` of its size; None where it misses the
-    picture.
-    """
+    """The box of the points' projections, widened by `margin` of its size; None outside the picture."""
     pixels = camera.project(points)
     lowest, highest = pixels.min(0), pixels.max(0)
     grow = margin * (highest - lowest).max()
@@ -161,15 +147,22 @@ def ground_behind(
     )
     colours = lab(cv2.GaussianBlur(seen, (3, 3), 0.7))
     if known.any() and not known.all():
-        _, label = cv2.distanceTransformWithLabels(
-            (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        nearest = np.zeros(int(label.max()) + 1, int)
-        nearest[label[known]] = np.flatnonzero(known)
-        here = nearest[label[~known]]
+        here = nearest_marked(known)[1][~known]
         colours[~known], apart[~known] = colours.reshape(-1, 3)[here], apart.reshape(-1, 2)[here]
     cell = np.ones((3, 3), np.uint8)
     return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), apart, known)
+
+
+def nearest_marked(
+    marked: Bool[np.ndarray, "h w"],
+) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+    """How far the nearest marked pixel is from each (px, nearly), and its number, line by line."""
+    distance, label = cv2.distanceTransformWithLabels(
+        (~marked).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    number = np.zeros(int(label.max()) + 1, int)
+    number[label[marked]] = np.flatnonzero(marked)
+    return distance, number[label]
 
 
 def difference(colours: Float[np.ndarray, "*n 3"], behind: Behind) -> Float[np.ndarray, "*n 3"]:
@@ -261,24 +254,17 @@ def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
 
 
-def density_at(density: Float[np.ndarray, " c"], cells: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """A histogram's density at cells."""
-    return np.asarray(density[cells])
-
-
 def looks_like(
     colours: Float[np.ndarray, "h w 3"], sample: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, "h w"]:
     """Where a colour is as common in a sample as nine tenths of the sample's own colours are."""
     cells = cells_of(sample)
     density = colour_density(cells)
-    return np.asarray(density_at(density, cells_of(colours)) >= np.percentile(density_at(density, cells), 10))
+    return np.asarray(density[cells_of(colours)] >= np.percentile(density[cells], 10))
 
 
 def strange_share(
-    ground: Float[np.ndarray, "h w"],
-    other: Float[np.ndarray, "h w"],
-    sure: Bool[np.ndarray, "h w"],
+    ground: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], sure: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
     """How often sure ground nearby is better told by the photo's own surroundings than by the plate.
 
@@ -315,13 +301,12 @@ def colour_log_odds(
     return np.asarray(np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
 
 
-def tidy(log_odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.ndarray, "h w"]:
+def tidy(log_odds: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels with the odds for fruit, without specks and pinholes."""
     smooth = cv2.GaussianBlur(log_odds.astype(np.float32), (5, 5), 1.0)
-    found = (smooth > at_least).astype(np.uint8)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    found = cv2.morphologyEx(cv2.morphologyEx(found, cv2.MORPH_CLOSE, disc), cv2.MORPH_OPEN, disc)
-    return np.asarray(ndimage.binary_fill_holes(found))
+    mask, disc = (smooth > 0).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc), cv2.MORPH_OPEN, disc)
+    return np.asarray(ndimage.binary_fill_holes(mask))
 
 
 def _student(off: Float[np.ndarray, "*n"], scale: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:

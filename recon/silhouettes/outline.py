@@ -1,9 +1,7 @@
-"""A fruit's outline to a fraction of a pixel: the best closed path across the log odds, then the colour step
-itself.
-"""
+"""A fruit's outline to a fraction of a pixel: the best closed path by log odds, then the colour step."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,21 +10,23 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from recon.cameras.camera import Camera
+from recon.picture_values import sampled
 from recon.silhouettes.hull import Silhouette
-from recon.silhouettes.mask import Window
+from recon.silhouettes.mask import Window, nearest_marked
 from recon.silhouettes.ring_path import best_rings
 
 SAMPLES = 1024
 """Places along an outline: about one a pixel on a fruit 320 px wide."""
 LEASH = 4.0
-"""Log odds that a shift of the whole reach costs: keeps an outline that nothing tells where it is. Set by
-hand."""
+"""Log odds that a shift of the whole reach costs, where nothing else tells the place. Set by hand."""
 EDGE_GAIN = 15.0
 """Log odds that a clear step of colour is worth, at most: that of several pixels of colour. Set by hand."""
 EDGE_LAB = 40.0
 """CIE Lab units of a step that is worth all of it. Set by hand."""
 EDGE_PX = 2.0
 """px on either side over which a step is taken: a photo's blur."""
+STEP_PX, BEND = 0.5, 2.0
+"""px between shifts that are tried, and log odds that a step between neighbours costs. Set by hand."""
 BAND_PX = 12.0
 """px of the photo on either side of the first outline that are looked at. Set by hand."""
 STEEPEST_REACH_PX = 3.0
@@ -36,21 +36,22 @@ STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
 in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets."""
 CLEAR_STEP = 0.05
-"""Length of the step in linear light of 0 to 1 from which a sample has an edge: grain is below. Set by
-hand."""
+"""Least step of an edge in linear light of 0 to 1, above a photo's grain. Set by hand."""
 LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
 """Light of each pixel value, of a display's usual gamma."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A closed curve in shrunk pixels of a window, its outward normals, and the share found on a clear
-    edge.
-    """
+    """A closed curve in shrunk pixels of a window, outward normals, and the share on a clear edge."""
 
     points: Float[np.ndarray, "n 2"]
     normals: Float[np.ndarray, "n 2"]
     clear_share: float
+
+    def profile(self, picture: np.ndarray, shifts: Float[np.ndarray, " k"]) -> np.ndarray:
+        """A picture's values (n, k, ...) along the normals, `shifts` px outside the curve."""
+        return sampled(picture, self.points[:, None] + shifts[None, :, None] * self.normals[:, None])
 
 
 def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
@@ -71,22 +72,20 @@ def snapped(
     *,
     reach_px: float,
     most_log_odds: float,
-    step_px: float = 0.5,
-    bend: float = 2.0,
 ) -> list[Outline]:
     """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
 
     Sample i may shift by d along its normal; its gain is the sum of log odds (each at most `most_log_odds`,
     so that a likeness of colours does not outweigh a plain edge) inside d less those outside, plus the colour
     step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole reach.
-    Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the ring.
+    Neighbours may differ by one step, at a cost of BEND: maximised by dynamic programming over the ring.
     """
-    shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
+    shifts = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     gains = [
         _gain(outline, own, colour, shifts, most_log_odds)
         for outline, own, colour in zip(outlines, log_odds, colours, strict=True)
     ]
-    paths = best_rings(np.array(gains, np.float32), bend=bend, steepest=1)
+    paths = best_rings(np.array(gains, np.float32), bend=BEND, steepest=1)
     moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
     return [_even(points, smooth=1.5) for points in moved]
 
@@ -103,17 +102,10 @@ def _gain(
     reach_px = float(shifts[-1])
     wide = round(EDGE_PX / step_px)
     longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
-    at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
-    values = cv2.remap(
-        log_odds.astype(np.float32),
-        at[:, wide:-wide],
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    values = outline.profile(log_odds.astype(np.float32), longer[wide:-wide])
     values = np.clip(values, -most_log_odds, most_log_odds) * step_px
     total = np.cumsum(values, axis=1)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = outline.profile(colours, longer)
     sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
     k = np.arange(len(shifts)) + wide
     apart = (sums[:, k + 1 + wide] - sums[:, k + 1] - sums[:, k] + sums[:, k - wide]) / wide
@@ -135,15 +127,15 @@ def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outlin
     colours = cv2.LUT(window.image, LINEAR_LIGHT)
     fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
     if search:
-        fine = _on_steepest(fine, colours, STEEPEST_REACH_PX)
-    return _on_step(fine, colours, *STEP_BAND_PX, STEP_SHARE), whole
+        fine = _on_steepest(fine, colours)
+    return _on_step(fine, colours), whole
 
 
-def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: float) -> Outline:
-    """A curve moved to the steepest change of colour within `reach_px`; nearer ones count for more."""
+def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
+    """A curve moved to the steepest change of colour nearby; nearer ones count for more."""
+    reach_px = STEEPEST_REACH_PX
     shifts = np.arange(-reach_px - 1, reach_px + 1.25, 0.5)
-    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = curve.profile(colours, shifts)
     apart = ndimage.gaussian_filter1d(profile[:, 4:] - profile[:, :-4], 1.5, axis=0, mode="wrap")
     inner = shifts[2:-2]
     slope = np.linalg.norm(apart, axis=2) * (1 - 0.3 * (inner / reach_px) ** 2)
@@ -155,17 +147,11 @@ def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: 
     return _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
 
 
-def _on_step(
-    curve: Outline,
-    colours: Float[np.ndarray, "h w 3"],
-    nearest_px: float,
-    furthest_px: float,
-    at_share: float,
-) -> Outline:
-    """A curve moved to where the colour lies so far between those of two bands beside it."""
+def _on_step(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
+    """A curve moved to where the colour has STEP_SHARE of the fruit's between two bands beside it."""
+    (nearest_px, furthest_px), at_share = STEP_BAND_PX, STEP_SHARE
     shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
-    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = curve.profile(colours, shifts)
     fruit = profile[:, shifts <= -nearest_px].mean(1)
     behind = profile[:, shifts >= nearest_px].mean(1)
     step = fruit - behind
@@ -181,11 +167,10 @@ def _on_step(
     shift = where[np.arange(len(where)), pick]
     clear = np.isfinite(shift) & (square > CLEAR_STEP**2)
     if clear.sum() < 0.2 * len(clear):
-        return Outline(curve.points, curve.normals, float(clear.mean()))
+        return replace(curve, clear_share=float(clear.mean()))
     shift = _fill_ring(np.where(clear, shift, 0.0), clear)
-    moved = curve.points + shift[:, None] * curve.normals
-    fine = _even(moved, smooth=1.0)
-    return Outline(fine.points, fine.normals, float(clear.mean()))
+    moved = _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
+    return replace(moved, clear_share=float(clear.mean()))
 
 
 def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:
@@ -201,7 +186,7 @@ def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline
         return found
     weight = ndimage.gaussian_filter1d(wrong.astype(float), 4.0, mode="wrap")[:, None]
     even = _even(found.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
-    return Outline(even.points, even.normals, found.clear_share * float(1 - wrong.mean()))
+    return replace(even, clear_share=found.clear_share * float(1 - wrong.mean()))
 
 
 def enlarged(outline: Outline, factor: int) -> Outline:
@@ -229,16 +214,11 @@ def _nearest_samples(
     """Rows and columns of the pixels near a curve, and the sample next to each, to about a sample."""
     column, row = np.rint(points).astype(int).T
     there = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
-    column, row = column[there], row[there]
-    away = np.ones(shape, np.uint8)
-    away[row, column] = 0
-    distance, labels = cv2.distanceTransformWithLabels(
-        away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    sample = np.zeros(int(labels.max()) + 1, int)
-    sample[labels[row, column]] = np.flatnonzero(there)
+    sample = np.full(shape, -1)
+    sample[row[there], column[there]] = np.flatnonzero(there)
+    distance, nearest = nearest_marked(sample >= 0)
     y, x = np.nonzero(distance < within_px)
-    return y, x, sample[labels[y, x]]
+    return y, x, sample.ravel()[nearest[y, x]]
 
 
 def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -247,13 +227,18 @@ def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -
     return np.where(known, np.clip(values, smooth - 0.7, smooth + 0.7), smooth)
 
 
+def resampled(points: Float[np.ndarray, "n 2"], count: int) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Evenly spaced places on a closed curve, and its length."""
+    closed = np.concatenate([points, points[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, along[-1], count, endpoint=False)
+    return np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1), float(along[-1])
+
+
 def _even(points: Float[np.ndarray, "n 2"], *, smooth: float) -> Outline:
     """Resample a closed curve to even spacing; normals from a slightly smoothed copy, pointing outward."""
-    closed = np.concatenate([points, points[:1]])
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
-    even = np.stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])], axis=1)
-    samples_per_px = SAMPLES / max(along[-1], 1e-6)
+    even, length_px = resampled(points, SAMPLES)
+    samples_per_px = SAMPLES / max(length_px, 1e-6)
     if smooth > 0:
         even = ndimage.gaussian_filter1d(even, smooth * samples_per_px, axis=0, mode="wrap")
     smoother = ndimage.gaussian_filter1d(even, 2 * samples_per_px, axis=0, mode="wrap")

@@ -1,6 +1,4 @@
-"""Which cells and pixels are fruit: background plate, log odds of each pixel, cut of each photo, voxel block
-by vote of the photos.
-"""
+"""Which cells and pixels are fruit: background plate, log odds of pixels, cuts of photos, block by vote."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,19 +34,15 @@ UNKNOWN_LOG_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
-"""Log odds of the fruit model count less the first, at most the second: within 2 of nought lies its blurred
-edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
-0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
+"""Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
+photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
 THINNED = 2
-"""Scales of the ground's noise and the share of the strange are means over tens of thousands of pixels: every
-second pixel and line tells them as well."""
+"""Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
 class CutPhoto:
-    """A photo's window around the fruit: Lab colours, their cells in a histogram, and what the fruit model
-    adds to the log odds of fruit (0 without one).
-    """
+    """A photo's window: Lab colours, their cells in a histogram, the fruit model's log odds (or 0)."""
 
     index: int
     window: Window
@@ -68,9 +62,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class SegmentationScene:
-    """Undistorted photos of one fruit on the plane z = 0, the box (mm) that it stands in, and the fruit model
-    that is asked, if any.
-    """
+    """Undistorted photos of a fruit on z = 0, the box (mm) that it stands in, and the fruit model, if any."""
 
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]]
     cameras: Sequence[Camera]
@@ -104,23 +96,11 @@ class SegmentationScene:
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
         """What the fruit model adds to the log odds in each window."""
-        sizes = [w.small_size_px for w in windows.values()]
         if self.model is None or not windows:
-            return [np.zeros(size[::-1], np.float32) for size in sizes]
-        log_odds = self.model.log_odds(
-            [self.images[i] for i in windows],
-            [w.corner_px for w in windows.values()],
-            sizes,
-            [w.shrink for w in windows.values()],
-        )
-        return [
-            np.clip(
-                x - np.clip(x, -BLURRED_LOG_ODDS, BLURRED_LOG_ODDS),
-                -MOST_LEARNED_LOG_ODDS,
-                MOST_LEARNED_LOG_ODDS,
-            )
-            for x in log_odds
-        ]
+            return [np.zeros(w.small_size_px[::-1], np.float32) for w in windows.values()]
+        log_odds = self.model.log_odds([self.images[i] for i in windows], list(windows.values()))
+        clear = [x - np.clip(x, -BLURRED_LOG_ODDS, BLURRED_LOG_ODDS) for x in log_odds]
+        return [np.clip(x, -MOST_LEARNED_LOG_ODDS, MOST_LEARNED_LOG_ODDS) for x in clear]
 
 
 def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
@@ -158,18 +138,17 @@ def _similar_to_fruit(
     They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
     pixels surely unlike the plate, where the middle of the box projects to.
     """
-    x, y, z = (np.linspace(-s, s, 9) for s in (1.0, 1.0, 1.0))
-    grid = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 3), axis=-1).reshape(-1, 3)
     middle, half = (low + high) / 2, (high - low) / 2
     core = middle + grid * half * CORE_SHARE
     core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
     sure = []
-    for view, own, there in zip(views, log_odds, known, strict=True):
+    for view, evidence, there in zip(views, log_odds, known, strict=True):
         columns, rows = view.window.small_size_px
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (own > SURE_LOG_ODDS) & there])
+        sure.append(view.colours[(inside > 0) & (evidence > SURE_LOG_ODDS) & there])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
         return [np.zeros_like(there) for there in known]
@@ -187,24 +166,6 @@ def _carved(
     return block
 
 
-@dataclass(frozen=True)
-class _ViewDensities:
-    """What does not change while the fruit's colours are learned, in one view.
-
-    `asked`: pixels (counted line by line) whose colours are compared; the others follow prior and fruit model
-    alone. `on_background`, `other`: densities of their colours under the background plate and under the
-    photo's own surroundings; `strange`: the share that is not as the plate predicts. `before`: log odds of
-    prior and fruit model; `known`: where the plate is known.
-    """
-
-    asked: Int[np.ndarray, " n"]
-    on_background: Float[np.ndarray, " n"]
-    other: Float[np.ndarray, " n"]
-    strange: Float[np.ndarray, " n"]
-    before: Float[np.ndarray, "h w"]
-    known: Bool[np.ndarray, "h w"]
-
-
 def learned_log_odds(
     views: Sequence[CutPhoto],
     bounds: Sequence[Bounds],
@@ -214,77 +175,62 @@ def learned_log_odds(
     """Log odds of fruit against ground in every view, and the mask that they make.
 
     The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
-    ground's on what is surely not. (Learned once more, inside the masks, they took a glossy cherry's shadow
-    in: 0.138 instead of 0.130 mm.) Outside of what may be fruit the odds are against it. `centre_mm` is about
-    the fruit's middle.
+    ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
+    Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
     """
-    ground = [
-        cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0
-        for b in bounds
-    ]
+    ground = []
+    for bound in bounds:
+        size = 2 * max(3, round(0.02 * len(bound.perhaps))) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        ground.append(cv2.dilate(bound.perhaps.astype(np.uint8), disc) == 0)
     around = colour.colour_density(
         np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
     )
     scatter = colour.background_scatter(background)
-    densities = [
-        _view_densities(v, b, out, colour.ground_behind(v.window, background, scatter, v.camera), around)
-        for v, b, out in zip(views, bounds, ground, strict=True)
-    ]
     inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
     fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
     log_odds = [
-        _log_odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
-        for v, own, t in zip(views, inside, densities, strict=True)
+        _log_odds(
+            view,
+            bound,
+            out,
+            colour.ground_behind(view.window, background, scatter, view.camera),
+            around,
+            (fruit_of_all + colour.colour_density(cells)) / 2,
+        )
+        for view, bound, out, cells in zip(views, bounds, ground, inside, strict=True)
     ]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
     masks = star_cuts(log_odds, [v.colours for v in views], centres)
     return log_odds, masks
 
 
-def _view_densities(
+def _log_odds(
     view: CutPhoto,
     bound: Bounds,
     ground: Bool[np.ndarray, "h w"],
     behind: Behind,
     around: Float[np.ndarray, " c"],
-) -> _ViewDensities:
-    """One view's densities; its share of strange pixels is estimated on every THINNED-th pixel and line."""
+    fruit: Float[np.ndarray, " c"],
+) -> Float[np.ndarray, "h w"]:
+    """Log odds of one view. Colours count where the prior leaves it open; the share of strange pixels is
+    estimated on every THINNED-th pixel and line.
+    """
     thin = (slice(None, None, THINNED), slice(None, None, THINNED))
     colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
     noise = colour.ground_noise(colours, few, out)
     palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
-    strange = colour.strange_share(
-        colour.ground_density(colours, few, noise), colour.density_at(palette, cells), out
-    )
+    strange = colour.strange_share(colour.ground_density(colours, few, noise), palette[cells], out)
     strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
     strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
     prior = _prior(bound)
-    asked = np.flatnonzero(np.abs(prior) < PRIOR_LOG_ODDS)
-    return _ViewDensities(
-        asked=asked,
-        on_background=colour.ground_density(
-            view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise
-        ),
-        other=colour.density_at(palette, view.cells.ravel()[asked]),
-        strange=strange.ravel()[asked],
-        before=prior + view.learned,
-        known=behind.known,
-    )
-
-
-def _log_odds(
-    densities: _ViewDensities, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
-) -> Float[np.ndarray, "h w"]:
-    found = colour.colour_log_odds(
-        colour.density_at(fruit, cells.ravel()[densities.asked]),
-        densities.on_background,
-        densities.other,
-        densities.strange,
-    )
-    log_odds = densities.before.copy()
-    known = densities.known.ravel()[densities.asked]
-    log_odds.ravel()[densities.asked] += np.where(known, found, np.clip(found, *UNKNOWN_LOG_ODDS))
-    return log_odds
+    open_ = np.nonzero(np.abs(prior) < PRIOR_LOG_ODDS)
+    on_background = colour.ground_density(view.colours[open_], behind.at(open_), noise)
+    cells = view.cells[open_]
+    by_colour = colour.colour_log_odds(fruit[cells], on_background, palette[cells], strange[open_])
+    log_odds = prior + view.learned
+    log_odds[open_] += np.where(behind.known[open_], by_colour, np.clip(by_colour, *UNKNOWN_LOG_ODDS))
+    return np.asarray(log_odds)
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
@@ -317,15 +263,9 @@ def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w
     return np.asarray(inside > max(2.0, by_px))
 
 
-def _disc(radius_px: int) -> UInt8[np.ndarray, "k k"]:
-    size = 2 * radius_px + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
-
-
 def no_fruit(fault: str) -> ReconFailure:
     """The failure that there is no fruit, and why it is thought so."""
-    return ReconFailure(
-        ReconProblem.NO_FRUIT,
+    return ReconProblem.NO_FRUIT.failure(
         f"drupe found no fruit: {fault}; expected one fruit in the blank centre, visible from all "
-        "sides. Check the photos.",
+        "sides. Check the photos."
     )

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from recon.picture_values import sampled
 from recon.silhouettes.ring_path import best_rings
 
 RAYS = 384
@@ -67,15 +68,13 @@ def _gain(
     at = (centre + radii[None, :, None] * _rays()[:, None]).astype(np.float32)
     u, v = at[..., 0], at[..., 1]
     inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
-    values = cv2.remap(
-        log_odds.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    values = sampled(log_odds.astype(np.float32), at)
     values = np.where(
         inside, np.clip(values, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32(-0.5 * MOST_LOG_ODDS)
     )
     values *= np.float32(STEP_PX)
     total = np.cumsum(values, axis=1)
-    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = sampled(colours, at)
     apart = profile[:, 2 * EDGE_PX :] - profile[:, : -2 * EDGE_PX]
     apart *= apart
     step = np.zeros_like(total)

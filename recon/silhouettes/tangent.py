@@ -1,6 +1,4 @@
-"""A surface fitted to the outlines: where a view is tangent to it the outline gives its position, between
-those places its curvature is least.
-"""
+"""A surface that lies on the outlines where views are tangent to it, of least bending in between."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +23,7 @@ STIFFNESS = 6.0
 REACH_SHARE = 0.03
 """Of the fruit's size, within which a vertex belongs to a rim; twice that in the first round. Set by hand."""
 LEAST_SPREAD_PX = 0.35
-"""px, least spread of the misses: what outlines are off by at best (RIM_SD_PX of
-recon.checks.surface_error)."""
+"""px, least spread of the misses, as RIM_SD_PX of recon.checks.surface_error."""
 SPREADS = 3.0
 """Spreads from where on a miss counts ever less. Set by hand, as usual in robust statistics."""
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
@@ -38,37 +35,26 @@ SPREADING = 6
 
 @dataclass(frozen=True)
 class FittedSurface:
-    """A surface that lies on the outlines: its vertices, how many rims hold each of them, and the median miss
-    (mm).
-    """
+    """A surface on the outlines: its vertices, and how many rims hold each of them."""
 
     vertices: Float[np.ndarray, "n 3"]
     support: Float[np.ndarray, " n"]
-    miss_mm: float
 
 
 def fitted_to_outlines(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    silhouettes: Sequence[Silhouette],
-    *,
-    floor_mm: float | None,
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
 ) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
-    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by about
-    r δ² / 2 at δ from the nearest tangent view), inward by the noise, because the innermost outline wins.
-    Here all outlines count alike. A rim of a view is where an edge's ends face to and away from the camera;
-    its signed distance to that view's outline, interpolated, is one equation for the shift δ of the edge's
-    ends,
+    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by r δ²
+    / 2 at δ from the nearest tangent view), inward by noise. Here all outlines count alike. The signed
+    distance of a rim, on edge (i, j), to its outline is one equation for the shift δ of the edge's ends,
 
         min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
 
-    with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
-    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and none lies
-    below it. Rims that look down at it have the fruit's own shadow behind them: in the first rounds those
-    beyond 53 degrees do not count at all, and what the rest say of the bottom tells afterwards which of them
-    are wrong.
+    with L the mean of the neighbours less the vertex and w Geman and McClure's weight, solved again on the
+    moved mesh. The lowest vertex belongs on z = 0. Rims that look down at it have the fruit's
+    shadow behind them: in the first rounds those beyond 53 degrees do not count.
     """
     i, j = unique_edges(faces)[0].T
     L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))
@@ -76,7 +62,7 @@ def fitted_to_outlines(
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
     bending = sparse.csr_array(STIFFNESS * (L.T @ L))
     order = _elimination_order(bending)
-    misses, held = np.zeros(1), np.zeros(len(x))
+    held = np.zeros(len(x))
     for turn in range(ROUNDS):
         normals = vertex_normals(x, faces)
         rows, values, pixel_mm = [], [], []
@@ -86,7 +72,7 @@ def fitted_to_outlines(
             near = np.abs(depth) < (REACH_SHARE if turn else 2 * REACH_SHARE) * size
             rows.append(np.stack([a, b, 1 - t, t])[:, near])
             values.append(depth[near])
-            pixel_mm.append(float(np.median(s.camera.into(x[:50])[:, 2])) / s.camera.focal_px)
+            pixel_mm.append(s.camera.pixel_mm(x[:50]))
         a, b, wa, wb = np.concatenate(rows, axis=1)
         miss = np.concatenate(values)
         count = np.arange(len(miss))
@@ -96,26 +82,22 @@ def fitted_to_outlines(
         )
         spread = max(1.48 * float(np.median(np.abs(miss))), LEAST_SPREAD_PX * float(np.median(pixel_mm)))
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
-        if floor_mm is not None:
-            down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
-            none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
-            weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
+        down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
+        none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
+        weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
         normal_of = sparse.csr_array(A.T @ sparse.diags(weight) @ A + bending)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
-        if floor_mm is not None:
-            lowest = int(x[:, 2].argmin())
-            pull = sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
-            normal_of = normal_of + pull
-            right[lowest] += 100.0 * (x[lowest, 2] - floor_mm)
+        lowest = int(x[:, 2].argmin())
+        normal_of = normal_of + sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
+        right[lowest] += 100.0 * x[lowest, 2]
         shift = _solved(sparse.csr_array(normal_of + 1e-6 * sparse.identity(len(x))), right, order)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
-        if floor_mm is not None:
-            x[:, 2] = np.maximum(x[:, 2], floor_mm)
-        misses, held = miss, np.asarray(A.T @ weight).ravel()
+        x[:, 2] = np.maximum(x[:, 2], 0.0)
+        held = np.asarray(A.T @ weight).ravel()
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
-    return FittedSurface(x, held, float(np.median(np.abs(misses))))
+    return FittedSurface(x, held)
 
 
 def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | None:
@@ -136,9 +118,7 @@ def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | Non
 def _solved(
     matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"] | None
 ) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right, of a symmetric positive definite matrix whose rows are eliminated in this order, or in
-    SuperLU's minimum degree order.
-    """
+    """matrix^-1 right, matrix symmetric positive definite, eliminated in this or a minimum degree order."""
     place = np.arange(len(right)) if order is None else order
     rows = matrix[place]
     factor = splu(

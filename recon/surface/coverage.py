@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.native import open3d
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import face_areas, facing, vertex_normals
 
 SEEN_BY = 2
@@ -16,17 +16,12 @@ def seeing_views(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], places: Float[np.ndarray, "v 3"]
 ) -> Int[np.ndarray, " n"]:
     """How many of the cameras at `places` (mm) see each vertex of a closed mesh: it faces them, unhidden."""
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
+    skin = RayMesh(vertices, faces)
     normals = vertex_normals(vertices, faces)
     start = vertices + CLEAR * float(np.ptp(vertices, axis=0).max()) * normals
     views = np.zeros(len(vertices), dtype=np.int64)
     for place in places:
-        ray = o3d.core.Tensor(np.hstack([start, place - start]).astype(np.float32))
-        hidden = scene.test_occlusions(ray, tnear=0.0, tfar=1.0, nthreads=1).numpy()
+        hidden = skin.hidden(start, np.broadcast_to(place, start.shape))
         views += (facing(vertices, normals, place) > 0) & ~hidden
     return views
 

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from recon.cameras.similarity import moved
-from recon.native import open3d
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.cameras.similarity import affine, moved
+from recon.recon_failure import ReconProblem
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import facing, vertex_normals
 
 VIEWS = 3
@@ -17,18 +17,16 @@ VIEWS = 3
 GRAZING, FULL = 0.0, 0.3
 """Cosines between a normal and the VIEWS-best camera: from where on the skin was seen, and seen well."""
 TURNS, TRIAL_POINTS, TRIAL_STEPS, STEPS, FINALISTS = 24, 500, 20, 40, 4
-"""Starts 15 degrees apart; points and steps of a trial, steps of the end, and trials that come so far. Set by
-hand: stone fruit are nearly round."""
+"""Starts 15 degrees apart; points and steps of a trial; steps of the finalists, and their number. By hand."""
 RING_DEG = (15.0, 50.0)
-"""Elevations of the cameras where those are not known: a low and a high ring, as photos are advised to be
-taken."""
+"""Elevations of cameras that are not known: a low and a high ring, as advised."""
 FEWEST = 60
 """Points of one mesh, of 500, on skin that both saw, at least."""
 OUTLIER = 3.0
 """Robust spreads beyond which a point has no partner. Set by hand, as usual in robust statistics."""
 MOST_MISS_SHARE, MOST_LARGER, MOST_LARGER_BY_HEIGHT = 0.012, 0.01, 0.12
-"""Where two meshes differ by more of the fruit's size, or in scale, they are not of one fruit. Without a mat
-both are scaled to its height, and a fruit that lies tilted has another."""
+"""Largest miss (of the fruit's size) and difference in scale of two meshes of one fruit, and the latter by
+height, which differs for a fruit that lies tilted."""
 LIKE, APART_DEG, SAME_SHARE = 1.15, 10.0, 0.006
 """Another way round that fits nearly as well, turned by more than so much, and makes another shape of it."""
 CONVENTION_DEG = 40.0
@@ -97,37 +95,33 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     """`over`, the fruit laid upside down, found on `upright`, and both merged into one skin.
 
     Point to plane registration (Chen, Medioni 1992) on skin that both saw well, with Geman and McClure's
-    weights, from TURNS turns about the vertical: stone fruit are nearly round, and from a wrong turn it ends
-    in a wrong one. Then each vertex goes to the mean of both skins, weighted by how well each saw it.
-    `on_mat`: both are to scale, and a turn that the shape leaves open is that about the mat's arrow; without
-    one the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit, another
-    scale, or a turn that cannot be told.
+    weights, from TURNS turns about the vertical; then each vertex goes to the mean of both skins, weighted by
+    how well each saw it. `on_mat`: both are to scale, and a turn that the shape leaves open is that about the
+    mat's arrow; else the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit,
+    another scale, or a turn that cannot be told.
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())
-    first = _overturned(upright, over)
+    first = _turned_over(upright, over, 0.0)
     spread = np.random.default_rng(0).permutation(np.flatnonzero(over.seen > 0))
     trials = [
-        _laid(skin, over, spread[:TRIAL_POINTS], first @ _about_middle(over, turn), size, TRIAL_STEPS, on_mat)
+        _laid(skin, over, spread[:TRIAL_POINTS], _turned_over(upright, over, turn), size, TRIAL_STEPS, on_mat)
         for turn in np.arange(TURNS) * 360.0 / TURNS
     ]
-    trials.sort(key=lambda one: one.miss_mm)
     ways = [
-        _laid(skin, over, spread, one.pose, size, STEPS, on_mat) for one in _different(trials)[:FINALISTS]
+        _laid(skin, over, spread, trial.pose, size, STEPS, on_mat) for trial in _different(trials)[:FINALISTS]
     ]
-    ways.sort(key=lambda one: one.miss_mm)
+    ways.sort(key=lambda way: way.miss_mm)
     best = ways[0]
     if not best.miss_mm <= MOST_MISS_SHARE * size:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"the two meshes differ by {best.miss_mm:.2f} mm (root mean square) on their common skin: "
-            "another fruit, or poor photos",
+            "another fruit, or poor photos"
         )
     if abs(best.larger) > (MOST_LARGER if on_mat else MOST_LARGER_BY_HEIGHT):
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
+        raise ReconProblem.NO_OVERLAP.failure(
             f"they show the fruit {100 * best.larger:+.1f} % larger than the upright photos: another "
-            "fruit, or another mat or height",
+            "fruit, or another mat or height"
         )
     vertices, seen = _merged(upright, over, best)
     rivals = [
@@ -139,20 +133,19 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     if rivals:
         known = [way for way in (best, *rivals) if on_mat and _turn_from(first, way.pose) < CONVENTION_DEG]
         if len(known) != 1:
-            raise ReconFailure(
-                ReconProblem.NO_OVERLAP,
+            raise ReconProblem.NO_OVERLAP.failure(
                 "the fruit is so round that they fit the upright photos in two ways with different "
                 "undersides. Turn it over about the mat's arrow, so that the suture still points "
-                "along the arrow",
+                "along the arrow"
             )
         best = known[0]
         vertices, seen = _merged(upright, over, best)
     return BothSides(vertices, seen, best.pose, best.miss_mm, by_convention=bool(rivals))
 
 
-def _apart_mm(upright: ScannedSide, one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> float:
+def _apart_mm(upright: ScannedSide, a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> float:
     """How far two skins differ where the upright mesh did not see, along the normals."""
-    off = np.einsum("ij,ij->i", other - one, vertex_normals(one, upright.faces))
+    off = np.einsum("ij,ij->i", b - a, vertex_normals(a, upright.faces))
     return float(np.sqrt(np.mean(off[upright.seen < 0.5] ** 2)))
 
 
@@ -166,11 +159,7 @@ class _Skin:
     """A mesh that is asked for its nearest points."""
 
     def __init__(self, side: ScannedSide) -> None:
-        o3d = open3d()
-        self._tensor = o3d.core.Tensor
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        faces = side.faces.astype(np.uint32)
-        self._scene.add_triangles(self._tensor(side.vertices.astype(np.float32)), self._tensor(faces))
+        self._mesh = RayMesh(side.vertices, side.faces)
         self._side = side
         self._normals = vertex_normals(side.vertices, side.faces)
 
@@ -178,32 +167,18 @@ class _Skin:
         self, points: Float[np.ndarray, "k 3"]
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
         """The nearest points of the skin, its smooth normals and how well it was seen there."""
-        found = self._scene.compute_closest_points(self._tensor(points.astype(np.float32)), nthreads=1)
-        u, v = found["primitive_uvs"].numpy().T.astype(float)
-        corners = self._side.faces[found["primitive_ids"].numpy().astype(int)]
-        weights = np.stack([1 - u - v, u, v], axis=1)
+        corners, weights = self._mesh.nearest(points)
         normals = np.einsum("kc,kcx->kx", weights, self._normals[corners])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         places = np.einsum("kc,kcx->kx", weights, self._side.vertices[corners])
         return places, normals, np.einsum("kc,kc->k", weights, self._side.seen[corners])
 
 
-def _overturned(upright: ScannedSide, over: ScannedSide) -> Float[np.ndarray, "4 4"]:
-    """The other mesh turned by half a turn about x, its box's middle on the first's."""
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[:3, 3] = _middle(upright) - pose[:3, :3] @ _middle(over)
-    return pose
-
-
-def _about_middle(side: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
-    pose[:3, 3] = _middle(side) - pose[:3, :3] @ _middle(side)
-    return pose
-
-
-def _middle(side: ScannedSide) -> Float[np.ndarray, "3"]:
-    return np.asarray((side.vertices.min(axis=0) + side.vertices.max(axis=0)) / 2)
+def _turned_over(upright: ScannedSide, over: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
+    """The other mesh turned about z, then over about x, its box's middle on the first's."""
+    R = Rotation.from_euler("zx", [turn_deg, 180.0], degrees=True).as_matrix()
+    target, middle = ((side.vertices.min(0) + side.vertices.max(0)) / 2 for side in (upright, over))
+    return affine(R, target - R @ middle)
 
 
 def _laid(
@@ -219,17 +194,18 @@ def _laid(
 
     Where the two have too little skin in common the miss is infinite.
     """
-    source, own = over.vertices[which], over.seen[which]
+    source, source_seen = over.vertices[which], over.seen[which]
     left = 1.0
     for turn in range(steps + 1):
         points = moved(source, pose)
         near, normals, seen = skin.nearest(points)
         away = np.einsum("ij,ij->i", near - points, normals)
-        weight = own * seen
+        weight = source_seen * seen
         both: Bool[np.ndarray, " k"] = weight > 0.05
         if both.sum() < FEWEST:
             return _Laid(pose, float("inf"), 0.0)
-        miss = _weighted_rms(away[both], weight[both], limit=0.05 * size)
+        squares = np.minimum(np.abs(away[both]), 0.05 * size) ** 2
+        miss = float(np.sqrt(np.average(squares, weights=weight[both])))
         if turn == steps:
             break
         reach = max(OUTLIER * 1.48 * float(np.median(np.abs(away[both]))), 1e-3 * size)
@@ -245,27 +221,20 @@ def _laid(
         step = np.linalg.solve(normal_of, A.T @ (weight * away))
         left = 1 + step[6] / size
         R = Rotation.from_rotvec(step[:3] / size).as_matrix() * (1.0 if on_mat else left)
-        move = np.eye(4)
-        move[:3, :3] = R
-        move[:3, 3] = middle - R @ middle + step[3:6]
-        pose = move @ pose
+        pose = affine(R, middle - R @ middle + step[3:6]) @ pose
         if np.abs(step).max() < 1e-5 * size:
             break
     scale = float(np.cbrt(np.linalg.det(pose[:3, :3]))) * (left if on_mat else 1.0)
     return _Laid(pose, miss, 1 / scale - 1)
 
 
-def _weighted_rms(away: Float[np.ndarray, " k"], weight: Float[np.ndarray, " k"], *, limit: float) -> float:
-    return float(np.sqrt(np.average(np.minimum(np.abs(away), limit) ** 2, weights=weight)))
-
-
 def _different(ways: Sequence[_Laid]) -> list[_Laid]:
-    """Of those that ended in the same turn the first alone."""
+    """Of those that ended in the same turn the one of the least miss, in that order."""
     kept: list[_Laid] = []
-    for one in ways:
-        turns = [Rotation.from_matrix(_turn(one) @ _turn(other).T).magnitude() for other in kept]
+    for way in sorted(ways, key=lambda way: way.miss_mm):
+        turns = [Rotation.from_matrix(_turn(way) @ _turn(other).T).magnitude() for other in kept]
         if all(np.degrees(turn) > APART_DEG for turn in turns):
-            kept.append(one)
+            kept.append(way)
     return kept
 
 

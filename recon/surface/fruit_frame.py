@@ -1,10 +1,9 @@
-"""The fruit frame: stem end up z, suture towards +x, origin under the middle of the fruit on its support
-plane. The placement convention makes it; the shape of the fruit checks it.
-"""
+"""The fruit frame: stem end up z, suture to +x, origin under the middle on the support plane."""
 
 import numpy as np
 from jaxtyping import Float
 
+from recon.cameras.similarity import affine
 from recon.surface.orientation import Orientation
 
 SURE = 0.5
@@ -18,26 +17,22 @@ MOST_TURN_DEG = 20.0
 def to_fruit_frame(
     vertices: Float[np.ndarray, "n 3"],
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
-    """A photographed mesh in its fruit frame, and `fruit_from_mesh` that takes it there.
+    """A mesh photographed on a mat (or as on one) in its fruit frame, and `fruit_from_mesh`.
 
-    On a mat the fruit is laid stem end up, suture towards the mat's +x, so that the frame is the mat's,
-    shifted: the origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
+    The origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
 
     >>> to_fruit_frame(np.array([[1.0, 2.0, 3.0], [3.0, 6.0, 4.0]]))[0].tolist()
     [[-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]]
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    fruit_from_mesh = np.eye(4)
-    fruit_from_mesh[:3, 3] = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    return vertices + fruit_from_mesh[:3, 3], fruit_from_mesh
+    shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return vertices + shift, affine(np.eye(3), shift)
 
 
 def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:
-    """Sentences where the shape, with a confidence of 0.5 or more, contradicts the convention of placement.
+    """Sentences where the shape of the mesh, in the fruit frame, contradicts the convention of placement.
 
-    The frame itself stays as placed: the recordings' poses are written in it, so that turning it after the
-    fact would move the pads off the places that they touched. `orientation` is that of the mesh in the fruit
-    frame.
+    The frame stays as placed: the recordings' poses are written in it.
     """
     out = []
     if orientation.stem_confidence >= SURE and orientation.tilt_deg > MOST_TILT_DEG:

@@ -12,7 +12,7 @@ from pipeline.files.plain_file import NotReadable, json_of, printable, read_byte
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
-from recon.triangle_mesh import consistently_oriented, open_edges, volume_mm3
+from recon.triangle_mesh import consistently_oriented, open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
@@ -38,12 +38,10 @@ Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 def read_mesh(path: Path) -> Mesh:
     """Vertices (mm) and triangles of a mesh file, chosen by its suffix.
 
-    Faces of more corners are cut into triangles. Where the surface is not closed as it stands, corners in the
-    same place are merged (STL has three for each face), and faces are turned alike. Vertices that no face
-    uses are left out. glTF is in metres with y up by its standard, and is turned to z up; axes of the others
-    are as the file has them.
-
-    Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in it.
+    Faces of more corners are cut into triangles. Where the surface is not closed, corners in the same place
+    are merged, and faces are turned alike. Vertices that no face uses are left out. glTF is in metres with y
+    up, and is turned to z up. Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in
+    it.
     """
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
@@ -65,7 +63,7 @@ def read_mesh(path: Path) -> Mesh:
         raise _unreadable(
             path, f"has a face that names vertex {faces.max()} of {len(vertices)}", "faces of its vertices"
         )
-    vertices, faces = _used(vertices, faces)
+    vertices, faces = used_part(vertices, faces)
     if not np.isfinite(vertices).all():
         raise _unreadable(path, "holds a coordinate that is no number", "finite coordinates in mm")
     vertices = MM_IN_A_METRE * vertices @ Z_UP.T if kind == ".glb" else vertices
@@ -127,12 +125,6 @@ def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
     if not open_edges(turned):
         faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces
-
-
-def _used(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
-    used = np.zeros(len(vertices), bool)
-    used[faces] = True
-    return (vertices, faces) if used.all() else (vertices[used], (np.cumsum(used) - 1)[faces])
 
 
 def mesh_bytes(
@@ -215,4 +207,4 @@ def _too_fine(path: Path, found: str) -> ReconFailure:
 
 def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:
     said = f"{printable(str(path))} {found}; expected {expected}."
-    return ReconFailure(ReconProblem.UNREADABLE_MESH, said)
+    return ReconProblem.UNREADABLE_MESH.failure(said)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 
 LONGEST_HOLE = 400
 """Edges around the largest hole that is closed. Set by hand."""
@@ -45,9 +45,8 @@ def closed_and_decimated(
             )
             _clean(work)
     except pymeshlab.PyMeshLabException as error:
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
-            f"drupe cannot repair the fruit's surface ({error}); take more photos from all sides.",
+        raise ReconProblem.NOT_WATERTIGHT.failure(
+            f"drupe cannot repair the fruit's surface ({error}); take more photos from all sides."
         ) from error
     mesh = work.current_mesh()
     return whole, np.array(mesh.vertex_matrix(), float), np.array(mesh.face_matrix(), int)

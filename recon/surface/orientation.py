@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.native import open3d
 from recon.silhouettes.hull import ball
+from recon.surface.ray_mesh import RayMesh
 
 WIDTHS = (0.2, 0.28, 0.36, 0.45)
 """Of stem hollows, as angles (rad) from the fruit's middle. Set by hand."""
@@ -69,7 +69,8 @@ def orientation_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     """
     centre = volume_centre(vertices, faces)
     directions, _ = ball(LEVEL)
-    radius = _radii(vertices, faces, centre, directions)
+    skin = RayMesh(vertices, faces)
+    radius = _radii(skin, centre, directions)
     size = float(np.median(radius))
     hollow = _smooth(directions, radius) - radius
     tried, _ = ball(CAPS)
@@ -81,7 +82,7 @@ def orientation_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     stem_confidence = _prominence(
         np.sqrt(gain[best]), np.sqrt(gain[away].max(initial=0.0)), depth_mm / size / LEAST_HOLLOW
     )
-    suture, groove, other = _groove(vertices, faces, centre, stem)
+    suture, groove, other = _groove(skin, centre, stem)
     return Orientation(
         stem=stem,
         stem_confidence=stem_confidence,
@@ -110,26 +111,15 @@ def _prominence(best: float, second: float, over: float) -> float:
 
 
 def _radii(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    centre: Float[np.ndarray, "3"],
-    directions: Float[np.ndarray, "k 3"],
+    skin: RayMesh, centre: Float[np.ndarray, "3"], directions: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, " k"]:
     """Distance of the surface from the centre in each direction."""
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
-    rays = np.concatenate([np.broadcast_to(centre, directions.shape), directions], axis=1).astype(np.float32)
-    radius = np.asarray(scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy(), float)
+    radius = skin.reached(np.broadcast_to(centre, directions.shape), directions)
     return np.where(np.isfinite(radius), radius, np.median(radius))
 
 
 def _smooth(directions: Float[np.ndarray, "k 3"], radius: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """The least-squares polynomial of degree 4 in the direction, from which hollows are left out step by
-    step.
-    """
+    """The least-squares polynomial of degree 4 in the direction; step by step, hollows count for less."""
     x, y, z = directions.T
     powers = [
         (i, j, n - i - j)
@@ -173,9 +163,7 @@ def _refined_axis(
     """The centre of the hollow near `start`: tried on finer and finer crosses about it."""
     best, step = start, 0.08
     while step > 0.004:
-        side = np.cross(best, [1.0, 0, 0] if abs(best[0]) < 0.7 else [0, 1.0, 0])
-        side /= np.linalg.norm(side)
-        up = np.cross(best, side)
+        side, up = _across(best)
         tried = np.stack([best + step * (a * side + b * up) for a in (-1, 0, 1) for b in (-1, 0, 1)])
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         gain = _caps(tried, directions, hollow)[1]
@@ -185,22 +173,23 @@ def _refined_axis(
     return np.asarray(best)
 
 
-def _groove(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    centre: Float[np.ndarray, "3"],
-    stem: Float[np.ndarray, "3"],
-) -> tuple[Float[np.ndarray, "3"], float, float]:
-    """Direction of the deepest meridian groove, its depth, and that of the next one 40 degrees or more
-    away.
-    """
-    side = np.cross(stem, [1.0, 0, 0] if abs(stem[0]) < 0.7 else [0, 1.0, 0])
+def _across(axis: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Two unit vectors at right angles to an axis and to each other."""
+    side = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.7 else [0, 1.0, 0])
     side /= np.linalg.norm(side)
+    return side, np.cross(axis, side)
+
+
+def _groove(
+    skin: RayMesh, centre: Float[np.ndarray, "3"], stem: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "3"], float, float]:
+    """Direction and depth of the deepest meridian groove, and the depth of the next, APART_DEG away."""
+    side, up = _across(stem)
     polar = np.radians(np.linspace(*BAND_DEG, 27))
     turn = np.radians(np.arange(360.0))
-    equator = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(stem, side)
+    equator = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up
     directions = np.cos(polar)[:, None, None] * stem + np.sin(polar)[:, None, None] * equator
-    radius = _radii(vertices, faces, centre, directions.reshape(-1, 3)).reshape(len(polar), len(turn))
+    radius = _radii(skin, centre, directions.reshape(-1, 3)).reshape(len(polar), len(turn))
     harmonics = [np.ones(len(turn))]
     harmonics += [f(m * turn) for m in range(1, SMOOTH_TURNS + 1) for f in (np.cos, np.sin)]
     columns = np.stack(harmonics, axis=1)

@@ -1,6 +1,4 @@
-"""Photo-consistency of small surface patches: how well the views agree on them, and where along the normals
-they agree best.
-"""
+"""Photo-consistency of small patches: how well views agree on them, and where along the normals best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
-from recon.silhouettes.hull import sampled
+from recon.picture_values import sampled
 from recon.triangle_mesh import facing
 
 SIDE = 7
 """Of a patch, in places: 49 numbers tell a correlation to a seventh."""
+_RISES = np.indices((SIDE, SIDE)).reshape(2, -1)[::-1].T - (SIDE - 1) / 2
+_GRADIENT = np.ascontiguousarray(_RISES / np.linalg.norm(_RISES, axis=0), np.float32)
+"""These are patches that rise evenly along each side, by steps and of unit length."""
 PATCH_STEP_PX = 1.7
 """px between them: as far as a photo's blur makes neighbours alike."""
 FACING = 0.35
@@ -22,11 +23,9 @@ FACING = 0.35
 FEWEST_VIEWS = 3
 """That show a patch, at least: two agree by chance."""
 VIEW_COUNTS = (5, 8)
-"""Views compared. Few face the bottom of a narrow cavity; many average a highlight out that moves between
-them."""
+"""Views compared: few face the bottom of a narrow cavity; many average out a highlight that moves."""
 LEAST_CONTRAST = (1.2, 0.8)
-"""Least standard deviation of a patch, grey levels, as it is and without its gradient; noise of a photo after
-the blur is about 0.5."""
+"""Least standard deviation of a patch (grey levels), and without its gradient; a photo's noise is 0.5."""
 LEAST_SCORE = (0.5, 0.4)
 """Correlation, as it is and without the gradient, that is trusted. Set by hand."""
 DISTINCT, DISTINCT_STEPS = 0.1, 3
@@ -65,8 +64,11 @@ def grey_views(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[C
 
 def views_facing(patches: Patches, views: Sequence[GreyView]) -> Int[np.ndarray, " n"]:
     """How many views each patch faces well enough to be compared in."""
-    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
-    return np.asarray((cosine > FACING).sum(axis=0))
+    return np.asarray((_cosines(patches, views) > FACING).sum(axis=0))
+
+
+def _cosines(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "v n"]:
+    return np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
 
 
 def agreement(
@@ -79,7 +81,7 @@ def agreement(
     have, and texture has not). Where fewer than three views show contrast and no highlight, the score is 0
     and the second answer False.
     """
-    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
+    cosine = _cosines(patches, views)
     rank = np.argsort(np.argsort(-cosine, axis=0, kind="stable"), axis=0)
     square = _square(patches, views)
     shape = (2, len(VIEW_COUNTS), len(square), len(offsets_mm))
@@ -110,9 +112,7 @@ def agreement(
 def best_offsets(
     scores: Float[np.ndarray, "k n d"], offsets_mm: Float[np.ndarray, " d"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Offset (mm) where the scores peak, to a part of the step by a parabola, and its weight, the score
-    squared; 0 where no peak is high and distinct, or where two such peaks are over three steps apart.
-    """
+    """Offset (mm) of the scores' peak by a parabola, and its weight, the score squared; 0 if unclear."""
     step = float(offsets_mm[1] - offsets_mm[0])
     each = [_peak(s, offsets_mm, LEAST_SCORE[k // len(VIEW_COUNTS)]) for k, s in enumerate(scores)]
     offset, weight = np.stack([o for o, _ in each]), np.stack([w for _, w in each])
@@ -126,13 +126,13 @@ def best_offsets(
 
 def _square(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "n p 3"]:
     """Points of square patches as wide as SIDE steps of pixels, bent as the surface is."""
-    depth = [np.median(v.camera.into(patches.points)[:, 2]) / v.camera.focal_px for v in views]
+    pixel_mm = float(np.median([v.camera.pixel_mm(patches.points) for v in views]))
     normals = patches.normals
     aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, aside)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * float(np.median(depth))
+    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * pixel_mm
     u, v = (g.ravel() for g in np.meshgrid(steps, steps))
     flat = patches.points[:, None] + u[None, :, None] * across[:, None] + v[None, :, None] * along[:, None]
     bulge = 0.5 * patches.curvature[:, None] * (u**2 + v**2)
@@ -150,8 +150,7 @@ def _seen(
     start = (square @ P[:, :3].T + P[:, 3]).astype(np.float32)
     step = (normals @ P[:, :3].T).astype(np.float32)
     h = start[:, None] + offsets_mm.astype(np.float32)[None, :, None, None] * step[:, None, None]
-    pixels = (h[..., :2] / h[..., 2:]).reshape(-1, 2)
-    return sampled(view.grey, pixels, outside=0.0).reshape(len(square), len(offsets_mm), -1)
+    return sampled(view.grey, h[..., :2] / h[..., 2:], outside=0.0)
 
 
 def _peak(
@@ -171,13 +170,3 @@ def _peak(
     second = np.where(far, scores, -1.0).max(1)
     trusted = (score > least) & ~edge & (score - second > DISTINCT)
     return offset, np.where(trusted, score**2, 0.0)
-
-
-def _gradient() -> Float[np.ndarray, "p 2"]:
-    """Unit patches that rise evenly along each side."""
-    steps = np.arange(SIDE) - (SIDE - 1) / 2
-    rises = np.stack([g.ravel() for g in np.meshgrid(steps, steps)], axis=1)
-    return np.asarray((rises / np.linalg.norm(rises, axis=0)).astype(np.float32))
-
-
-_GRADIENT = _gradient()

@@ -6,8 +6,8 @@ rows follow, and each row's columns; a list's row begins with the number of its 
 """
 
 import struct
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -111,7 +111,7 @@ def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], 
     Raises NotPly where the rows are not what the header says.
     """
     try:
-        rows = _text_rows(data, header) if not header.endian else _binary_rows(data, header)
+        rows = _rows(data, header)
         vertices = np.column_stack([rows["vertex"][axis] for axis in "xyz"]).astype(float)
         face = rows["face"]
         polygons = next(face[name] for name in CORNERS if name in face)
@@ -123,8 +123,7 @@ def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], 
 
 Values = Sequence[np.ndarray] | np.ndarray
 Rows = dict[str, Mapping[str, Values]]
-"""Values by element and column: one number a row, or of a list one array a row (a table, where all lists have
-the same length)."""
+"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
 
 
 def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
@@ -142,7 +141,12 @@ def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     return np.concatenate([group[:, [0, k, k + 1]] for group in groups for k in range(1, group.shape[1] - 1)])
 
 
-def _binary_rows(data: bytes, header: PlyHeader) -> Rows:
+def _rows(data: bytes, header: PlyHeader) -> Rows:
+    """Raises ValueError or struct.error where the rows are not what the header says."""
+    if not header.endian:
+        numbers = np.array(data[header.length :].split(), "<f8").tobytes()
+        as_numbers = [replace(e, columns=tuple(map(_as_number, e.columns))) for e in header.elements]
+        data, header = numbers, PlyHeader(tuple(as_numbers), "<", 0)
     rows: Rows = {}
     at = header.length
     for element in header.elements:
@@ -160,15 +164,20 @@ def _binary_rows(data: bytes, header: PlyHeader) -> Rows:
     return rows
 
 
+def _as_number(column: PlyProperty) -> PlyProperty:
+    """The property as text has it: numbers of any type, lengths of lists included."""
+    return replace(column, type="d", counted=column.counted and "d")
+
+
 def _first_lengths(data: bytes, at: int, element: Element, endian: str) -> list[int]:
     """How long the lists of the first row are; 1 of a single number."""
     sizes = []
     for column in element.columns:
         size = 1
         if column.counted:
-            (size,) = struct.unpack_from(endian + column.counted, data, at)
+            size = int(struct.unpack_from(endian + column.counted, data, at)[0])
             at += struct.calcsize(f"<{column.counted}")
-        sizes.append(int(size))
+        sizes.append(size)
         at += size * struct.calcsize(f"<{column.type}")
     return sizes
 
@@ -197,38 +206,10 @@ def _uneven_rows(
         for column in element.columns:
             size = 1
             if column.counted:
-                (size,) = struct.unpack_from(endian + column.counted, data, at)
+                size = int(struct.unpack_from(endian + column.counted, data, at)[0])
                 at += struct.calcsize(f"<{column.counted}")
                 if size < 0:
                     raise ValueError("a list of negative length")
                 lists[column.name].append(np.frombuffer(data, endian + column.type, size, at))
             at += size * struct.calcsize(f"<{column.type}")
     return lists, at
-
-
-def _text_rows(data: bytes, header: PlyHeader) -> Rows:
-    lines: Iterator[bytes] = (line for line in data[header.length :].splitlines() if line.strip())
-    rows: Rows = {}
-    for element in header.elements:
-        if element.count == 0:
-            continue
-        own = [np.array(next(lines).split(), float) for _ in range(element.count)]
-        if not any(column.counted for column in element.columns):
-            table = np.stack(own)
-            rows[element.name] = {column.name: table[:, k] for k, column in enumerate(element.columns)}
-            continue
-        lists: dict[str, list[np.ndarray]] = {c.name: [] for c in element.columns if c.counted}
-        for row in own:
-            at = 0
-            for column in element.columns:
-                size = 1
-                if column.counted:
-                    size, at = int(row[at]), at + 1
-                    if not 0 <= size <= len(row) - at:
-                        raise ValueError("a list that is longer than its row")
-                    lists[column.name].append(row[at : at + size])
-                at += size
-        rows[element.name] = lists
-    if next(lines, None) is not None:
-        raise ValueError("more rows than the header says")
-    return rows

@@ -4,18 +4,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.native import open3d
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 
 DEPTH = 6
-"""Of the octree: 64 cells over about 1.1 fruit. Four true surfaces came back 0.004 to 0.011 mm off, with 7
-0.003 to 0.008 mm, which costs 3 to 4 CPU seconds more, decimation included (8000 faces)."""
+"""Of the octree: 64 cells over 1.1 fruit: 0.004 to 0.011 mm off; 7: 0.003 to 0.008 for 3 to 4 CPU s more."""
 
 
 def poisson_surface(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, "k 3"]]:
-    """The surface whose indicator's gradient fits the normals and that passes by the points (Kazhdan, Hoppe
-    2013).
+    """The surface by the points whose indicator's gradient fits the normals (Kazhdan, Hoppe 2013).
 
     Points (mm) cover the whole fruit, normals look outward. Run in one thread: the same points give the same
     mesh.
@@ -26,23 +24,8 @@ def poisson_surface(
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=DEPTH, n_threads=1)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=int)
     if len(faces) == 0:
-        raise ReconFailure(
-            ReconProblem.NO_SURFACE,
+        raise ReconProblem.NO_SURFACE.failure(
             f"drupe found no surface through the {len(points)} points on the fruit; take more photos "
-            "from all sides.",
+            "from all sides."
         )
     return vertices, faces
-
-
-def distances_mm(
-    points: Float[np.ndarray, "n 3"], vertices: Float[np.ndarray, "m 3"], faces: Int[np.ndarray, "k 3"]
-) -> Float[np.ndarray, " n"]:
-    """Distance of points to the nearest point of a mesh."""
-    o3d = open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
-    )
-    return np.asarray(
-        scene.compute_distance(o3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy(), float
-    )

@@ -23,23 +23,19 @@ from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, at_edge,
 from recon.surface.relief_verdict import Region, judged, mean_gain
 
 COARSE, FINE = 4, 5
-"""Levels of the ball (2562 and 10242 vertices) that are searched first and where a region is kept: 2 and 1 mm
-apart on a peach; patches are about 4 mm wide."""
+"""Levels of the ball that are searched first, and for a region kept: 2 and 1 mm apart on a peach."""
 SUPPORT_WEIGHT = 5.0
 """Pull (as a weight) back to the outline surface where rims hold it: five times the best depth's."""
 MOST_ROUNDS = 4
 """Rounds on the finer mesh. What is left moves by under 0.03 mm a round."""
 HELD_SHARE, RIM_RINGS, ZONE_RINGS = 0.2, 2, 3
-"""Vertices held by under a fifth of what rims hold the median one may move, and so many rings around them;
-so many rings around a region kept are refined."""
+"""Share of the median hold under which a vertex may move, rings around such, and around regions kept."""
 LEAST_MEAN_GAIN, LEAST_MEAN_GAIN_LESS_AVERAGED = 0.03, 0.2
-"""Mean rise of correlation that a region must bring, by search. True cavities brought 0.07 to 0.55 with
-AVERAGED; with LESS_AVERAGED a nectarine's brought 0.44 to 0.55, skin without texture 0.037, a glossy
-cherry's wrong region 0.099."""
+"""Mean rise of correlation that a region must bring, by search: true cavities 0.07 to 0.55 and 0.44 to 0.55;
+with less averaging skin without texture 0.037, a glossy cherry's wrong region 0.099."""
 LEAST_AGAIN_GAIN, LEAST_FINE_GAIN = 0.05, 0.02
-"""Mean rise of correlation that a search on the finer mesh must bring over the whole range, and near the
-surface found. True improvements brought 0.099 and 0.28 over the whole range; one on mirror images, wrong by
-0.2 mm, 0.034; with 0.004 near the surface bank set 12 (glossy plum) gets worse, 0.052 -> 0.060 mm."""
+"""Mean rise of correlation that a finer search must bring over the whole range (true ones 0.099 and 0.28, one
+on mirror images 0.034), and near the surface: with 0.004 a glossy plum gets worse, 0.052 -> 0.060 mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +55,12 @@ class Relief:
     edge_depth_mm: float = 0.0
 
 
+def unsearched(vertices: Float[np.ndarray, "n 3"]) -> Relief:
+    """The surface as its outlines show it."""
+    none = np.zeros(len(vertices))
+    return Relief(vertices=vertices, measured=none > 0, bridged=none, regions=())
+
+
 def relief(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -69,25 +71,21 @@ def relief(
 ) -> Relief:
     """A surface on `ball`'s directions, moved where photos show that outlines bridge a hollow.
 
-    Only vertices that few rims hold (`support`) or where the surface is flat may move, and only where at
-    least three of every second view and three of the others face them. The first half of the views is
-    searched: for each vertex a small patch, bent as the surface is, slides along the normal to where the
-    views' mean pairwise correlation is highest, and a membrane on the mesh fills between high and distinct
-    peaks. The second half judges each connected region that moved: a vertex confirms it where its correlation
-    in the held-out views is higher by LEAST_GAIN than on the outline surface. The same search run where rims
-    hold a round surface, which relief cannot improve, tells how often that happens by chance p0 (per patch,
-    (k0 + 1) / (n0 + 2): Laplace); a region is kept where the binomial tail P(K >= k; n, p0) is under CHANCE,
-    everything else stays on the outlines. Where nothing is kept, both searches are made once more with scores
-    averaged over fewer neighbours. Regions kept are searched again near the surface found on a finer
-    mesh (over the whole range where coarse vertices are further apart than patches are wide), each time only
-    while the held-out views agree better with what comes out.
+    Only vertices that few rims hold (`support`) or where the surface is flat may move, if at least three of
+    every second view and three of the others face them. In the first half of the views patches slide along
+    the normal to where their correlation is highest, and a membrane fills between distinct peaks. In the
+    second half a vertex confirms a region where its correlation rises by LEAST_GAIN. The same search where
+    rims hold a round surface tells how often that happens by chance, p0 = (k0 + 1) / (n0 + 2) per patch
+    (Laplace); a region is kept where P(K >= k; n, p0) is under CHANCE. Where none is, scores are averaged
+    over fewer neighbours once more. Regions kept are searched again on a finer mesh, while the held-out views
+    agree better.
     """
     finer = round(np.log(max(len(vertices) - 2, 10) / 10) / np.log(4))
     coarse = outline_mesh(vertices, faces, min(COARSE, finer))
     count = len(coarse.outline.points)
     convex = roundness(coarse.outline.curvature * coarse.radius_mm)
     bridged = np.clip(split(1 - convex[:, None], coarse.level, finer)[:, 0], 0.0, 1.0)
-    nothing = Relief(vertices=vertices, measured=np.zeros(len(vertices), bool), bridged=bridged, regions=())
+    nothing = replace(unsearched(vertices), bridged=bridged)
     views = grey_views(images, cameras)
     halves = views[::2], views[1::2]
     if len(halves[1]) < FEWEST_VIEWS:
@@ -102,10 +100,8 @@ def relief(
     certain &= support[:count] > 0.5 * np.median(support[:count])
     held = SUPPORT_WEIGHT * held
     regions: tuple[Region, ...] = ()
-    for averaged, least in (
-        (AVERAGED, LEAST_MEAN_GAIN),
-        (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED),
-    ):
+    gentler = (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED)
+    for averaged, least in ((AVERAGED, LEAST_MEAN_GAIN), gentler):
         found = searched(coarse, halves[0], loose, held, averaged=averaged)
         if not (found.far & (found.weight > 0)).any():
             continue
@@ -126,13 +122,8 @@ def relief(
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
         bridged=bridged,
         regions=regions,
-        edge_depth_mm=_edge_depth_mm(fine, surface),
+        edge_depth_mm=float(np.max(-heights_mm(fine, surface)[at_edge(fine, surface)], initial=0.0)),
     )
-
-
-def _edge_depth_mm(mesh: OutlineMesh, surface: Float[np.ndarray, "m 3"]) -> float:
-    """Depth of the deepest vertex at the edge of the search, 0 where none is."""
-    return float(np.max(-heights_mm(mesh, surface)[at_edge(mesh, surface)], initial=0.0))
 
 
 def _finer(
@@ -148,12 +139,8 @@ def _finer(
     """A surface found, improved on a finer mesh inside a zone while the second half of the views agrees
     better with what the first half finds; and where it was measured. `again`: over the whole range first.
 
-    The second half is asked up to 3 + MOST_ROUNDS times: once or twice whether regions are kept (`judged`),
-    once for `again`, once a round. As the same views decide each time, they are strictly held out only when
-    first asked, and their gain over all steps is no unbiased score of the result. What protects against
-    following their noise: they are never searched, only accept or refuse what the first half found as a
-    whole; and each step must raise their mean correlation over the zone by LEAST_AGAIN_GAIN or
-    LEAST_FINE_GAIN, well above zero, or the rounds end.
+    The second half decides up to 3 + MOST_ROUNDS times, so its gain is no unbiased score of the result. It is
+    never searched, and each step must raise its mean correlation by LEAST_AGAIN_GAIN or LEAST_FINE_GAIN.
     """
 
     def spread(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:

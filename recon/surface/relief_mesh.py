@@ -5,19 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from recon.silhouettes.hull import ball
 from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, GreyView, Patches
-from recon.triangle_mesh import neighbour_mean, vertex_normals
+from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
 0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies within 0.1 mm."""
 CURVATURE_ROUNDS = 6
-"""Times that curvature is averaged with the neighbours': over about a fifth of the radius, less than a cavity
-is wide."""
+"""Times that curvature is averaged with the neighbours': over a fifth of the radius."""
 MOST_CURVATURE = 3.0
 """Largest curvature (inverse radii): a patch bent more than that is noise of the mesh."""
 
@@ -59,7 +56,7 @@ def patches_of(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Patches:
 def vertices_per_patch(mesh: OutlineMesh, views: Sequence[GreyView]) -> float:
     """How many vertices share one patch; under 1 they are further apart than patches are wide."""
     points = mesh.outline.points
-    pixel_mm = np.median([np.median(v.camera.into(points)[:, 2]) / v.camera.focal_px for v in views])
+    pixel_mm = np.median([v.camera.pixel_mm(points) for v in views])
     patch_mm2 = float((SIDE - 1) * PATCH_STEP_PX * pixel_mm) ** 2
     return patch_mm2 * len(points) / (4 * np.pi * mesh.radius_mm**2)
 
@@ -68,10 +65,8 @@ def connected_parts(
     where: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
 ) -> list[Bool[np.ndarray, " n"]]:
     """The connected parts of a set of vertices."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges = edges[where[edges].all(axis=1)]
-    graph = sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(where),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    edges = sides_of(faces)
+    label = parts_of(edges[where[edges].all(axis=1)], len(where))
     return [where & (label == part) for part in np.unique(label[where])]
 
 
@@ -94,15 +89,11 @@ def roundness(bending: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def mean_curvature(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " n"]:
-    """Mean curvature, 1/mm, negative where convex: the mean of 2 n . (x_j - x_i) / |x_j - x_i|² over the
-    neighbours j.
-    """
-    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    """Mean curvature (1/mm, convex < 0): mean of 2 n . (x_j - x_i) / |x_j - x_i|² over neighbours j."""
+    i, j = sides_of(faces).T
     step = points[j] - points[i]
     each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)
     mean = np.bincount(i, each, len(points)) / np.bincount(i, minlength=len(points))
-    smooth = neighbour_mean(faces, len(points))
-    for _ in range(CURVATURE_ROUNDS):
-        mean = 0.5 * mean + 0.5 * (smooth @ mean)
+    mean = smoothed(mean, faces, CURVATURE_ROUNDS)
     limit = MOST_CURVATURE / float(np.median(np.linalg.norm(points - points.mean(0), axis=1)))
     return np.asarray(np.clip(mean, -limit, limit))

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from recon.surface.photo_consistency import DISTINCT_STEPS, GreyView, Patches, agreement, best_offsets
 from recon.surface.relief_mesh import OutlineMesh, grown, heights_mm, mean_curvature, patches_of
-from recon.triangle_mesh import neighbour_mean, vertex_normals
+from recon.triangle_mesh import neighbour_mean, smoothed, vertex_normals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,24 +28,20 @@ COARSE_SEARCHES = (
     Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
     Search(highest=0.05, lowest=-0.07, steps=14, from_moved=True),
 )
-"""Twice the whole range (stem cavities are up to 0.19 radii deep under the outlines), since slopes known from
-the first make the second find more; then near what was found."""
+"""Twice the whole range (stem cavities are up to 0.19 radii deep), as slopes help; then near the finding."""
 FINE_SEARCH = Search(highest=0.04, lowest=-0.05, steps=12, from_moved=True)
 """Offsets (radii) on the finer mesh: steps of 0.2 mm on a peach, under a pixel of the photos."""
 STEM_COSINE = 0.75
 """Of the normal to the vertical: steeper skin is a side, where no stem is."""
 SHALLOW_SHARE = 0.055
-"""On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines: a
-suture, never a stem cavity."""
+"""On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines."""
 STIFFNESS = 1.2
-"""Stiffness of the membrane against the weight of a depth found (a squared correlation, so at most 1):
-neighbours with depths of their own bend it, a lone one does not."""
+"""Stiffness of the membrane against the weight (at most 1) of a depth: a lone one does not bend it."""
 AVERAGED, LESS_AVERAGED = (2, 2, 2), (1, 1, 1)
-"""Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Averaging twice holds
-noise of glossy skin down, but smears the peaks of a steep slope, on which neighbours lie at other depths: on
-18 photos of a nectarine 2 of 79 vertices of the cavity passed with it, 21 with once (19 right). So less
-is tried only where the first found nothing that the held-out views confirm. At once, it leaves a glossy
-nectarine (bank set 16) at 0.180 mm instead of 0.171, 18 photos of a nectarine at 0.108 instead of 0.409."""
+"""Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Twice holds noise of
+glossy skin down, but smears peaks of steep slopes: on 18 photos of a nectarine 2 of 79 vertices of the cavity
+passed, 21 with once. Once is tried only after twice found nothing: at once, it leaves a glossy nectarine
+(bank set 16) at 0.180 mm instead of 0.171."""
 FINE_STIFFNESS, FINE_AVERAGED, FINE_PULL = 5.0, 5, 0.02
 """The same on the finer mesh, over about as many millimetres, and the pull (as a weight) back to where the
 surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""
@@ -55,8 +51,7 @@ EVERYWHERE, LOOSE = 0.02, 2e-4
 HOLLOW_SHARE = 0.02
 """Depth (radii) from where a vertex counts as deep: 0.6 mm on a peach, twice the outlines' own error."""
 HOLLOW_DENSITY, HOLLOW_SURE = 0.25, 0.6
-"""Share of the vertices around that must be deep, and of those with a depth, for a hollow: one patch alone,
-or as many shallow as deep ones around it, is none."""
+"""Share of the vertices around that must be deep, and of those with a depth, for a hollow."""
 HOLLOW_ROUNDS = 3
 """Rounds of averaging that "around" is, about 12 degrees of the fruit."""
 MOVED_SHARE = 0.01
@@ -114,7 +109,8 @@ def searched(
         moved = base + (smooth - height)[:, None] * normals
         rows = np.flatnonzero(active & grown(np.abs(smooth) > MOVED_SHARE * radius, faces, GROWTH_RINGS))
         turned = vertex_normals(moved, faces)
-        mixed = turned if search.from_moved else _blend(normals, turned)
+        between = normals + turned
+        mixed = turned if search.from_moved else between / np.linalg.norm(between, axis=1, keepdims=True)
         patches = Patches(moved, mixed, mean_curvature(moved, turned, faces))
     far = np.abs(heights_mm(mesh, moved)) > MOVED_SHARE * radius
     return Found(surface=moved, weight=weight, active=active, far=far)
@@ -126,9 +122,7 @@ def refined(
     views: Sequence[GreyView],
     zone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-    """A surface moved further inside a zone, by a smooth step that is 0 where no depth is found; and where
-    one was.
-    """
+    """A surface moved smoothly inside a zone, by 0 where no depth is found; and where one was."""
     patches, rows = patches_of(mesh, surface), np.flatnonzero(zone)
     offsets = np.linspace(FINE_SEARCH.highest, FINE_SEARCH.lowest, FINE_SEARCH.steps) * mesh.radius_mm
     scores = _averaged(_spread_scores(patches, views, rows, offsets), mesh.faces, FINE_AVERAGED)
@@ -169,25 +163,15 @@ def _averaged(
     scores: Float[np.ndarray, "k n d"], faces: Int[np.ndarray, "m 3"], times: int
 ) -> Float[np.ndarray, "k n d"]:
     """Scores averaged with the neighbours', so many times."""
-    step = neighbour_mean(faces, scores.shape[1])
-    out = []
-    for each in scores:
-        for _ in range(times):
-            each = 0.5 * (each + step @ each)
-        out.append(each)
-    return np.stack(out)
+    return np.stack([smoothed(each, faces, times) for each in scores])
 
 
 def _hollow(
     deep: Bool[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " n"]:
-    """1 where the photos agree all around that the skin lies deep under the outlines, 0 elsewhere, soft
-    between.
-    """
+    """1 where photos agree all around that the skin lies deep under the outlines, else 0; soft between."""
     step = neighbour_mean(faces, len(deep))
-    sure, low = trusted.astype(float), (trusted & deep).astype(float)
-    for _ in range(HOLLOW_ROUNDS):
-        sure, low = 0.5 * (sure + step @ sure), 0.5 * (low + step @ low)
+    sure, low = (smoothed(w.astype(float), faces, HOLLOW_ROUNDS) for w in (trusted, trusted & deep))
     hollow = ((low > HOLLOW_DENSITY) & (low > HOLLOW_SURE * sure)).astype(float)
     for _ in range(HOLLOW_ROUNDS):
         hollow = np.maximum(hollow, np.minimum(1.0, 1.5 * (step @ hollow)))
@@ -202,9 +186,7 @@ def _membrane(
     faces: Int[np.ndarray, "m 3"],
     stiffness: float,
 ) -> Float[np.ndarray, " n"]:
-    """argmin sum w (x - offset)² + pull x² + 4 stiffness |x - mean of neighbours|² over the free vertices, 0
-    at the others.
-    """
+    """argmin sum w (x - offset)² + pull x² + 4 stiffness |x - mean of neighbours|², 0 where not free."""
     out = np.zeros(len(offset))
     if not free.any():
         return out
@@ -213,8 +195,3 @@ def _membrane(
     solver = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     out[free] = solver.solve((weight * offset)[free])
     return out
-
-
-def _blend(old: Float[np.ndarray, "n 3"], new: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    mixed = old + new
-    return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))

@@ -14,25 +14,14 @@ from recon.surface.relief_search import Found
 LEAST_GAIN = 0.05
 """Rise of the correlation in the held-out views that confirms a vertex."""
 CHANCE = 1e-2
-"""How probable as many confirmed vertices of a region may be by chance. On 16 sets the stem cavities had
-2.6e-3 or less, what is refused 1.4e-2 or more."""
+"""How probable as many confirmed vertices may be by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A connected patch that the search moved, and what the held-out views say of it.
+    """A patch that the search moved: depth, probability of its confirmed vertices by chance, whether kept."""
 
-    `measured` of its `vertices` (of the coarse mesh) have a depth of their own, `confirmed` of these explain
-    the held-out views better than the outline surface does; `mean_gain` is by how much (correlation),
-    `chance` how likely so many are where the outline surface is certain.
-    """
-
-    centre_mm: Float[np.ndarray, "3"]
     depth_mm: float
-    vertices: int
-    measured: int
-    confirmed: int
-    mean_gain: float
     chance: float
     accepted: bool
 
@@ -63,18 +52,7 @@ def judged(
         chance = float(bdtrc(int(confirmed / per_patch) - 1, patches, p0))
         rise = float(gain[measured].mean())
         accepted = chance < CHANCE and rise > least_mean_gain
-        regions.append(
-            Region(
-                centre_mm=mesh.outline.points[part].mean(0),
-                depth_mm=-float(heights[part].min()),
-                vertices=int(part.sum()),
-                measured=int(measured.sum()),
-                confirmed=confirmed,
-                mean_gain=rise,
-                chance=chance,
-                accepted=accepted,
-            )
-        )
+        regions.append(Region(depth_mm=-float(heights[part].min()), chance=chance, accepted=accepted))
         kept |= part & accepted
     return tuple(regions), kept
 
@@ -98,9 +76,7 @@ def _gains(
     surface: Float[np.ndarray, "n 3"],
     where: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Rise of the correlation from the outline surface to another; nan elsewhere and where views do not
-    tell.
-    """
+    """Rise of the correlation from the outline surface to another; nan elsewhere and where unknown."""
     gain, rows = np.full(len(surface), np.nan), np.flatnonzero(where)
     if len(rows):
         gain[rows] = _risen(mesh.outline[rows], patches_of(mesh, surface)[rows], views)

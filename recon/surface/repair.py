@@ -7,17 +7,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.native import open3d
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 from recon.surface import meshlab
-from recon.surface.poisson import distances_mm
+from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
 LARGEST_HOLE = 0.25
-"""Half the diagonal of the box around the largest hole that is closed, over the diagonal of the
-surface's box.
-
-Where no photo shows the place that a fruit stands on, Poisson's surface is open there: 0.16 for a drawn
-fruit. A flat lid over a round hole of 0.25 takes 3 % of a ball's volume. Set by hand."""
+"""Half the diagonal of the largest hole's box that is closed, over the diagonal of the surface's box: 0.16
+under a drawn fruit; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +24,12 @@ class RepairedMesh:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
     deviation_rms_mm: float
-    deviation_max_mm: float
 
 
 def repaired(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
 ) -> RepairedMesh:
-    """The largest part of a surface, without double or non-manifold pieces, holes closed, at most `max_faces`
-    faces.
+    """The largest part of a surface as a manifold, holes closed, of at most `max_faces` faces.
 
     By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
     open, missing-library where neither can be loaded.
@@ -44,13 +39,12 @@ def repaired(
     if len(triangles) and volume_mm3(corners, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     if open_edges(triangles):
-        raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT,
+        raise ReconProblem.NOT_WATERTIGHT.failure(
             f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
-            "more photos from all sides.",
+            "more photos from all sides."
         )
-    away = distances_mm(whole, corners, triangles)
-    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))), float(away.max()))
+    away = RayMesh(corners, triangles).distances_mm(whole)
+    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))))
 
 
 def _closed_and_decimated(

@@ -1,6 +1,4 @@
-"""How much too tall a fruit comes out that no photo shows from the side: the same steps on an ellipsoid, and
-its stem cavity.
-"""
+"""How much too tall a fruit comes out that no photo shows from the side, by an ellipsoid and its cavity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +8,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
+from recon.cameras.similarity import affine
 from recon.silhouettes.all_views import FIT_LEVEL, OUTLIER_SHARE
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
@@ -21,22 +20,18 @@ SAMPLES, WAVE = 1024, 8
 MARGIN_PX = 16
 """px about an outline: enough for its errors."""
 NOISE_PX, SEED = 0.5, 1
-"""Standard deviation of the outlines: exact ones are believed over the bending of the surface, and leave a
-ball at 45 degrees a cone."""
+"""Standard deviation of the outlines: exact ones outweigh bending and leave a ball at 45 degrees a cone."""
 NO_CONE = 0.02
 """Excess of a hull under which the fitted surface's is under 0.2 %, and not worked out."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
 """Size of the shoulder's term, where it ends, and its relative standard deviation: below."""
 FIT_SD = 0.5
-"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
-of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
-The relative standard deviations of that and of the excess."""
+"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids by SHOULDER (a / c)² tan e,
+e up to 25 degrees. The relative standard deviations of that and of the excess."""
 SIDEWAYS_DEG = 25.0
-"""Where the lowest photo looks down on the top less steeply, nothing is taken off: an egg without a cavity,
-seen from 15 degrees, and a nectarine from 18 come out right so (tests/recon/test_fruit_mesh.py);
-with the shoulder's term the egg was 2 % too large. Fruits with a cavity
-are by the shoulder's term too tall there (21 meshes from 4 to 18 degrees: 0.4 to 3.1 %, 0.8 to 1.9 times the
-term), so the term is the standard deviation."""
+"""Below, nothing is taken off: an egg and a nectarine, seen from 15 and 18 degrees, come out right so. Fruits
+with a cavity are 0.4 to 3.1 % too tall there (21 meshes), 0.8 to 1.9 times the shoulder's term, which is the
+sd."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 
@@ -55,8 +50,7 @@ class TopExcess:
         """
         p = 1.0 - measured
         return TopExcess(
-            value=p * self.value,
-            sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2)),
+            value=p * self.value, sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2))
         )
 
 
@@ -93,10 +87,7 @@ def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
     """How much taller than the ellipsoid its hull is where photos look down on its top at `elevation_rad`.
 
     The tangent plane that falls by the elevation meets the axis at sqrt(c² + a² tan²) over the middle:
-
-        excess = (sqrt(1 + (a / c)² tan² e) - 1) / 2  of the height 2 c, a the mean of the other semi-axes;
-
-    for a ball (1 / cos e - 1) / 2: 7.7 % at 30 degrees, 21 % at 45.
+    excess = (sqrt(1 + (a / c)² tan² e) - 1) / 2 of the height 2 c, a the mean of the other semi-axes.
 
     >>> round(hull_excess(np.ones(3), np.radians(30.0)), 3)
     0.077
@@ -127,7 +118,7 @@ def fitted_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> flo
         level=FIT_LEVEL,
         outlier_share=OUTLIER_SHARE,
     )
-    surface = fitted_to_outlines(rough, faces, seen, floor_mm=0.0).vertices
+    surface = fitted_to_outlines(rough, faces, seen).vertices
     return float(np.ptp(surface[:, 2]) / (2 * semi[2])) - 1
 
 
@@ -138,8 +129,7 @@ def _outline(
     wave_px: Float[np.ndarray, " n"],
 ) -> Silhouette:
     """The ellipsoid's outline, whether or not it leaves the picture."""
-    T = np.eye(4)
-    T[:3, 3] = centre
+    T = affine(np.eye(3), centre)
     P = camera.intrinsics @ camera.cam_from_world[:3]
     conic = np.linalg.inv(P @ T @ np.diag([*semi**2, -1.0]) @ T.T @ P.T)
     middle = -np.linalg.solve(conic[:2, :2], conic[:2, 2])

@@ -1,6 +1,7 @@
 """A ball of known place and size under cameras whose pictures of it are closed forms."""
 
 import numpy as np
+from level_camera import camera_at
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.hull import Silhouette
@@ -24,18 +25,9 @@ def directions(count: int) -> np.ndarray:
 
 def camera_towards(direction: np.ndarray, *, off_axis: np.ndarray | None = None) -> Camera:
     """A camera DISTANCE_MM from the ball's centre that looks at it, or at a point `off_axis` (mm) of it."""
-    place = CENTRE + DISTANCE_MM * direction
-    ahead = CENTRE + (0.0 if off_axis is None else off_axis) - place
-    ahead = ahead / np.linalg.norm(ahead)
-    aside = np.array([0.0, 0.0, 1.0]) if abs(ahead[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    right = np.cross(ahead, aside)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
-    pose[:3, 3] = -pose[:3, :3] @ place
-    return Camera(
-        name="ball", width_px=SIZE_PX, height_px=SIZE_PX, focal_px=FOCAL_PX, k1=0.0, cam_from_world=pose
-    )
+    target = CENTRE + (0.0 if off_axis is None else off_axis)
+    size_px = (SIZE_PX, SIZE_PX)
+    return camera_at(CENTRE + DISTANCE_MM * direction, target, size_px=size_px, focal_px=FOCAL_PX)
 
 
 def whole_window() -> Window:

@@ -1,11 +1,10 @@
-"""A textured egg on a marker mat on a table, seen by ray casting: photos whose truth is known in closed
-form.
-"""
+"""A textured egg on a marker mat on a table, seen by ray casting: photos whose truth is a closed form."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from level_camera import camera_at, direction
 
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
@@ -14,6 +13,8 @@ from recon.cameras.printed_mat import Mat, tag_bits
 FAR = (120.0, 115.0, 110.0)
 WOOD = (70.0, 105.0, 140.0)
 """Colours (blue, green, red) beyond the table and of the table."""
+MIDDLE = np.array([0.0, 0.0, 22.0])
+"""Where cameras look at, mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,37 +44,15 @@ def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) ->
     """Cameras at three heights around the mat, all looking at the fruit's middle."""
     cameras = []
     for i in range(count):
-        azimuth = 2 * np.pi * i / count * (1 if count < 8 else 3) + 0.1 * i
-        elevation = np.radians([20.0, 38.0, 60.0][i % 3])
-        ahead = -np.array(
-            [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-        )
-        place = np.array([0.0, 0.0, 22.0]) - (280.0 + 5 * (i % 4)) * ahead
-        right = np.cross(ahead, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
-        pose[:3, 3] = -pose[:3, :3] @ place
-        cameras.append(
-            Camera(
-                name=f"{i:03d}.png",
-                width_px=width,
-                height_px=height,
-                focal_px=1.5 * width,
-                k1=k1,
-                cam_from_world=pose,
-            )
-        )
+        azimuth_deg = 360 * i / count * (1 if count < 8 else 3) + np.degrees(0.1 * i)
+        away = (280.0 + 5 * (i % 4)) * direction(azimuth_deg, [20.0, 38.0, 60.0][i % 3])
+        how = {"size_px": (width, height), "focal_px": 1.5 * width, "name": f"{i:03d}.png", "k1": k1}
+        cameras.append(camera_at(MIDDLE + away, MIDDLE, **how))
     return cameras
 
 
 def photographed(
-    cameras: list[Camera],
-    *,
-    egg: Egg | None,
-    mat: Mat | None,
-    seed: int = 0,
-    page: np.ndarray | None = None,
+    cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, seed: int = 0, page: np.ndarray | None = None
 ) -> list[Photo]:
     """What the cameras see, four rays a pixel, with a little noise; `page`: a print at 4 px to the mm."""
     rng = np.random.default_rng(seed)

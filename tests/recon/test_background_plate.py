@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from level_camera import looking_at_the_origin
+from level_camera import camera_at, direction
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.background_plate import (
@@ -21,14 +21,12 @@ HALF_MM = 60.0
 WIDTH, HEIGHT = 320, 240
 
 
+def towards_origin(place: np.ndarray) -> Camera:
+    return camera_at(place, np.zeros(3), size_px=(WIDTH, HEIGHT), focal_px=450.0)
+
+
 def cameras(count: int) -> list[Camera]:
-    return [
-        Camera(
-            name=f"{k}", width_px=WIDTH, height_px=HEIGHT, focal_px=450.0, k1=0.0,
-            cam_from_world=looking_at_the_origin(360 * k / count, 35.0 + 15 * (k % 3), 330.0),
-        )
-        for k in range(count)
-    ]  # fmt: skip
+    return [towards_origin(330.0 * direction(360 * k / count, 35.0 + 15 * (k % 3))) for k in range(count)]
 
 
 def ground(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -141,10 +139,7 @@ def test_of_many_photos_so_many_are_taken_evenly():
 
 
 def test_ground_behind_a_camera_is_not_ahead_of_it():
-    low = Camera(
-        name="low", width_px=WIDTH, height_px=HEIGHT, focal_px=450.0, k1=0.0,
-        cam_from_world=looking_at_the_origin(0.0, 10.0, 40.0),
-    )  # fmt: skip
+    low = towards_origin(40.0 * direction(0.0, 10.0))
     views = ground_views([np.zeros((HEIGHT, WIDTH, 3), np.uint8)], [low], half_width_mm=HALF_MM)
     step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
     x, y = np.meshgrid(step, step)

@@ -8,16 +8,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from dull_fruit import CHERRY, PLUM, skin_of_kind
+from level_camera import camera_at
+from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from recon import underside
-from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo, read_photos
 from recon.checks.quality import NOTHING_KNOWN, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.flipped import ScannedSide, both_sides
-from recon.triangle_mesh import vertex_normals, volume_mm3
+from recon.triangle_mesh import neighbour_mean, vertex_normals, volume_mm3
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
 
@@ -34,13 +35,9 @@ def around(height_mm: float) -> np.ndarray:
 def photographed(vertices: np.ndarray, faces: np.ndarray, rng: np.random.Generator) -> ScannedSide:
     """As a reconstruction leaves it: smooth errors of 0.05 mm, 0.6 mm too thick where no camera looked."""
     normals = vertex_normals(vertices, faces)
-    i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    error = rng.normal(size=len(vertices))
+    mean, error = neighbour_mean(faces, len(vertices)), rng.normal(size=len(vertices))
     for _ in range(8):
-        mean = np.bincount(i[:, 0], error[i[:, 1]], len(vertices)) / np.bincount(
-            i[:, 0], minlength=len(vertices)
-        )
-        error = (error + mean) / 2
+        error = (error + mean @ error) / 2
     side = ScannedSide.of(vertices, faces, around(float(np.ptp(vertices[:, 2]))))
     off = NOISE_MM * error / error.std() + GUESS_MM * (1 - side.seen)
     return replace(side, vertices=vertices + off[:, None] * normals)
@@ -80,9 +77,8 @@ def test_another_fruit_and_another_scale_are_refused() -> None:
     plum, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=20)
     other, _ = laid_over(skin_mesh(skin_of_kind(PLUM, seed=8), cells=20)[0], 3.0, 40.0)
     upright = photographed(plum, faces, rng)
-    with pytest.raises(ReconFailure, match="another fruit") as refused:
+    with refused(ReconProblem.NO_OVERLAP, "another fruit"):
         both_sides(upright, photographed(other, faces, rng))
-    assert refused.value.problem == ReconProblem.NO_OVERLAP
     larger = photographed(1.02 * laid_over(plum, 3.0, 40.0)[0], faces, rng)
     with pytest.raises(ReconFailure, match=r"\+[12]\.\d % larger"):
         both_sides(upright, larger)
@@ -130,13 +126,7 @@ def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_pa
 
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
     """A scanned side as a reconstruction from the cameras around it."""
-    cameras = []
-    for k, place in enumerate(around(height_mm)):
-        pose = np.eye(4)
-        pose[:3, 3] = -place
-        cameras.append(
-            Camera(name=f"{k}.jpg", width_px=640, height_px=480, focal_px=900.0, k1=0.0, cam_from_world=pose)
-        )
+    cameras = [camera_at(place, [0.0, 0.0, height_mm / 2]) for place in around(height_mm)]
     quality = replace(NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6)
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
@@ -145,9 +135,14 @@ def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **sai
     return replace(made, **said)
 
 
-def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_saw(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Photos pass unlooked at."""
+    checked = SimpleNamespace(photos=(), warnings=())
+    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
+
+
+def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_saw(unchecked: None) -> None:
     rng = np.random.default_rng(4)
     true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=24)
     over, _ = laid_over(true, 12.0, 250.0)
@@ -156,8 +151,6 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     second = reconstruction(
         photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
     )
-    checked = SimpleNamespace(photos=(), warnings=())
-    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
     found = with_underside(upright, tuple, lambda photos: second, mat=None)
     before, after = (volume_mm3(x, faces) for x in (upright.vertices, true))
     gained = volume_mm3(found.vertices, found.faces)
@@ -171,15 +164,11 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     assert found.surface_sd_mm == pytest.approx(max(0.08, found.quality.flipped_miss_mm / np.sqrt(2)))
 
 
-def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(unchecked: None) -> None:
     true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
     side = ScannedSide.of(true, faces, around(30.0))
     upright = reconstruction(side, faces, 30.0)
     few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
-    checked = SimpleNamespace(photos=(), warnings=())
-    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
     found = with_underside(upright, tuple, lambda photos: few, mat=None)
     assert np.array_equal(found.vertices, upright.vertices)
     assert found.warnings[:-1] == upright.warnings

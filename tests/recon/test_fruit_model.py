@@ -1,16 +1,16 @@
-"""The fruit model: windows and squares fit together, the shipped one finds fruit it never saw, others are
-refused by name.
-"""
+"""The fruit model: windows fit squares, the shipped one finds fruit it never saw, others are refused."""
 
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
+from refusals import refused
 from tiny_onnx import write_constant_model
 
 from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import reconstruct_with_model
 from recon.learned.fruit_model import AT_ONCE, SHIPPED, SIDE_PX, FruitModel, fruit_model, is_fruit_model
 from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.mask import Window
 
 
 class RednessInCells:
@@ -32,7 +32,11 @@ def test_odds_lie_where_the_window_has_what_they_speak_of(corner, size, shrink):
     image = np.zeros((520, 640, 3), np.uint8)
     centre, radius = np.array([250.3, 180.6]), 70.0
     image[np.hypot(x - centre[0], y - centre[1]) < radius, 2] = 255
-    log_odds = FruitModel(SHIPPED, RednessInCells()).log_odds([image], [corner], [size], [shrink])[0]
+    rows, columns = (
+        slice(first, first + shrink * n) for first, n in zip(corner[::-1], size[::-1], strict=True)
+    )
+    window = Window(image[rows, columns], corner, shrink)
+    log_odds = FruitModel(SHIPPED, RednessInCells()).log_odds([image], [window])[0]
     assert log_odds.shape == size[::-1]
     row, column = np.nonzero(log_odds > 0)
     pixels = np.stack([column, row], 1) * shrink + np.array(corner) + (shrink - 1) / 2
@@ -49,13 +53,12 @@ def test_odds_lie_where_the_window_has_what_they_speak_of(corner, size, shrink):
 def test_the_shipped_model_finds_an_egg_it_never_saw():
     egg, cameras = Egg(), ring(6)
     photos = photographed(cameras, egg=egg, mat=standard_mat())
-    windows = []
-    for camera in cameras:
-        column, row = np.rint(camera.project(egg.centre[None])[0]).astype(int)
-        windows.append((int(column) - 70, int(row) - 70))
-    found = fruit_model().log_odds([p.image for p in photos], windows, [(140, 140)] * 6, [1] * 6)
+    corners = [np.rint(camera.project(egg.centre[None])[0]).astype(int) - 70 for camera in cameras]
+    blank = np.empty((140, 140, 0), np.uint8)
+    windows = [Window(blank, tuple(corner.tolist()), 1) for corner in corners]
+    found = fruit_model().log_odds([p.image for p in photos], windows)
     overlaps = []
-    for camera, corner, log_odds in zip(cameras, windows, found, strict=True):
+    for camera, corner, log_odds in zip(cameras, corners, found, strict=True):
         rows, columns = np.mgrid[:140, :140]
         rays = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2) - camera.middle_px
         ahead = np.column_stack([rays / camera.focal_px, np.ones(len(rays))]) @ camera.cam_from_world[:3, :3]
@@ -78,11 +81,8 @@ def test_another_kind_of_model_is_told_by_its_outputs(tmp_path):
 def test_a_fruit_model_of_another_shape_is_refused_with_file_found_and_expected(tmp_path):
     path = tmp_path / "small.onnx"
     write_constant_model(path, {"fruit_log_odds": np.zeros((1, 1, 32, 32))}, input_shape=("n", 3, 64, 64))
-    with pytest.raises(
-        ReconFailure, match=r"small\.onnx takes .*64.*expected .*\(n, 3, 192, 192\)"
-    ) as raised:
+    with refused(ReconProblem.BAD_GEOMETRY_MODEL, r"small\.onnx takes .*64.*expected .*\(n, 3, 192, 192\)"):
         fruit_model(path)
-    assert raised.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
 
 
 def test_a_fruit_model_of_the_users_own_is_asked_in_the_shipped_ones_place(tmp_path):

@@ -7,7 +7,6 @@ from recon.silhouettes.mask import (
     cells_of,
     colour_density,
     colour_log_odds,
-    density_at,
     ground_density,
     ground_noise,
     lab,
@@ -68,7 +67,7 @@ def test_a_shadow_that_moved_is_ground_and_dark_skin_in_its_place_is_not():
     picture = seen.copy()
     picture[:20] = skin[: 20 * SIDE].reshape(20, SIDE, 3)
     log_odds = colour_log_odds(
-        density_at(palette, cells_of(picture)), ground_density(picture, behind, noise), nothing, nothing
+        palette[cells_of(picture)], ground_density(picture, behind, noise), nothing, nothing
     )
     assert (log_odds[:20] > 2).mean() > 0.98
     assert (log_odds[20:] < -2).mean() > 0.98

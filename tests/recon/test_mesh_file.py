@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from refusals import refused
 
 from recon.native import open3d
 from recon.pit.placement import require_closed
@@ -55,33 +56,20 @@ def test_text_ply_obj_and_stl_are_read(tmp_path):
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", "is broken"),
         ("a.obj", b"# nothing\n", "holds 0 vertices"),
         ("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "no number"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "holds 0 vertices and 0 faces"),
+        ("cut.ply", mesh_bytes(*ball(1))[:-40], "is broken"),
+        ("far.ply", mesh_bytes(ball(1)[0], ball(1)[1] + 1), "has a face that names vertex 42 of 42"),
     ],
 )
 def test_a_broken_mesh_is_named(tmp_path, name, data, words):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(ReconFailure, match=words) as caught:
+    with refused(ReconProblem.UNREADABLE_MESH, rf"{name}.*{words}"):
         read_mesh(tmp_path / name)
-    assert caught.value.problem is ReconProblem.UNREADABLE_MESH
-    assert name in str(caught.value)
 
 
-def test_a_truncated_or_missing_file_is_named(tmp_path):
-    vertices, faces = ball(1)
-    path = tmp_path / "cut.ply"
-    write_mesh(path, vertices, faces)
-    path.write_bytes(path.read_bytes()[:-40])
-    with pytest.raises(ReconFailure, match=r"cut\.ply is broken"):
-        read_mesh(path)
-    with pytest.raises(ReconFailure, match="does not exist"):
+def test_a_missing_file_is_named(tmp_path):
+    with refused(ReconProblem.UNREADABLE_MESH, r"none\.ply does not exist"):
         read_mesh(tmp_path / "none.ply")
-
-
-def test_a_face_that_names_no_vertex_is_named(tmp_path):
-    vertices, faces = ball(1)
-    path = tmp_path / "far.ply"
-    write_mesh(path, vertices, faces + 1)
-    with pytest.raises(ReconFailure, match=r"far\.ply"):
-        read_mesh(path)
 
 
 @pytest.mark.parametrize("kind", ["ply", "stl", "obj"])
@@ -213,9 +201,6 @@ def test_points_without_faces_are_called_so(tmp_path):
         (tmp_path / "a.ply").write_text(head + "".join(f"{x} {y} {z}\n" for x, y, z in vertices))
         with pytest.raises(ReconFailure, match=r"is a cloud of 162 points without faces; .*mesh the points"):
             read_mesh(tmp_path / "a.ply")
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
-    with pytest.raises(ReconFailure, match=r"a\.obj"):
-        read_mesh(tmp_path / "a.obj")
 
 
 def test_trimesh_s_logs_go_where_the_caller_routes_them_and_else_nowhere():

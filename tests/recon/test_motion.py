@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
+from refusals import refused
 
 from recon.cameras import motion
 from recon.cameras.ground_plane import upright
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconProblem
 
 
 @pytest.fixture(scope="module")
@@ -29,22 +30,19 @@ def test_x_points_to_where_the_first_photo_was_taken(photos):
 @pytest.mark.proof
 def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
     noise = np.random.default_rng(2).integers(0, 255, photos[0].image.shape, dtype=np.uint8)
-    with pytest.raises(ReconFailure, match=r"first photo \(front\.png\) shares too few .* retake") as caught:
+    with refused(ReconProblem.NO_OVERLAP, r"first photo \(front\.png\) shares too few .* retake"):
         cameras_from_motion([Photo("front.png", noise), *photos], height_mm=48.0)
-    assert caught.value.problem is ReconProblem.NO_OVERLAP
 
 
 def test_without_pycolmap_photos_that_the_ground_does_not_join_name_it_and_what_to_do(monkeypatch):
     monkeypatch.setattr(motion, "pycolmap", None)
     blank = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
-    with pytest.raises(ReconFailure, match=r"needs pycolmap.*on the mat \(drupe mat\).*fruit\.ply") as caught:
+    with refused(ReconProblem.MISSING_LIBRARY, r"needs pycolmap.*on the mat \(drupe mat\).*fruit\.ply"):
         cameras_from_motion(blank, height_mm=48.0)
-    assert caught.value.problem is ReconProblem.MISSING_LIBRARY
 
 
 def test_a_first_photo_from_straight_above_is_refused():
     up, foot = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    with pytest.raises(ReconFailure, match="looks straight down on the fruit") as caught:
+    with refused(ReconProblem.NO_OVERLAP, "looks straight down on the fruit"):
         upright(up, foot, np.array([10.0, 0.0, 200.0]))
-    assert caught.value.problem is ReconProblem.NO_OVERLAP
     assert np.allclose(upright(up, foot, np.array([0.0, 50.0, 50.0]))[0, :3], [0, 1, 0])

@@ -11,6 +11,7 @@ from pipeline.batch.cache import stage_key
 from recon.learned.fruit_model import SHIPPED, fruit_model
 from recon.learned.onnx_file import model_files, require_onnx
 from recon.recon_failure import ReconFailure
+from recon.silhouettes.mask import Window
 
 PICTURE = np.zeros((192, 192, 3), np.uint8)
 
@@ -84,5 +85,5 @@ def test_a_small_model_that_asks_for_much_memory_is_refused(tmp_path, side):
     with pytest.raises(
         ReconFailure, match=r"large\.onnx (is damaged, .*takes more than|failed while it ran)"
     ):
-        fruit_model(path).log_odds([PICTURE], [(0, 0)], [(192, 192)], [1])
+        fruit_model(path).log_odds([PICTURE], [Window(PICTURE, (0, 0), 1)])
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2_500_000

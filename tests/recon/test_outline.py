@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from level_camera import camera_at
 from scipy.special import ndtri
 
-from recon.cameras.camera import Camera
 from recon.silhouettes.mask import Window, lab
 from recon.silhouettes.outline import (
     SAMPLES,
@@ -24,9 +24,7 @@ MIDDLE = np.array([128.3, 131.6])
 SEMI = np.array([92.0, 78.0])
 TURN = np.linspace(0, 2 * np.pi, SAMPLES, endpoint=False)
 BLUR_PX = 1.0
-CAMERA = Camera(
-    name="a", width_px=SIDE_PX, height_px=SIDE_PX, focal_px=500.0, k1=0.0, cam_from_world=np.eye(4)
-)
+CAMERA = camera_at(np.zeros(3), [0.0, 0.0, 1.0], size_px=(SIDE_PX, SIDE_PX), focal_px=500.0)
 
 
 def off_px(points: np.ndarray) -> np.ndarray:

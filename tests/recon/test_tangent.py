@@ -11,7 +11,7 @@ from recon.silhouettes.hull import Silhouette, ball, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
 from recon.silhouettes.tangent import FittedSurface, fitted_to_outlines
-from recon.triangle_mesh import rim_crossings, volume_mm3
+from recon.triangle_mesh import rim_crossings, sides_of, volume_mm3
 
 EGG = Egg()
 
@@ -54,7 +54,7 @@ def hull_and_fitted(
     vertices, faces = visual_hull(
         silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, outlier_share=0.03
     )
-    return vertices, fitted_to_outlines(vertices, faces, silhouettes, floor_mm=0.0), faces
+    return vertices, fitted_to_outlines(vertices, faces, silhouettes), faces
 
 
 def rms(values: np.ndarray) -> float:
@@ -70,7 +70,6 @@ def test_between_few_views_the_settled_surface_is_five_times_nearer_than_the_hul
 def test_with_exact_outlines_from_all_round_it_is_exact_to_a_fiftieth_of_a_millimetre():
     _, found, _ = hull_and_fitted(24, noise_px=0.0)
     assert rms(EGG.misses_mm(found.vertices)) < 0.02
-    assert found.miss_mm < 0.01
 
 
 def test_noise_in_the_outlines_does_not_shrink_it_as_it_shrinks_a_strict_hull():
@@ -94,7 +93,7 @@ def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
 
 def test_the_rim_of_a_ball_lies_on_the_polar_plane_of_the_camera():
     directions, faces = ball(4)
-    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    i, j = sides_of(faces).T
     radius, place = 20.0, np.array([50.0, -30.0, 80.0])
     a, b, t = rim_crossings(radius * directions, directions, i, j, place)
     rim = radius * ((1 - t)[:, None] * directions[a] + t[:, None] * directions[b])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from recon.silhouettes.hull import ball
-from recon.triangle_mesh import consistently_oriented, open_edges, unique_edges
+from recon.triangle_mesh import consistently_oriented, open_edges, sides_of, unique_edges
 
 
 def test_a_closed_mesh_has_each_edge_once_and_each_side_knows_its_own() -> None:
@@ -11,8 +11,7 @@ def test_a_closed_mesh_has_each_edge_once_and_each_side_knows_its_own() -> None:
     edges, of_side = unique_edges(faces)
     assert len(vertices) - len(edges) + len(faces) == 2  # Euler's formula
     assert np.array_equal(edges, np.unique(edges, axis=0))
-    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    assert np.array_equal(edges[of_side], sides)
+    assert np.array_equal(edges[of_side], np.sort(sides_of(faces), axis=1))
     assert (np.bincount(of_side) == 2).all()
 
 

@@ -2,28 +2,22 @@
 
 import numpy as np
 import pytest
+from level_camera import camera_at, direction
 
-from recon.cameras.camera import Camera
 from recon.scale import scale_without_mat
 from recon.surface.unseen_top import TopExcess, expected_excess, fitted_excess, hull_excess, top_share
 
 
 def looking_down(count, elevation_deg, *, tall_mm=60.0, distance_mm=330.0):
     """Cameras all around, each of which sees the top of the fruit at the elevation."""
-    cameras, e = [], np.radians(elevation_deg)
-    for i, a in enumerate(2 * np.pi * np.arange(count) / count):
-        away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-        place = np.array([0.0, 0.0, tall_mm]) + distance_mm * away
-        ahead = np.array([0.0, 0.0, tall_mm / 2]) - place
-        ahead /= np.linalg.norm(ahead)
-        right = np.cross(ahead, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(ahead, [0.0, 0.0, 1.0]))
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
-        pose[:3, 3] = -pose[:3, :3] @ place
-        cameras.append(
-            Camera(name=f"{i}", width_px=960, height_px=720, focal_px=1100.0, k1=0.0, cam_from_world=pose)
+    top, middle = np.array([0.0, 0.0, tall_mm]), np.array([0.0, 0.0, tall_mm / 2])
+    return [
+        camera_at(
+            top + distance_mm * direction(360 * i / count, elevation_deg), middle,
+            size_px=(960, 720), focal_px=1100.0,
         )
-    return cameras
+        for i in range(count)
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("elevation_deg", [0.0, 15.0, 30.0, 45.0])

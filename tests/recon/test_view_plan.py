@@ -31,15 +31,10 @@ def test_a_side_without_photos_and_a_photo_that_joins_none_are_named():
     assert "between IMG_5.jpg and IMG_7.jpg" in said
 
 
-def test_a_photo_left_out_for_another_reason_is_not_said_to_share_too_little():
-    plan = view_plan(GIVEN[:6], _ring(np.arange(6) * 60.0), np.zeros(3), given=GIVEN)
-    assert (plan.unplaced, plan.stand_deg, plan_words(plan)) == ((), (), "")
-
-
-def test_a_full_ring_lacks_nothing():
-    plan = view_plan(GIVEN, _ring(np.arange(7) * 360 / 7), np.zeros(3), given=GIVEN)
-    assert (plan.gaps_deg, plan.stand_deg, plan.unplaced) == ((), (), ())
-    assert plan_words(plan) == ""
+@pytest.mark.parametrize("count", [6, 7], ids=["one left out for another reason", "all"])
+def test_a_full_ring_lacks_nothing(count):
+    plan = view_plan(GIVEN[:count], _ring(np.arange(count) * 360 / count), np.zeros(3), given=GIVEN)
+    assert (plan.gaps_deg, plan.stand_deg, plan.unplaced, plan_words(plan)) == ((), (), (), "")
 
 
 def test_every_wide_gap_is_filled_to_half_a_quarter():
@@ -86,21 +81,14 @@ BELOW, ABOVE = (0.6, 0.89, 0.0, 1.0), (0.1, 0.4, 0.0, 1.0)
         ({"stand_deg": (270.0,)}, LEFT, RIGHT),
         ({"azimuth_deg": (0.0, 150.0)}, ABOVE, BELOW),
         ({"azimuth_deg": (30.0, 180.0)}, BELOW, ABOVE),
+        # a wide gap is shaded over its whole sector
+        ({"gaps_deg": ((10.0, 170.0),)}, (0.15, 0.45, 0.58, 0.8), LEFT),
+        ({"gaps_deg": ((10.0, 170.0),)}, (0.55, 0.85, 0.58, 0.8), LEFT),
+        # photos that could not be placed are listed at the bottom
+        ({"unplaced": ("c.jpg",)}, (0.93, 1.0, 0.0, 1.0), (0.0, 0.9, 0.0, 1.0)),
     ],
 )
 def test_gaps_standing_places_and_photos_are_drawn_on_their_side_and_nowhere_else(changed, drawn, untouched):
     before, after = _picture(), _picture(**changed)
     assert _side(before, after, drawn) > 100
     assert _side(before, after, untouched) == 0
-
-
-def test_a_wide_gap_is_shaded_over_its_whole_sector():
-    before, after = _picture(), _picture(gaps_deg=((10.0, 170.0),))
-    assert _side(before, after, (0.15, 0.45, 0.58, 0.8)) > 100
-    assert _side(before, after, (0.55, 0.85, 0.58, 0.8)) > 100
-
-
-def test_photos_that_could_not_be_placed_are_listed_at_the_bottom():
-    before, after = _picture(), _picture(unplaced=("c.jpg",))
-    assert _side(before, after, (0.93, 1.0, 0.0, 1.0)) > 100
-    assert _side(before, after, (0.0, 0.9, 0.0, 1.0)) == 0

@@ -1,9 +1,6 @@
-"""What is known of a category before any measurement (its pit, its flesh, its whole body): numbers in TOML
-files, each with its source.
-"""
+"""What is known of a category beforehand (pit, flesh, whole body): numbers in TOML files, with sources."""
 
 import difflib
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cache
@@ -14,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
-from recon.pit.priors.plausible import Plausible, read_plausible
+from recon.pit.priors.plausible import Plausible, is_number, read_plausible
 from recon.recon_failure import ReconFailure, ReconProblem
 
 __all__ = [
@@ -37,8 +34,7 @@ MAY_BE_LEFT = {
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPit:
-    """A pit that somebody measured: a closed mesh, mm, z its stem end, x to the suture, about its box's
-    centre.
+    """A pit that somebody measured: a closed mesh, mm, z to the stem, x to the suture, its box about 0.
 
     `digest` (SHA-256) stands for the mesh wherever a prior is compared or written down.
     """
@@ -123,10 +119,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
     path = Path(name)
     if wrong := not_plain(path):
         found = "is no file" if wrong == "does not exist" else wrong
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f"{path} {found}; write the file (copy a shipped category and edit it: docs/formats.md), "
-            f"or name a shipped category: {', '.join(known_categories())}.",
+            f"or name a shipped category: {', '.join(known_categories())}."
         )
     return _read(path)
 
@@ -135,10 +130,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
 def _shipped(name: str) -> PitPrior:
     """What comes with the package is read once: a run opens its batch several times."""
     if name not in known_categories():
-        raise ReconFailure(
-            ReconProblem.NO_PRIOR,
+        raise ReconProblem.NO_PRIOR.failure(
             f"drupe has no pit prior for {name!r}; known: {', '.join(known_categories())}. You can "
-            "also give the path of a TOML file.",
+            "also give the path of a TOML file."
         )
     return _read(FOLDER / f"{name}.toml")
 
@@ -147,7 +141,7 @@ def _read(path: Path) -> PitPrior:
     try:
         table = toml_of(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
-        raise _bad(f"{path} {error}; copy a shipped prior and edit it.") from error
+        raise ReconProblem.BAD_PRIOR.failure(f"{path} {error}; copy a shipped prior and edit it.") from error
     return _prior(_Entries(path, table, {}))
 
 
@@ -163,7 +157,7 @@ class _Entries:
         """One number, or a tuple of `length`."""
         value = self._value(name)
         values: Any = [value] if length is None else value
-        fits = isinstance(values, list) and len(values) == (length or 1) and all(map(_is_number, values))
+        fits = isinstance(values, list) and len(values) == (length or 1) and all(map(is_number, values))
         if not (fits and name in self.sources and all(low <= v <= high for v in values)):
             kind = "a number" if length is None else f"{length} numbers"
             raise self._wrong(name, f"{kind} from {low:g} to {high:g}")
@@ -180,9 +174,8 @@ class _Entries:
         """What the category is called: as it says, or as its file is."""
         said = self.table.get("category", self.path.stem)
         if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
-            raise _bad(
-                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most "
-                "200 characters."
+            raise self.bad(
+                f"category is {repr(said)[:120]}; expected a name in quotes of at most 200 characters."
             )
         return printable(said).strip()
 
@@ -196,20 +189,14 @@ class _Entries:
     def left_to_batch(self) -> frozenset[str]:
         """What the file leaves to the batch; it must not say it as well."""
         named = self.table.get(LEFT, [])
-        if not isinstance(named, list) or not all(
-            isinstance(one, str) and one in MAY_BE_LEFT for one in named
-        ):
-            choice = " and ".join(f'"{one}"' for one in MAY_BE_LEFT)
-            raise _bad(
-                f"{self.path}: {LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key."
-            )
-        for one in named:
-            for said in MAY_BE_LEFT[one]:
-                if said in self.table:
-                    raise _bad(
-                        f'{self.path}: {said} is given, but {LEFT} leaves "{one}" to the batch; '
-                        "remove one of the two."
-                    )
+        if not isinstance(named, list) or not all(isinstance(n, str) and n in MAY_BE_LEFT for n in named):
+            choice = " and ".join(f'"{n}"' for n in MAY_BE_LEFT)
+            raise self.bad(f"{LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key.")
+        for group in named:
+            for given in (name for name in MAY_BE_LEFT[group] if name in self.table):
+                raise self.bad(
+                    f'{given} is given, but {LEFT} leaves "{group}" to the batch; remove one of the two.'
+                )
         return frozenset(named)
 
     def refuse_slips(self, known: set[str]) -> None:
@@ -217,7 +204,11 @@ class _Entries:
         for key in self.table.keys() - known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             if near:
-                raise _bad(f'{self.path}: unknown key "{key}"; did you mean "{near[0]}"?')
+                raise self.bad(f'unknown key "{key}"; did you mean "{near[0]}"?')
+
+    def bad(self, detail: str) -> ReconFailure:
+        """The failure that names the file."""
+        return ReconProblem.BAD_PRIOR.failure(f"{self.path}: {detail}")
 
     def _value(self, name: str) -> Any:
         entry = self.table.get(name)
@@ -230,8 +221,8 @@ class _Entries:
 
     def _wrong(self, name: str, expected: str) -> ReconFailure:
         advice = "" if name in self.table else " Add it; shipped categories show how."
-        return _bad(
-            f"{self.path}: {name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
+        return self.bad(
+            f"{name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
             f'source = "where it comes from" }}.{advice}'
         )
 
@@ -252,10 +243,10 @@ def _prior(entries: _Entries) -> PitPrior:
         poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2) if ratio else 0.0,
         fruit_mm=entries.limits("fruit_mm", 5.0, 200.0) if "fruit_mm" in table else None,
         body=_body(entries),
-        plausible=read_plausible(table.get("plausible"), refuse=lambda said: _bad(f"{entries.path}: {said}")),
+        plausible=read_plausible(table.get("plausible"), refuse=entries.bad),
         sources=entries.sources,
     )
-    named = {f.name for one in (PitPrior, PitBody) for f in fields(one)} - {"sources", "measured", "body"}
+    named = {f.name for f in (*fields(PitPrior), *fields(PitBody))} - {"sources", "measured", "body"}
     entries.refuse_slips({*named, LEFT})
     return prior
 
@@ -270,11 +261,3 @@ def _body(entries: _Entries) -> PitBody:
         "pit_mm": lambda name: entries.limits(name, 0.1, 200.0),
     }
     return PitBody(**{name: read(name) for name, read in readers.items() if name in entries.table})
-
-
-def _bad(detail: str) -> ReconFailure:
-    return ReconFailure(ReconProblem.BAD_PRIOR, detail)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

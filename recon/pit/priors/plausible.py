@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 Range = tuple[float, float]
+MOST = 1e9
+"""In any unit of a range: larger numbers are slips."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,13 +38,14 @@ def read_plausible(table: object, *, refuse: Callable[[str], Exception]) -> Plau
         return None
     if not isinstance(table, dict):
         raise refuse(f"plausible is {str(table)[:60]}; expected a table [plausible] of ranges [low, high].")
-    known = [one.name for one in fields(Plausible)]
+    known = [field.name for field in fields(Plausible)]
     for key, value in table.items():
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known)}."
             raise refuse(f'unknown key "plausible.{key}"; {hint}')
-        if not _is_range(value):
+        fits = isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+        if not (fits and 0 <= value[0] < value[1] < MOST):
             raise refuse(
                 f"plausible.{key} is {str(value)[:60]}; expected [low, high]: two numbers of 0 or above, the "
                 "smaller first."
@@ -50,11 +53,6 @@ def read_plausible(table: object, *, refuse: Callable[[str], Exception]) -> Plau
     return Plausible(**{key: (float(low), float(high)) for key, (low, high) in table.items()})
 
 
-def _is_range(value: object) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e9 for v in value)
-        and all(map(math.isfinite, value))
-        and 0 <= value[0] < value[1]
-    )
+def is_number(value: object) -> bool:
+    """Whether it is a finite number, and no true or false."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

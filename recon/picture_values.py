@@ -1,0 +1,28 @@
+"""Values of a picture between its pixels."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+
+def sampled(
+    picture: np.ndarray,
+    pixels: Float[np.ndarray, "*n 2"],
+    *,
+    outside: float | None = None,
+    how: int = cv2.INTER_LINEAR,
+) -> np.ndarray:
+    """Values of a picture at pixels (column, row), bilinear; `outside` where they miss it, or its border's.
+
+    >>> picture = np.array([[0.0, 2.0]], dtype=np.float32)
+    >>> sampled(picture, np.array([[0.5, 0.0], [9.0, 0.0]]), outside=-1.0)
+    array([ 1., -1.], dtype=float32)
+    """
+    row, count = 1024, pixels[..., 0].size
+    padded = np.full((-(-count // row) * row, 2), -9.0, np.float32)
+    padded[:count] = np.clip(pixels, -9.0, 30000.0).reshape(-1, 2)
+    border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
+    maps, beyond = padded.reshape(-1, row, 2), (outside or 0.0,) * 4
+    values = cv2.remap(picture, maps, None, how, borderMode=border, borderValue=beyond)
+    values = values.reshape(len(padded), *picture.shape[2:])[:count]
+    return np.asarray(values.reshape(*pixels.shape[:-1], *picture.shape[2:]))
