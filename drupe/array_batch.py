@@ -17,7 +17,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.batch.scratch import scratch
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.problem import refused
-from pipeline.recordings.sensor_calibration import as_toml
+from pipeline.recordings.description_file import as_toml
 from pipeline.run.checking import ImplausibleNumbers
 from recon.surface.mesh_file import write_mesh
 from tactile.io.recording import Recording, write_recording

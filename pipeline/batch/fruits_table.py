@@ -389,7 +389,6 @@ def _as_found(text: str) -> str:
 
 
 def _other_unit(E_MPa: float) -> str:
-    """The question after the unit that the modulus would fit in."""
     for unit, in_MPa in (("kPa", 1e-3), ("Pa", 1e-6), ("GPa", 1e3)):
         if REFERENCE_E_MPA[0] <= E_MPa * in_MPa <= REFERENCE_E_MPA[1]:
             return f"; is it in {unit} ({E_MPa * in_MPa:.4g} MPa)?"

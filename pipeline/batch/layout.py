@@ -172,7 +172,6 @@ class CaseFolder(FruitFolder):
     """A mismatch case: fruit.ply, pit.ply, case.toml and the recordings, side by side."""
 
     settings = InputPath("case.toml")
-    """case.toml."""
 
     @property
     def grasps(self) -> Path:  # type: ignore[override]  # both are read alone
@@ -191,9 +190,7 @@ class BatchFolder:
     root: Path
 
     settings = InputPath("batch.toml")
-    """batch.toml."""
     table = InputPath("fruits.csv")
-    """fruits.csv."""
     mat = InputPath("mat.json")
     """mat.json, where the fruit stood on a marker mat."""
 
@@ -254,7 +251,6 @@ class FruitResults:
 
     @property
     def _of_grading(self) -> tuple[Path, ...]:
-        """The files of a fruit that `drupe grade` writes."""
         return (
             self.record,
             self.fruit_ply,
@@ -320,17 +316,13 @@ class Results:
     root: Path
 
     ranking = ResultPath("ranking.csv")
-    """ranking.csv."""
     ranking_json = ResultPath("ranking.json")
-    """ranking.json."""
     ranking_excel = ResultPath("ranking-excel.csv")
     """ranking-excel.csv, where one is asked for."""
     ranking_parquet = ResultPath("ranking.parquet")
     """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
-    """report.html."""
     provenance = ResultPath("batch.json")
-    """batch.json."""
     run = ResultPath(".run.json")
     """The fruit of the last run (pipeline.batch.batch_fruits)."""
     lock = ResultPath(".lock")
@@ -397,7 +389,6 @@ def _stands(path: Path) -> bool:
 
 
 def _says(path: Path, name: str) -> bool:
-    """Whether `path` is a plain JSON file of this format."""
     said = json_in(path)
     return isinstance(said, dict) and said.get("format") == name
 

@@ -296,7 +296,6 @@ def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list
 def _effects_without_pit(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
 ) -> list[Problem]:
-    """A confirmed effect of the pit must not be of fruit that have none."""
     bare = _without_pit(folder, rows) if settings.pit.none else []
     return [
         Problem(
@@ -386,7 +385,6 @@ def _has_height(row: FruitRow) -> bool:
 def _effects_of_strangers(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
 ) -> list[Problem]:
-    """A confirmed effect of single fruit must name fruit of this batch."""
     known = [row.fruit_id for row in rows or ()]
     problems = []
     for one in settings.mismatch if rows is not None else ():
@@ -402,7 +400,6 @@ def _effects_of_strangers(
 
 
 def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
-    """A geometry model that is asked for must be there."""
     asked = settings.recon.geometry_model
     if asked is None:
         return []
@@ -422,7 +419,6 @@ def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
 
 
 def _without_provider(folder: BatchFolder, settings: Settings) -> list[Problem]:
-    """Models must have something to run on."""
     if settings.recon.providers == Recon().providers:
         return []
     with elsewhere():

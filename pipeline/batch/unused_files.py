@@ -198,7 +198,6 @@ _FOR_GRASPS = {
 
 
 def _in_the_batch_folder(folder: BatchFolder) -> Unused:
-    """Files in the batch's own folder."""
     own = {path.name.lower(): path for path in (folder.settings, folder.table, folder.mat)}
     for path in _files_in(folder.root):
         kind, first = kind_of(path), own.get(path.name.lower())

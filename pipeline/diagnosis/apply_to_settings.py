@@ -193,7 +193,6 @@ def _blocks(lines: Sequence[str]) -> list[tuple[int, int]]:
 
 
 def _lines(one: ConfirmedEffect, *, note: str) -> list[str]:
-    """A confirmed effect as a [[mismatch]] table of batch.toml, line by line."""
     lines = [f"[[mismatch]]{f'  # {note}' if note else ''}", f"effect = {_toml(one.effect)}"]
     lines.append(f"parameters = {_table(one.parameters)}")
     if one.sd:

@@ -125,7 +125,6 @@ def _in_short(fruit_ids: Sequence[str]) -> str:
 
 
 def _of_its_own(folder: CaseFolder, work: Path) -> Case:
-    """The case in a folder with a case.toml."""
     said = read_toml(folder.settings, CaseSettings, missing=_NO_CASE)
     notes = _left_aside(folder.settings, said)
     prior = _prior(folder, said)

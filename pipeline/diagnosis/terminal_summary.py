@@ -71,7 +71,6 @@ def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Cons
 
 
 def _ranking(entry: ExplainEntry) -> Table:
-    """The first SHOWN explanations as a table."""
     table = Table(box=None, pad_edge=False)
     table.add_column("explanation")
     table.add_column("probability", justify="right")

@@ -16,6 +16,7 @@ from pipeline.fruit.bare_traces import is_bare
 from pipeline.fruit.input_doubts import expected_E_MPa
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import refused
+from pipeline.recordings.description_file import frame_progress
 from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
@@ -234,11 +235,7 @@ def _of_any_kind(
     source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
 ) -> tuple[Converted, list[Tac3D]]:
     """By what the source holds."""
-
-    def report_pad(pad: str, done: int, of: int) -> None:
-        if done % TELL_EVERY == 0 or done == of:
-            report(f"{pad}: {done} of {of} frames")
-
+    report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
         return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []

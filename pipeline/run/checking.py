@@ -77,7 +77,6 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
 
 
 def _of_settings(batch: Survey) -> Iterator[Problem]:
-    """What in batch.toml will put every E in doubt."""
     if batch.settings is not None:
         for doubt in of_poisson_ratio(batch.settings, batch.prior):
             sentence = f"{doubt.sentence} Every E will be in doubt."
@@ -362,7 +361,6 @@ def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
 
 
 def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
-    """Refuse a pit of no pit's size; raises ReconFailure."""
     longest, (least, most) = float(np.ptp(pit[0], axis=0).max()), kind.body.pit_mm
     if not least <= longest <= most:
         sentence = (
@@ -372,7 +370,6 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
 
 
 def _strays(batch: Survey) -> tuple[Problem, ...]:
-    """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
     fruits = batch.folder.fruits
     return tuple(
@@ -383,7 +380,6 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
 
 
 def _unused(batch: Survey) -> list[Problem]:
-    """Files of the batch and of its fruit that look like inputs and are not used."""
     named = () if batch.settings is None else named_files(batch.folder, batch.settings)
     ids = [row.fruit_id for row in batch.rows or ()]
     found = unused_inputs(batch.folder, ids, named)
@@ -391,7 +387,6 @@ def _unused(batch: Survey) -> list[Problem]:
 
 
 def _folders(batch: Survey) -> list[str]:
-    """The names of the fruit that have a folder."""
     fruits = batch.folder.fruits
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
     found = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))

@@ -16,7 +16,6 @@ from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from pebble import ProcessExpired
@@ -90,9 +89,7 @@ class LocalPool:
             self._held = held.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Kills what is running."""
         with self._held:
             for one in self._pending.values():
@@ -148,7 +145,6 @@ def _memory_MiB(one: "_Running") -> float:
 
 
 def _started(packed: bytes, one: "_Running", folder: Path) -> Any:
-    """The future of a fruit's process, which is running."""
     run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
     with _deaf_to_ctrl_c():
         return run(os.getpid(), folder, one.log, one.output, packed)

@@ -186,12 +186,10 @@ def _quoted(security: Security) -> Security:
 
 
 def _configured(name: str) -> list[str]:
-    """A list of dask-jobqueue's settings."""
     return dask.config.get(f"jobqueue.slurm.{name}", None) or []
 
 
 def _words(error: Exception) -> str:
-    """What sbatch said, on one line."""
     said = str(error).partition("stderr:\n")[2].strip() or str(error)
     return " ".join(said.split())
 
