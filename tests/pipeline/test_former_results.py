@@ -13,6 +13,7 @@ from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.diagnosis.explaining import ExplainOutputs, explain
 from pipeline.problem import BatchRefused
 from pipeline.run import grading as grading
+from pipeline.run.batch_run import GradeOptions
 
 IDS = ("01", "02", "03", "04", "05")
 
@@ -33,7 +34,8 @@ def grade(monkeypatch):
     monkeypatch.setattr(grading, "_work", work)
 
     def run(batch, out):
-        return grading.grade(batch, out, jobs=1, time_limit_s=60, console=Console(quiet=True))[0]
+        how = GradeOptions(jobs=1, time_limit_s=60)
+        return grading.grade(batch, out, how, console=Console(quiet=True))[0]
 
     return run
 

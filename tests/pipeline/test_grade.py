@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 
 import pytest
 from rich.console import Console
+from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results, write_whole
@@ -19,10 +20,8 @@ from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from pipeline.run import reporting
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun, GradeOptions, ReportOptions
 from pipeline.run.reporting import ReportSoFar
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 from reports.grasp_record import GraspRecord
 
 
@@ -52,14 +51,7 @@ FILES = ("fruit.ply", "pit.ply", "mesh.png")
 
 @pytest.fixture
 def batch(tmp_path):
-    """Two balls as nectarines."""
-    directions, faces = ball(3)
-    for name in ("A", "B"):
-        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text(SOUND)
-    return tmp_path
+    return batch_of_balls(tmp_path, "A", "B", table=SOUND)
 
 
 @pytest.fixture
@@ -89,7 +81,8 @@ def run(batch, monkeypatch):
         (batch / "fruits.csv").write_text(table)
         (batch / "batch.toml").write_text(f'category = "nectarine"\n{classes}')
         console = Console(quiet=True)
-        status, _ = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        how = GradeOptions(jobs=1, time_limit_s=60, **options)
+        status, _ = grading.grade(batch, None, how, console=console)
         with (batch / "results" / "ranking.csv").open() as file:
             rows = {row["fruit_id"]: row for row in csv.DictReader(file)}
         return status, "".join(worked), rows
@@ -200,8 +193,7 @@ def test_a_run_that_refuses_a_fruit_keeps_what_a_forced_one_made_of_it(batch, ru
 
 def test_results_of_other_inputs_do_not_stay_beside_a_refused_fruit(batch, run):
     run()
-    directions, faces = ball(3)
-    write_mesh(batch / "fruits" / "A" / "fruit.ply", 29 * directions, faces)
+    write_ball(batch / "fruits" / "A" / "fruit.ply", radius_mm=29)
     _, worked, rows = run(ONE_IN_KG)
     assert (worked, rows["A"]["outcome"]) == ("", "implausible-input")
     files, record = held(batch, "A")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rich.console import Console
+from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
@@ -11,6 +12,7 @@ from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.checking import ImplausibleNumbers, check
 from pipeline.run.fruit_records import ended_record
 from recon.pit.priors import load_prior
@@ -126,13 +128,8 @@ def test_a_mesh_in_another_unit_is_said(factor, said):
 
 @pytest.fixture
 def batch(tmp_path):
-    directions, faces = ball(3)
-    for name in ("A", "B"):
-        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,90\n")
-    return tmp_path
+    table = "fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,90\n"
+    return batch_of_balls(tmp_path, "A", "B", table=table)
 
 
 def said(root):
@@ -150,8 +147,7 @@ def test_one_fruit_costs_itself_and_a_column_costs_the_batch_unless_forced(batch
 
 
 def test_a_mesh_in_metres_is_the_first_and_only_thing_said_of_it(batch):
-    directions, faces = ball(3)
-    write_mesh(batch / "fruits" / "A" / "fruit.ply", 0.028 * directions, faces)
+    write_ball(batch / "fruits" / "A" / "fruit.ply", radius_mm=0.028)
     lines = [line for line in said(batch).splitlines() if "A/fruit.ply" in line]
     (line,) = lines
     assert "is it in m (" in line
@@ -163,7 +159,7 @@ def test_a_spike_is_said_to_be_one_and_a_mesh_out_of_size_is_not(batch):
     spiked = 28 * directions
     spiked[5] *= 40
     write_mesh(batch / "fruits" / "A" / "fruit.ply", spiked, faces)
-    write_mesh(batch / "fruits" / "B" / "fruit.ply", 280 * directions, faces)
+    write_ball(batch / "fruits" / "B" / "fruit.ply", radius_mm=280)
     one, other = (next(line for line in said(batch).splitlines() if f"{n}/fruit.ply" in line) for n in "AB")
     assert "the mesh has a spike: 1 vertex up to 1.12e+03 mm from its middle, the others within 28 mm" in one
     assert "Remove the spike" in one
@@ -215,7 +211,8 @@ def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, mon
     def run(**options):
         reached.clear()
         console = Console(quiet=True)
-        status, entry = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        how = GradeOptions(jobs=1, time_limit_s=60, **options)
+        status, entry = grading.grade(batch, None, how, console=console)
         reasons = {fruit.fruit_id: fruit.reason for fruit in entry.fruits}
         return status, list(reached), reasons
 

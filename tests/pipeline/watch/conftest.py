@@ -7,6 +7,7 @@ from rich.console import Console
 from watched_batch import HEAD, fake_record
 
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.watch.watching import BatchWatch, WatchOptions
 
 
@@ -53,7 +54,10 @@ def watched(batch, worked):
                 steps.pop(0)()
 
         options = WatchOptions(
-            out=batch / "results", jobs=jobs, time_limit_s=60, screen=False, settle_s=settle_s, idle_s=idle_s
+            out=batch / "results",
+            grading=GradeOptions(jobs=jobs, time_limit_s=60, screen=False),
+            settle_s=settle_s,
+            idle_s=idle_s,
         )
         watch = BatchWatch(
             root=batch,
@@ -65,11 +69,18 @@ def watched(batch, worked):
         )
         return watch, steps
 
+    def until_ctrl_c(*during, **how):
+        watch, _ = begun(*during, **how)
+        with pytest.raises(KeyboardInterrupt):
+            watch.run()
+        return watch
+
     def run(*during, **how):
         watch, steps = begun(*during, **how)
         status = watch.run()
         assert not steps
         return status
 
-    run.begun, run.worked, run.shown, run.said, run.time_s = begun, worked, shown, said, time_s
+    run.begun, run.until_ctrl_c, run.worked, run.shown = begun, until_ctrl_c, worked, shown
+    run.said, run.time_s = said, time_s
     return run

@@ -25,6 +25,12 @@ def put(batch, name, *, recording=True):
         (folder / "grasps" / "grasp-1.h5").write_text(f"of {name}")
 
 
+def of_another(batch, name, other):
+    """A fruit with a recording that names another."""
+    put(batch, name)
+    (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(f"of {other}")
+
+
 def modulus_of(name):
     """E of the fake work (MPa): 0.1 of A, 0.2 of B, 0.3 of C; of a reference body 1.2 times its known 0.5."""
     return 0.6 if name.startswith("body") else 0.1 * (1 + (sum(name.encode()) - ord("A")) % 19)
