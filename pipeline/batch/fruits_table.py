@@ -300,11 +300,7 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
 
 
 def _pressed(
-    path: Path,
-    line: int,
-    fruit_id: str,
-    record: dict[str, str],
-    problems: list[Problem],
+    path: Path, line: int, fruit_id: str, record: dict[str, str], problems: list[Problem]
 ) -> dict[str, Any]:
     """How plates squeeze the fruit; every fault is a problem."""
 

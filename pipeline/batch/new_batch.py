@@ -128,11 +128,7 @@ def _source(folder: Path) -> FruitSource | None:
     name = unicodedata.normalize("NFC", folder.resolve().name)
     unused = unused_photos(place, pictures_alone=place == folder)
     return FruitSource(
-        fruit_id=name,
-        photos=tuple(photos),
-        mesh=mesh,
-        recordings=tuple(recordings),
-        unused=tuple(unused),
+        fruit_id=name, photos=tuple(photos), mesh=mesh, recordings=tuple(recordings), unused=tuple(unused)
     )
 
 

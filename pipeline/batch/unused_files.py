@@ -148,10 +148,8 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
             held = f"it holds {inside[0].name}" + (f" and {len(inside) - 1} more" if inside[1:] else "")
             yield (
                 place,
-                (
-                    f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
-                    "or move the files"
-                ),
+                f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
+                "or move the files",
             )
 
 
@@ -226,10 +224,8 @@ def _among_fruits(folder: BatchFolder) -> Unused:
         if not SAFE_ID.fullmatch(unicodedata.normalize("NFC", place.name)):
             yield (
                 place,
-                (
-                    "a fruit_id has letters, digits, dot, dash, underscore and space, and starts with a "
-                    "letter or digit. Rename the folder, and add a row to fruits.csv"
-                ),
+                "a fruit_id has letters, digits, dot, dash, underscore and space, and starts with a "
+                "letter or digit. Rename the folder, and add a row to fruits.csv",
             )
 
 

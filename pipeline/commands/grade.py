@@ -33,8 +33,7 @@ def grade(
     ] = None,
     time_limit: TimeLimitOption = 1800,
     force: Annotated[
-        bool,
-        typer.Option("--force", help="Accept values outside the category's plausible range."),
+        bool, typer.Option("--force", help="Accept values outside the category's plausible range.")
     ] = False,
     screen: ScreenOption = True,
     scheduler: Annotated[
@@ -56,8 +55,7 @@ def grade(
     tls: Annotated[
         bool,
         typer.Option(
-            "--tls/--no-tls",
-            help="Encrypt the connections to Slurm jobs and refuse other clients.",
+            "--tls/--no-tls", help="Encrypt the connections to Slurm jobs and refuse other clients."
         ),
     ] = True,
     provenance: ChecksumsOption = False,

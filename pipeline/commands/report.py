@@ -20,8 +20,7 @@ from pipeline.safe_start import elsewhere
 def report(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
     batch: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The batch folder, if it moved after grading."),
+        Path | None, typer.Option(metavar="DIR", help="The batch folder, if it moved after grading.")
     ] = None,
     provenance: ChecksumsOption = False,
     excel: ExcelOption = None,

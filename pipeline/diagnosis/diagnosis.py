@@ -147,12 +147,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     with log.stage("explanation"):
         found = find(handed, graded, log, jobs=jobs)
     notes = dict.fromkeys(
-        [
-            *of_grading,
-            *found.notes,
-            *notes_on_verdict(case, found),
-            *notes_on(case, fruit, log.warnings),
-        ]
+        [*of_grading, *found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, log.warnings)]
     )
     budget, pit = handed.budget, fruit.pit.record
     scale = sensor_scale([one.recording for one in fruit.placed], case.task.settings.sensor).common

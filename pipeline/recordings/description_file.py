@@ -8,6 +8,7 @@ from typing import Any
 from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
+from pipeline.files.toml_text import as_toml
 from pipeline.files.whole_file import put
 
 MOST_BYTES = 4_000_000
@@ -40,33 +41,6 @@ class DescriptionKind:
             draft.write_text(f"{head}\n{as_toml(table)}", encoding="utf-8")
             read(draft)
             put(out, draft.read_bytes())
-
-
-def as_toml(values: dict[str, Any], prefix: str = "") -> str:
-    """TOML of texts, numbers, lists, tables and lists of tables, as a sensor's description has them."""
-    lines = [f"{key} = {_value(value)}" for key, value in values.items() if not _is_table(value)]
-    for key, value in values.items():
-        if isinstance(value, dict):
-            lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
-        elif _is_table(value):
-            for entry in value:
-                lines += ["", f"[[{prefix}{key}]]", as_toml(entry, f"{prefix}{key}.").rstrip()]
-    return "\n".join(lines) + "\n"
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return repr(value)
 
 
 def frame_progress(

@@ -181,11 +181,9 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
     sd = float(of.curve.sd_mm[-1])
     stiffness = f"{1 / last:.3g} N/mm there" if last > 0 else "no compliance in the last readings"
     lines = [
-        (
-            f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
-            f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
-            f"{of.least_N:.2g} to {peak:.3g} N"
-        ),
+        f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
+        f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
+        f"{of.least_N:.2g} to {peak:.3g} N",
         f"parts of the standard deviation: {of.repeat_mm:.2g} mm between squeezes, "
         f"{abs(of.hysteresis_mm):.2g} mm between loading and unloading, {of.scatter_mm:.2g} mm from the "
         f"readings (residual {of.readings_mm:.2g} mm)",

@@ -11,9 +11,10 @@ import numpy as np
 from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import NotReadable, read_text, toml_of
+from pipeline.files.toml_text import as_toml
 from pipeline.files.whole_file import put
 from pipeline.problem import refused
-from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, as_toml, frame_progress
+from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of

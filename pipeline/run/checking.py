@@ -111,22 +111,14 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     classes = list(grading_doubts(batch.settings.grading, kind))
     columns = table_doubts(batch.rows, kind)
     return {
-        row.fruit_id: [
-            *classes,
-            *(said for name, said in columns.items() if getattr(row, name) is not None),
-        ]
+        row.fruit_id: [*classes, *(said for name, said in columns.items() if getattr(row, name) is not None)]
         for row in batch.rows
         if not row.reference
     }
 
 
 def fruit_problems(
-    batch: Survey,
-    row: FruitRow,
-    read: Read,
-    columns: TableColumns | None = None,
-    *,
-    quick: bool = False,
+    batch: Survey, row: FruitRow, read: Read, columns: TableColumns | None = None, *, quick: bool = False
 ) -> Iterator[Problem]:
     """What stands in the way of grading one fruit, and what puts its E in doubt.
 

@@ -271,11 +271,7 @@ class Cluster:
     def _connect(self) -> None:
         try:
             self._client = Client(
-                self._address,
-                timeout=CONNECT_S,
-                set_as_default=False,
-                name="drupe",
-                security=self._security,
+                self._address, timeout=CONNECT_S, set_as_default=False, name="drupe", security=self._security
             )
         except (OSError, ValueError) as error:
             why = f"no dask scheduler answers there ({str(error) or type(error).__name__})"

@@ -24,14 +24,7 @@ from pebble.concurrent import process
 from pipeline.address_space import IN_WORDS
 from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
-from pipeline.run.scheduling import (
-    Died,
-    Event,
-    Finished,
-    Noted,
-    Progressed,
-    TimedOut,
-)
+from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
 from pipeline.safe_start import library_path, python_path, uncollected
 
 THREAD_VARIABLES = (

@@ -10,8 +10,8 @@ import pytest
 from small_batches import run as command
 
 import pipeline.recordings.sensor_calibration
+from pipeline.files.toml_text import as_toml
 from pipeline.problem import BatchRefused
-from pipeline.recordings.description_file import as_toml
 from pipeline.recordings.sensor_calibration import Presses, _scaled, calibrate
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.gel.photometric import PhotometricDepth

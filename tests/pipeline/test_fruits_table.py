@@ -153,8 +153,7 @@ def test_letters_of_any_script_are_ids_and_are_composed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["", "../A", ".A", "-A", "A/B", "A\u202eB", "_A", "A\u200bB", "A" * 81, "A\nB"],
+    "name", ["", "../A", ".A", "-A", "A/B", "A\u202eB", "_A", "A\u200bB", "A" * 81, "A\nB"]
 )
 def test_what_is_no_name_of_a_folder_is_no_id(tmp_path, name):
     assert not SAFE_ID.fullmatch(name)

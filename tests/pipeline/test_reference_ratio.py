@@ -52,11 +52,7 @@ def record(name, E_MPa, *, sd=0.02, common=0.01, known=None, outcome="graded"):
 
 def batch_read_with(gain):
     """Two fruit of 0.4 and 0.8 MPa and a ball of 0.5, as a gripper of this gain reads them."""
-    return [
-        record("soft", 0.4 * gain),
-        record("firm", 0.8 * gain),
-        record("ball", 0.5 * gain, known=0.5),
-    ]
+    return [record("soft", 0.4 * gain), record("firm", 0.8 * gain), record("ball", 0.5 * gain, known=0.5)]
 
 
 def arrays(*values):

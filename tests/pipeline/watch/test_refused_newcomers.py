@@ -31,10 +31,7 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
     of_another(batch, "A", "B")
     assert watched() == 0
     status = watched(
-        lambda: in_the_way(batch, "B"),
-        *one_by_one(batch, "B"),
-        lambda: taken_away(batch, "B"),
-        *LATER,
+        lambda: in_the_way(batch, "B"), *one_by_one(batch, "B"), lambda: taken_away(batch, "B"), *LATER
     )
     assert any("fruits/B/record.json" in one for one in problems(watched))
     assert (status, sorted(rows(batch))) == (0, ["A", "D"])
