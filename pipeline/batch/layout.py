@@ -101,11 +101,8 @@ class FruitFolder:
                 f"holds {len(others)} files ({kinds}), but drupe reads only {', '.join(SUFFIXES)}; "
                 "convert them to JPEG, or rename those that are JPEG."
             )
-        return (
-            ""
-            if self.photos.is_dir()
-            else ("does not exist; create it, and put this fruit's photos into it.")
-        )
+        missing = "does not exist; create it, and put this fruit's photos into it."
+        return "" if self.photos.is_dir() else missing
 
     def unused_photos(self) -> list[str]:
         """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
@@ -237,34 +234,18 @@ class FruitResults:
     """The map of where the fitted model and the recorded skin differ."""
     views = ResultPath("views.png")
     """Where photos were taken and where more are needed, of a fruit that lacks them."""
+    traceback = ResultPath("traceback.txt")
+    """Where a fault of drupe's own happened."""
     mismatch = ResultPath("mismatch.json")
     """What `drupe explain` says of the fruit."""
     mismatch_scene = ResultPath("mismatch.glb")
     """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
-    traceback = ResultPath("traceback.txt")
-    """Where a fault of drupe's own happened."""
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that may be written here."""
-        return (*self._of_grading, self.mismatch, self.mismatch_scene)
-
-    @property
-    def _of_grading(self) -> tuple[Path, ...]:
-        return (
-            self.record,
-            self.fruit_ply,
-            self.pit_ply,
-            self.photo,
-            self.outlines,
-            self.picture,
-            self.scene,
-            self.coverage,
-            self.surface_sd,
-            self.residual,
-            self.views,
-            self.traceback,
-        )
+        """Every file that may be written here, the record first."""
+        named = (one for one in vars(FruitResults).values() if isinstance(one, ResultPath))
+        return tuple(self.root / one.name for one in named)
 
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
@@ -273,8 +254,9 @@ class FruitResults:
 
     def forget(self) -> None:
         """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
-        for path in self._of_grading:
-            remove(path)
+        for path in self.files:
+            if path not in (self.mismatch, self.mismatch_scene):
+                remove(path)
 
     def in_the_way(self) -> Iterator[Path]:
         """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""

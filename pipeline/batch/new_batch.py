@@ -21,8 +21,6 @@ from recon.pit.priors import known_categories
 
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""
-
-
 FEW = 12
 """Photos below which a fruit is asked for more: half of what the guide asks for."""
 SHOWN = 5

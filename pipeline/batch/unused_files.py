@@ -210,7 +210,7 @@ def _in_the_batch_folder(folder: BatchFolder) -> Unused:
 
 _FOR_A_BATCH = {
     "table": "fruits.csv lists the fruit; write them there, or move it away",
-    "mesh": ("drupe reads a fruit's mesh in fruits/<fruit_id>/, and a common pit where [pit] prior names it"),
+    "mesh": "drupe reads a fruit's mesh in fruits/<fruit_id>/, and a common pit where [pit] prior names it",
     "archive": "drupe does not open archives; unpack it",
 }
 
@@ -219,7 +219,7 @@ def _among_fruits(folder: BatchFolder) -> Unused:
     """Files in fruits/, and folders that can be no fruit's."""
     for path in _files_in(folder.fruits):
         if kind_of(path):
-            yield path, ("drupe reads a fruit's inputs in its own folder, fruits/<fruit_id>/; move it there")
+            yield path, "drupe reads a fruit's inputs in its own folder, fruits/<fruit_id>/; move it there"
     for place in _folders_in(folder.fruits):
         if not SAFE_ID.fullmatch(unicodedata.normalize("NFC", place.name)):
             yield (

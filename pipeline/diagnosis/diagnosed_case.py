@@ -24,8 +24,6 @@ from tactile.io.specimen import PressedSpecimen
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
-
-
 Length = Annotated[float, Field(ge=0.1, le=500)]
 """mm, of a specimen between plates."""
 

@@ -58,21 +58,15 @@ KINDS = (
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
 )
 """What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
-
-
 WHAT_PRESSED = (
     "is a load cell's force-displacement curve. Give --indenter ball or flat with --radius-mm, "
     "or --indenter plates with the specimen (docs/formats.md, A load cell)."
 )
-
-
 FRAMES_ALONE = (
     "holds pictures or a video of a gel without sensor and times. Put them into a folder with "
     "grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp), and give "
     "that folder. drupe sensor writes the description."
 )
-
-
 POSES_LACKING = "no motion."
 """How the readers' notes of missing poses end, which jaws or a robot supply."""
 ANY_RATIO = 0.45

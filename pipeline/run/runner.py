@@ -34,8 +34,6 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-
-
 PROCESS = "drupe fruit"
 LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""

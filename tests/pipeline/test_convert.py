@@ -20,8 +20,6 @@ from tactile.io.field_tables import COLUMNS
 from tactile.io.recording import GelPad, IndenterPad, read_recording
 
 FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
-
-
 run = partial(command, "convert")
 
 

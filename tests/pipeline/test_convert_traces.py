@@ -18,8 +18,6 @@ GONE = 0.05 * np.arange(30)
 XLS = Path(__file__).parents[1] / "data" / "press.xls"
 """Two steps of a rheometer, 30 rows each: names, a row of units, s, N and um; written once with xlwt 1.3."""
 NAMES = "time=Time,force=Force,travel=Pos"
-
-
 run = partial(command, "convert")
 
 

@@ -8,7 +8,14 @@ from small_batches import batch_of_balls, write_ball
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
+from pipeline.batch.plausible_numbers import (
+    TableColumns,
+    grading_doubts,
+    kind_of,
+    mesh_doubt,
+    row_doubts,
+    table_doubts,
+)
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
@@ -25,7 +32,7 @@ SOUND = {"height_mm": 55.3, "diameter_mm": 61.5, "mass_g": 112.0, "shore_oo": 69
 
 def doubts(kind=NECTARINE, others=(), **changed):
     row = FruitRow(fruit_id="A", **{**SOUND, **changed})
-    return list(row_doubts(row, (row, *others), kind))
+    return list(row_doubts(row, TableColumns((row, *others)), kind))
 
 
 @pytest.mark.parametrize(
@@ -75,26 +82,26 @@ def test_one_fruit_ten_times_its_batch_is_said():
     cherry = kind_of(load_prior("cherry"))
     others = tuple(FruitRow(fruit_id=str(i), height_mm=h) for i, h in enumerate((11.0, 11.6, 12.1)))
     row = FruitRow(fruit_id="A", height_mm=44.0)
-    (said,) = row_doubts(row, (row, *others), cherry)
+    (said,) = row_doubts(row, TableColumns((row, *others)), cherry)
     assert "height_mm 44: other fruit of the batch have about 11.6" in said
     row = FruitRow(fruit_id="A", height_mm=20.0)
-    assert list(row_doubts(row, (row, *others), cherry)) == []
+    assert list(row_doubts(row, TableColumns((row, *others)), cherry)) == []
 
 
 def test_an_unknown_category_still_shows_a_slipped_point_among_its_batch():
     kind = kind_of(None)
     others = tuple(FruitRow(fruit_id=str(i), height_mm=55.0 + i) for i in range(3))
     row = FruitRow(fruit_id="A", height_mm=5.6)
-    (said,) = row_doubts(row, (row, *others), kind)
+    (said,) = row_doubts(row, TableColumns((row, *others)), kind)
     assert "is it in cm (56 mm)?" in said
 
 
 def test_a_whole_column_in_cm_is_one_sentence_and_not_one_for_each_fruit():
     rows = tuple(FruitRow(fruit_id=str(i), height_mm=5.5 + 0.1 * i, mass_g=110.0) for i in range(5))
-    (said,) = table_doubts(rows, NECTARINE).values()
+    (said,) = table_doubts(TableColumns(rows), NECTARINE).values()
     assert said.startswith("height_mm of all 5 fruit is 5.5 to 5.9; a nectarine is 25 to 105 mm high")
     assert "is it in cm (57 mm)?" in said
-    assert list(row_doubts(rows[0], rows, NECTARINE)) == []
+    assert list(row_doubts(rows[0], TableColumns(rows), NECTARINE)) == []
 
 
 def test_limits_in_kilopascal_are_said():
