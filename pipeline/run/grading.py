@@ -103,15 +103,7 @@ def grade(
         try:
             if queue.todo:
                 engine = _engine(run, queue, place, options, console)
-                _work(
-                    queue,
-                    records,
-                    lambda _: so_far.write_when_due(),
-                    engine=engine,
-                    time_limit_s=options.time_limit_s,
-                    console=console,
-                    waiting=waiting,
-                )
+                _work(queue, engine, options, lambda _: so_far.write_when_due(), console, waiting)
         except KeyboardInterrupt:
             _broken_off(run, records, so_far, INTERRUPTED)
             raise InterruptedAtWork from None
@@ -155,15 +147,7 @@ def grade_newcomers(
             ended(run, records[fruit_id])
         if queue.todo:
             engine = _processes(queue.todo, options, console)
-            _work(
-                queue,
-                records,
-                partial(ended, run),
-                engine=engine,
-                time_limit_s=options.time_limit_s,
-                console=console,
-                waiting=waiting,
-            )
+            _work(queue, engine, options, partial(ended, run), console, waiting)
 
 
 def report_graded(
@@ -320,23 +304,21 @@ def _kind(fruit: FruitFolder) -> str:
 
 
 def _work(
-    todo: FruitQueue,
-    records: PackedRecords,
-    ended: Callable[[FruitRecord], None],
-    *,
+    queue: FruitQueue,
     engine: Engine,
-    time_limit_s: float,
+    options: GradeOptions,
+    ended: Callable[[FruitRecord], None],
     console: Console,
     waiting: int | None,
 ) -> None:
-    """Grades what is to do, shows how far it is, puts each record into `records` as it comes, and tells it to
-    `ended`.
+    """Grades what is to do, shows how far it is, puts each record into the queue's records as it comes, and
+    tells it to `ended`.
     """
-    before = None if waiting is None else len(records)
-    total = len(todo.todo) + (waiting or 0)
+    before = None if waiting is None else len(queue.records)
+    total = len(queue.todo) + (waiting or 0)
     with (
         BatchProgress(console, total=total, jobs=engine.at_once, before=before) as progress,
-        closing(run_on(engine, work_on, todo)) as events,
+        closing(run_on(engine, work_on, queue)) as events,
     ):
 
         def show_ended(record: FruitRecord) -> None:
@@ -344,8 +326,8 @@ def _work(
             ended(record)
 
         for event in events:
-            while todo.refused:
-                show_ended(todo.refused.popleft())
+            while queue.refused:
+                show_ended(queue.refused.popleft())
             progress.jobs = engine.at_once
             if isinstance(event, Noted):
                 progress.noted(event.fruit_id, event.line)
@@ -353,11 +335,11 @@ def _work(
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
-            record = _record_of(event, todo.ended(event.fruit_id), time_limit_s)
-            records[event.fruit_id] = record
+            record = _record_of(event, queue.ended(event.fruit_id), options.time_limit_s)
+            queue.records[event.fruit_id] = record
             show_ended(record)
-        while todo.refused:
-            show_ended(todo.refused.popleft())
+        while queue.refused:
+            show_ended(queue.refused.popleft())
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:

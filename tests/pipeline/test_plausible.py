@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from graded_results import work_at_once
 from rich.console import Console
 from small_batches import batch_of_balls, write_ball
 
@@ -207,12 +208,11 @@ def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, mon
     """What the work itself does is not asked here: it is replaced by a failure that says it was reached."""
     reached = []
 
-    def work(todo, records, _so_far, **_):
-        for fruit_id, task in todo:
-            reached.append(fruit_id)
-            records[fruit_id] = ended_record(task, Outcome.NO_GRASP, "")
+    def record(fruit_id, task):
+        reached.append(fruit_id)
+        return ended_record(task, Outcome.NO_GRASP, "")
 
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(record))
     (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
 
     def run(**options):

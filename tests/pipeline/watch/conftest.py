@@ -3,6 +3,7 @@
 import io
 
 import pytest
+from graded_results import work_at_once
 from rich.console import Console
 from watched_batch import HEAD, fake_record
 
@@ -26,17 +27,13 @@ def worked(monkeypatch):
     """Fruit in the order in which they are worked on, which takes no time; "stop" is where Ctrl-C comes."""
     worked = []
 
-    def work(todo, records, ended, **_):
-        for fruit_id, task in todo:
-            worked.append(fruit_id)
-            if fruit_id == "stop" and worked.count("stop") == 1:
-                raise KeyboardInterrupt
-            records[fruit_id] = fake_record(fruit_id, task)
-            ended(records[fruit_id])
-        while todo.refused:
-            ended(todo.refused.popleft())
+    def record(fruit_id, task):
+        worked.append(fruit_id)
+        if fruit_id == "stop" and worked.count("stop") == 1:
+            raise KeyboardInterrupt
+        return fake_record(fruit_id, task)
 
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(record))
     return worked
 
 
