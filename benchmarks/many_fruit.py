@@ -26,6 +26,7 @@ from pipeline.batch import fruits_table
 from pipeline.batch.records import read_record, write_record
 from pipeline.files.manifest import enter, writing_alone
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.console import RunConsole
 from pipeline.run.fruit_work import keep_pictures
 from pipeline.run.progress import BatchProgress
@@ -186,7 +187,8 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
         ReportSoFar.write = lambda _self, **_: None
     grading.local_pool = lambda jobs, **_: Simulated(ended, jobs=jobs, work_s=work_s)
     grading._jobs = lambda _todo, jobs, _console: jobs
-    status, _ = grading.grade(batch, None, jobs=jobs, time_limit_s=600, console=RunConsole(quiet=True))
+    how = GradeOptions(jobs=jobs, time_limit_s=600)
+    status, _ = grading.grade(batch, None, how, console=RunConsole(quiet=True))
     spent_s = time.process_time() - meter.cpu_s
     print(f"exit status {status}; memory at the end {memory_MiB():.1f} MiB")
     print(f"this process: {spent_s:.1f} s of processor time, fruit's work included")

@@ -16,8 +16,8 @@ from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.scratch import scratch
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.files.toml_text import as_toml
 from pipeline.problem import refused
-from pipeline.recordings.sensor_calibration import as_toml
 from pipeline.run.checking import ImplausibleNumbers
 from recon.surface.mesh_file import write_mesh
 from tactile.io.recording import Recording, write_recording

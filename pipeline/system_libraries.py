@@ -20,10 +20,8 @@ def missing_libraries(needed: dict[str, tuple[str, str]] = NEEDED) -> list[str]:
     missing = {name: where for name, where in needed.items() if not _loads(name)}
     packages = " ".join(sorted(package for package, _ in missing.values()))
     return [
-        (
-            f"the system library {name} is missing ({user} needs it); install it: apt-get install -y "
-            f"--no-install-recommends {packages}"
-        )
+        f"the system library {name} is missing ({user} needs it); install it: apt-get install -y "
+        f"--no-install-recommends {packages}"
         for name, (_, user) in missing.items()
     ]
 

@@ -42,8 +42,6 @@ LIBRARIES = (
     "trimesh",
     "vtk",
 )
-
-
 HEADER = "__header__"
 """Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
 

@@ -24,7 +24,7 @@ from pipeline.batch.write_guard import batch_trees, require_file_apart
 from pipeline.files.lock_file import WAIT_S, holder_of, locked_within
 from pipeline.files.plain_file import NotReadable, read_text
 from pipeline.files.whole_file import put
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, refused
 from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000
@@ -85,9 +85,7 @@ def chart_path(folder: BatchFolder, named: str, *, environment: Mapping[str, str
     """
     path, root = folder.root / named, folder.root.resolve()
     if "\0" in named:
-        raise BatchRefused(
-            [Problem(str(folder.settings), '"reference.chart" contains a null character; remove it.')]
-        )
+        raise refused(folder.settings, '"reference.chart" contains a null character; remove it.')
     place = path.parent.resolve()
     allowed = [Path(one).resolve() for one in environment.get(ALLOWED_FOLDERS, "").split(os.pathsep) if one]
     if place == root.parent or any(place.is_relative_to(one) for one in (root, *allowed)):
@@ -97,31 +95,31 @@ def chart_path(folder: BatchFolder, named: str, *, environment: Mapping[str, str
         'or beside its folder ("../gripper.csv"). To allow another folder, list it in the '
         f"environment variable {ALLOWED_FOLDERS}."
     )
-    raise BatchRefused([Problem(str(folder.settings), sentence)])
+    raise refused(folder.settings, sentence)
 
 
 def read_chart(path: Path) -> ControlChart:
     """The table at `path`, empty where there is no file; raises BatchRefused where it is no control chart."""
 
-    def refused(sentence: str) -> BatchRefused:
-        return BatchRefused([Problem(str(path), f"{sentence}; name another file in [reference] chart.")])
+    def no_chart(sentence: str) -> BatchRefused:
+        return refused(path, f"{sentence}; name another file in [reference] chart.")
 
     if path.suffix.lower() != ".csv":
-        raise refused('is not a valid name for a control chart; expected a name that ends in ".csv"')
+        raise no_chart('is not a valid name for a control chart; expected a name that ends in ".csv"')
     if not path.parent.is_dir():
-        raise refused(f"cannot be written: there is no folder {path.parent}")
+        raise no_chart(f"cannot be written: there is no folder {path.parent}")
     if path.is_symlink():
-        raise refused("is a link, and drupe does not write through links; name the target file")
+        raise no_chart("is a link, and drupe does not write through links; name the target file")
     if not path.exists():
         return ControlChart()
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except NotReadable as error:
-        raise refused(str(error)) from None
+        raise no_chart(str(error)) from None
     lines = text.splitlines()
     if not lines or lines[0].removeprefix("\ufeff") != HEADER:
         found = lines[0][:120] if lines else ""
-        raise refused(
+        raise no_chart(
             f'is not a control chart of drupe: its first line is "{found}", expected "{HEADER}"; '
             "drupe does not overwrite it"
         )
@@ -129,9 +127,9 @@ def read_chart(path: Path) -> ControlChart:
     try:
         points = tuple(_point(row, k) for k, row in enumerate(csv.reader(kept, strict=True), 2))
     except (ValueError, csv.Error) as error:
-        raise refused(f"is a damaged control chart: {error}") from None
+        raise no_chart(f"is a damaged control chart: {error}") from None
     if len(points) != len(kept):
-        raise refused("is a damaged control chart: one row spans several lines; expected one line per row")
+        raise no_chart("is a damaged control chart: one row spans several lines; expected one line per row")
     return ControlChart(points=points, lines=tuple(kept))
 
 
@@ -176,7 +174,7 @@ def require_chart_place(path: Path, folder: BatchFolder, results: Results, input
         sentence = (
             f"lies in the results folder {results.root}, and each run replaces the files there; {advice}"
         )
-        raise BatchRefused([Problem(str(path), sentence)])
+        raise refused(path, sentence)
 
 
 def recordings_sha256(inputs: Mapping[str, str], fruit_id: str) -> str:
@@ -232,7 +230,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
                 "so drupe did not update the control chart in it. End that process, and run the "
                 "report again."
             )
-            raise BatchRefused([Problem(str(folder), sentence)])
+            raise refused(folder, sentence)
         yield
     finally:
         os.close(handle)

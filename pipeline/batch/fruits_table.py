@@ -5,7 +5,7 @@ import difflib
 import io
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -267,51 +267,36 @@ def _misread(text: str) -> str:
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
     """One row of fruits.csv; what is wrong in it is added to `problems`."""
-    fruit_id = unicodedata.normalize("NFC", record["fruit_id"].strip())
+    cells = {name: (record.get(name) or "").strip() for name in COLUMNS}
+    fruit_id = unicodedata.normalize("NFC", cells["fruit_id"])
     if not SAFE_ID.fullmatch(fruit_id):
-        problems.append(
-            Problem(
-                str(path),
-                f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder. Use letters, digits, '
-                "dot, dash, underscore and space (at most 80), and start with a letter or digit.",
-            )
+        sentence = (
+            f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder. Use letters, digits, '
+            "dot, dash, underscore and space (at most 80), and start with a letter or digit."
         )
-    measures: dict[str, float | None] = {}
-    unreadable = []
-    for name in MEASURES:
-        text = (record.get(name) or "").strip()
-        measures[name] = None
-        if not text:
-            continue
-        value = decimal_number(text)
-        if value is None or value <= 0:
-            sentence = (
-                f'{name} is "{text[:40]}"; expected a number above zero, or an empty cell{meant(text)}.'
-            )
-            problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
-            unreadable.append(name)
-            continue
-        measures[name] = value
-    notes = printable(record.get("notes") or "").strip()
-    pressed = _pressed(path, line, fruit_id, record, problems)
-    said = _reference(path, line, fruit_id, record, problems)
-    known: dict[str, Any] = {**measures, **pressed, **said}
-    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
-
-
-def _pressed(
-    path: Path,
-    line: int,
-    fruit_id: str,
-    record: dict[str, str],
-    problems: list[Problem],
-) -> dict[str, Any]:
-    """How plates squeeze the fruit; every fault is a problem."""
+        problems.append(Problem(str(path), sentence))
 
     def wrong(sentence: str) -> None:
         problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
 
-    cells = {name: (record.get(name) or "").strip() for name in (*DIAMETERS, "axis", "pit_share")}
+    known: dict[str, Any] = dict.fromkeys(MEASURES)
+    unreadable = []
+    for name in MEASURES:
+        number = decimal_number(cells[name])
+        if number is not None and number > 0:
+            known[name] = number
+        elif text := cells[name]:
+            expected = "expected a number above zero, or an empty cell"
+            wrong(f'{name} is "{text[:40]}"; {expected}{meant(text)}.')
+            unreadable.append(name)
+    known |= _pressed(cells, wrong)
+    known |= _reference(cells, wrong)
+    notes = printable(record.get("notes") or "").strip()
+    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+
+
+def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:
+    """How plates squeeze the fruit; `wrong` is told of every fault."""
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
         wrong(
@@ -336,29 +321,22 @@ def _are_empty(names: list[str]) -> str:
     return "is empty" if len(names) == 1 else "are empty"
 
 
-def _reference(
-    path: Path, line: int, fruit_id: str, record: dict[str, str], problems: list[Problem]
-) -> dict[str, Any]:
-    """Whether the row is a reference body, and its modulus; every fault of the two is a problem."""
-
-    def wrong(sentence: str) -> None:
-        problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
-
-    cells = {name: (record.get(name) or "").strip() for name in ("reference", *REFERENCE_MEASURES)}
-    flag = cells.pop("reference").lower()
+def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:
+    """Whether the row is a reference body, and its modulus; `wrong` is told of every fault."""
+    flag = cells["reference"].lower()
     if flag not in YES | NO:
         wrong(
             f'reference is "{flag[:40]}"; expected true for a reference body of known modulus, or '
             "false or an empty cell for a fruit."
         )
     if flag not in YES:
-        for name in [name for name, text in cells.items() if text and flag in NO]:
+        for name in [name for name in REFERENCE_MEASURES if cells[name] and flag in NO]:
             wrong(
                 f'{name} is "{cells[name][:40]}", but reference is not true; write true into the '
                 "column reference, or empty the cell."
             )
         return {}
-    found = {name: decimal_number(text) for name, text in cells.items()}
+    found = {name: decimal_number(cells[name]) for name in REFERENCE_MEASURES}
     E_MPa, sd_MPa = found["reference_E_MPa"], found["reference_E_sd_MPa"]
     low, high = REFERENCE_E_MPA
     if E_MPa is None or not low <= E_MPa <= high:
@@ -389,7 +367,6 @@ def _as_found(text: str) -> str:
 
 
 def _other_unit(E_MPa: float) -> str:
-    """The question after the unit that the modulus would fit in."""
     for unit, in_MPa in (("kPa", 1e-3), ("Pa", 1e-6), ("GPa", 1e3)):
         if REFERENCE_E_MPA[0] <= E_MPa * in_MPa <= REFERENCE_E_MPA[1]:
             return f"; is it in {unit} ({E_MPa * in_MPa:.4g} MPa)?"

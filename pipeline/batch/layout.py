@@ -101,11 +101,8 @@ class FruitFolder:
                 f"holds {len(others)} files ({kinds}), but drupe reads only {', '.join(SUFFIXES)}; "
                 "convert them to JPEG, or rename those that are JPEG."
             )
-        return (
-            ""
-            if self.photos.is_dir()
-            else ("does not exist; create it, and put this fruit's photos into it.")
-        )
+        missing = "does not exist; create it, and put this fruit's photos into it."
+        return "" if self.photos.is_dir() else missing
 
     def unused_photos(self) -> list[str]:
         """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
@@ -172,7 +169,6 @@ class CaseFolder(FruitFolder):
     """A mismatch case: fruit.ply, pit.ply, case.toml and the recordings, side by side."""
 
     settings = InputPath("case.toml")
-    """case.toml."""
 
     @property
     def grasps(self) -> Path:  # type: ignore[override]  # both are read alone
@@ -191,9 +187,7 @@ class BatchFolder:
     root: Path
 
     settings = InputPath("batch.toml")
-    """batch.toml."""
     table = InputPath("fruits.csv")
-    """fruits.csv."""
     mat = InputPath("mat.json")
     """mat.json, where the fruit stood on a marker mat."""
 
@@ -240,35 +234,18 @@ class FruitResults:
     """The map of where the fitted model and the recorded skin differ."""
     views = ResultPath("views.png")
     """Where photos were taken and where more are needed, of a fruit that lacks them."""
+    traceback = ResultPath("traceback.txt")
+    """Where a fault of drupe's own happened."""
     mismatch = ResultPath("mismatch.json")
     """What `drupe explain` says of the fruit."""
     mismatch_scene = ResultPath("mismatch.glb")
     """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
-    traceback = ResultPath("traceback.txt")
-    """Where a fault of drupe's own happened."""
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that may be written here."""
-        return (*self._of_grading, self.mismatch, self.mismatch_scene)
-
-    @property
-    def _of_grading(self) -> tuple[Path, ...]:
-        """The files of a fruit that `drupe grade` writes."""
-        return (
-            self.record,
-            self.fruit_ply,
-            self.pit_ply,
-            self.photo,
-            self.outlines,
-            self.picture,
-            self.scene,
-            self.coverage,
-            self.surface_sd,
-            self.residual,
-            self.views,
-            self.traceback,
-        )
+        """Every file that may be written here, the record first."""
+        named = (one for one in vars(FruitResults).values() if isinstance(one, ResultPath))
+        return tuple(self.root / one.name for one in named)
 
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
@@ -277,8 +254,9 @@ class FruitResults:
 
     def forget(self) -> None:
         """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
-        for path in self._of_grading:
-            remove(path)
+        for path in self.files:
+            if path not in (self.mismatch, self.mismatch_scene):
+                remove(path)
 
     def in_the_way(self) -> Iterator[Path]:
         """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
@@ -320,17 +298,13 @@ class Results:
     root: Path
 
     ranking = ResultPath("ranking.csv")
-    """ranking.csv."""
     ranking_json = ResultPath("ranking.json")
-    """ranking.json."""
     ranking_excel = ResultPath("ranking-excel.csv")
     """ranking-excel.csv, where one is asked for."""
     ranking_parquet = ResultPath("ranking.parquet")
     """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
-    """report.html."""
     provenance = ResultPath("batch.json")
-    """batch.json."""
     run = ResultPath(".run.json")
     """The fruit of the last run (pipeline.batch.batch_fruits)."""
     lock = ResultPath(".lock")
@@ -397,7 +371,6 @@ def _stands(path: Path) -> bool:
 
 
 def _says(path: Path, name: str) -> bool:
-    """Whether `path` is a plain JSON file of this format."""
     said = json_in(path)
     return isinstance(said, dict) and said.get("format") == name
 

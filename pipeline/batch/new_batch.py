@@ -21,8 +21,6 @@ from recon.pit.priors import known_categories
 
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""
-
-
 FEW = 12
 """Photos below which a fruit is asked for more: half of what the guide asks for."""
 SHOWN = 5
@@ -128,11 +126,7 @@ def _source(folder: Path) -> FruitSource | None:
     name = unicodedata.normalize("NFC", folder.resolve().name)
     unused = unused_photos(place, pictures_alone=place == folder)
     return FruitSource(
-        fruit_id=name,
-        photos=tuple(photos),
-        mesh=mesh,
-        recordings=tuple(recordings),
-        unused=tuple(unused),
+        fruit_id=name, photos=tuple(photos), mesh=mesh, recordings=tuple(recordings), unused=tuple(unused)
     )
 
 

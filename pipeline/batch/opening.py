@@ -1,7 +1,7 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +13,12 @@ from pydantic import ValidationError
 from pipeline.batch.control_chart import chart_path, read_chart
 from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder, FruitFolder
-from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
+from pipeline.batch.plausible_numbers import TableColumns, grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
@@ -135,11 +135,11 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     if settings is not None:
         category, prior, wrong = _read_priors(folder, settings, rows)
         problems += wrong
-        problems += _without_model(folder, settings)
-        problems += _without_provider(folder, settings)
+        problems += _said_of(folder.settings, _without_model(folder, settings))
+        problems += _said_of(folder.settings, _without_provider(settings))
         problems += rig_problems(folder, settings)
-        problems += _effects_of_strangers(folder, settings, rows)
-        problems += _effects_without_pit(folder, settings, rows)
+        problems += _said_of(folder.settings, _effects_of_strangers(settings, rows))
+        problems += _said_of(folder.settings, _effects_without_pit(folder, settings, rows))
         problems += _references(folder, settings, rows)
         grading = settings.grading
     else:
@@ -157,12 +157,16 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     )
 
 
+def _said_of(path: Path, sentences: Iterable[str]) -> list[Problem]:
+    return [Problem(str(path), sentence) for sentence in sentences]
+
+
 def _implausible(
     folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...] | None, category: PitPrior | None
 ) -> list[Problem]:
     """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
     kind = kind_of(category)
-    columns = table_doubts(rows or (), kind).values()
+    columns = table_doubts(TableColumns(rows or ()), kind).values()
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
     said += [(folder.table, sentence) for sentence in columns]
     hint = "If the value is right, run `drupe grade --force`."
@@ -189,11 +193,11 @@ def read_mat(path: Path) -> Mat:
     except NotReadable as error:
         pointer = str(error) == NO_LFS_FILE
         hint = "" if not_plain(path) or pointer else "; make one with `drupe mat`"
-        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+        raise refused(path, f"{error}{hint}.") from None
     try:
         return parse_mat(mapping, source=path.name)
     except ReconFailure as failure:
-        raise BatchRefused([Problem(str(path), failure.detail)]) from None
+        raise refused(path, failure.detail) from None
 
 
 def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
@@ -251,7 +255,7 @@ def _refused(
 ) -> BatchRefused:
     near = [] if _is_file(named) else difflib.get_close_matches(named.lower(), known, n=1, cutoff=0.75)
     sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
-    return BatchRefused([Problem(str(folder.settings), f'"{key}": {sentence}')])
+    return refused(folder.settings, f'"{key}": {sentence}')
 
 
 def _read_priors(
@@ -295,20 +299,15 @@ def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list
 
 def _effects_without_pit(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
-) -> list[Problem]:
-    """A confirmed effect of the pit must not be of fruit that have none."""
+) -> Iterator[str]:
     bare = _without_pit(folder, rows) if settings.pit.none else []
-    return [
-        Problem(
-            str(folder.settings),
-            f'"mismatch": {one.effect} is an effect of the pit, but {fruit_id} has no pit (pit.prior '
-            'is "none"); name other fruit, or remove the entry.',
-        )
-        for one in settings.mismatch
-        if one.spec.of_the_pit
-        for fruit_id in bare
-        if one.fruits is None or fruit_id in one.fruits
-    ]
+    for effect in settings.mismatch:
+        for fruit_id in bare if effect.spec.of_the_pit else ():
+            if effect.fruits is None or fruit_id in effect.fruits:
+                yield (
+                    f'"mismatch": {effect.effect} is an effect of the pit, but {fruit_id} has no pit '
+                    '(pit.prior is "none"); name other fruit, or remove the entry.'
+                )
 
 
 def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None) -> list[Problem]:
@@ -383,57 +382,47 @@ def _has_height(row: FruitRow) -> bool:
     return row.height_mm is not None or "height_mm" in row.unreadable
 
 
-def _effects_of_strangers(
-    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
-) -> list[Problem]:
-    """A confirmed effect of single fruit must name fruit of this batch."""
+def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...] | None) -> Iterator[str]:
     known = [row.fruit_id for row in rows or ()]
-    problems = []
-    for one in settings.mismatch if rows is not None else ():
-        for fruit_id in one.fruits or ():
+    for effect in settings.mismatch if rows is not None else ():
+        for fruit_id in effect.fruits or ():
             if fruit_id not in known:
                 near = difflib.get_close_matches(fruit_id, known, n=1)
                 hint = f'did you mean "{near[0]}"?' if near else "remove it."
-                sentence = (
-                    f'"mismatch": {one.effect} names fruit "{fruit_id}", which is not in fruits.csv; {hint}'
+                yield (
+                    f'"mismatch": {effect.effect} names fruit "{fruit_id}", which is not in fruits.csv; '
+                    f"{hint}"
                 )
-                problems.append(Problem(str(folder.settings), sentence))
-    return problems
 
 
-def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
-    """A geometry model that is asked for must be there."""
+def _without_model(folder: BatchFolder, settings: Settings) -> Iterator[str]:
     asked = settings.recon.geometry_model
     if asked is None:
-        return []
-    if (folder.root / asked).is_file():
-        try:
-            require_onnx(folder.root / asked)
-        except ReconFailure as failure:
-            return [Problem(str(folder.settings), f'"recon.learned.geometry_model": {failure.detail}')]
-        return []
-    return [
-        Problem(
-            str(folder.settings),
+        return
+    if not (folder.root / asked).is_file():
+        yield (
             f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is not a '
-            "file; give the path of an ONNX file relative to the batch, or remove the line.",
+            "file; give the path of an ONNX file relative to the batch, or remove the line."
         )
-    ]
+        return
+    try:
+        require_onnx(folder.root / asked)
+    except ReconFailure as failure:
+        yield f'"recon.learned.geometry_model": {failure.detail}'
 
 
-def _without_provider(folder: BatchFolder, settings: Settings) -> list[Problem]:
-    """Models must have something to run on."""
+def _without_provider(settings: Settings) -> Iterator[str]:
     if settings.recon.providers == Recon().providers:
-        return []
+        return
     with elsewhere():
         from recon.learned.onnx_session import providers_fault
-    fault = providers_fault(settings.recon.providers)
-    return [Problem(str(folder.settings), f'"recon.providers": {fault}')] if fault else []
+    if fault := providers_fault(settings.recon.providers):
+        yield f'"recon.providers": {fault}'
 
 
 def _gather(problems: list[Problem], read: Callable[[], T]) -> T | None:
     try:
         return read()
-    except BatchRefused as refused:
-        problems.extend(refused.problems)
+    except BatchRefused as refusal:
+        problems.extend(refusal.problems)
         return None

@@ -19,33 +19,23 @@ class Outcome(Enum):
     """Code and sentence of an ending that no room speaks for; `{}` takes the particulars."""
 
     GRADED = ("graded", "")
-    NO_GRASP = (
-        "no-grasp",
-        "grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}",
-    )
+    NO_GRASP = ("no-grasp", "grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}")
     ALL_GRASPS_FAILED = ("grasps-failed", "No recording of this fruit is usable: {}")
     NO_SHAPE = ("no-shape", "{} holds neither photos nor fruit.ply; add one of them.")
     NO_SCALE = (
         "no-scale",
-        (
-            "Without a mat, photos have no scale ({}). Fill height_mm in fruits.csv, or photograph on a "
-            "marker mat and put mat.json beside batch.toml."
-        ),
+        "Without a mat, photos have no scale ({}). Fill height_mm in fruits.csv, or photograph on a "
+        "marker mat and put mat.json beside batch.toml.",
     )
-    IMPLAUSIBLE_INPUT = (
-        "implausible-input",
-        "{} Correct it; if it is right, run `drupe grade --force`.",
-    )
+    IMPLAUSIBLE_INPUT = ("implausible-input", "{} Correct it; if it is right, run `drupe grade --force`.")
     IMPLAUSIBLE_PIT = (
         "implausible-pit",
         "{} Replace pit.ply by the fruit's own pit, in mm and in the fruit's frame.",
     )
     IMPLAUSIBLE_MODULUS = (
         "implausible-modulus",
-        (
-            "E would be {}, outside the plausible range of this category. Check forces, displacements "
-            "and meshes for wrong units or factors."
-        ),
+        "E would be {}, outside the plausible range of this category. Check forces, displacements "
+        "and meshes for wrong units or factors.",
     )
     WITHHELD_MODULUS = (
         "withheld-modulus",
@@ -53,10 +43,8 @@ class Outcome(Enum):
     )
     CRASHED = (
         "crashed",
-        (
-            "The process for this fruit died ({}); other fruit are not affected. Run the same command "
-            "again. If it dies again, report it with this fruit's inputs."
-        ),
+        "The process for this fruit died ({}); other fruit are not affected. Run the same command "
+        "again. If it dies again, report it with this fruit's inputs.",
     )
     TIMED_OUT = (
         "timed-out",

@@ -155,10 +155,9 @@ class TableColumns:
         return (low + high) / 2
 
 
-def table_doubts(rows: Sequence[FruitRow] | TableColumns, kind: PlausibleRange) -> dict[str, str]:
+def table_doubts(columns: TableColumns, kind: PlausibleRange) -> dict[str, str]:
     """Sentences on the columns that are out of range in every row: one slip, not many."""
     said = {}
-    columns = rows if isinstance(rows, TableColumns) else TableColumns(rows)
     for name in MEASURES:
         values = columns.of(name)
         limits = kind.of(name)
@@ -169,15 +168,14 @@ def table_doubts(rows: Sequence[FruitRow] | TableColumns, kind: PlausibleRange) 
     return said
 
 
-def row_doubts(row: FruitRow, rows: Sequence[FruitRow] | TableColumns, kind: PlausibleRange) -> Iterator[str]:
+def row_doubts(row: FruitRow, columns: TableColumns, kind: PlausibleRange) -> Iterator[str]:
     """Sentences on what one fruit's numbers cannot be: alone, together, and among the other fruit.
 
     What `table_doubts` says of a whole column is not said again. A reference body stands alone, and no fruit
-    is held against one. `rows`: the table, as TableColumns where many are asked for.
+    is held against one.
     """
     if row.reference:
-        rows = ()
-    columns = rows if isinstance(rows, TableColumns) else TableColumns(rows)
+        columns = TableColumns(())
     own = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
     if said := _exchanged(own, kind):
         yield said

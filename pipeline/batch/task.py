@@ -58,12 +58,7 @@ def batch_fruits(batch: Batch, results: Results) -> BatchFruits:
 
 
 def fruit_task(
-    batch: Batch,
-    fruit_id: str,
-    results: Results,
-    *,
-    screen: bool = True,
-    among: BatchFruits | None = None,
+    batch: Batch, fruit_id: str, results: Results, *, screen: bool = True, among: BatchFruits | None = None
 ) -> FruitTask:
     """The task of one fruit of the batch, and the key of everything its result depends on.
 

@@ -148,10 +148,8 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
             held = f"it holds {inside[0].name}" + (f" and {len(inside) - 1} more" if inside[1:] else "")
             yield (
                 place,
-                (
-                    f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
-                    "or move the files"
-                ),
+                f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
+                "or move the files",
             )
 
 
@@ -198,7 +196,6 @@ _FOR_GRASPS = {
 
 
 def _in_the_batch_folder(folder: BatchFolder) -> Unused:
-    """Files in the batch's own folder."""
     own = {path.name.lower(): path for path in (folder.settings, folder.table, folder.mat)}
     for path in _files_in(folder.root):
         kind, first = kind_of(path), own.get(path.name.lower())
@@ -213,7 +210,7 @@ def _in_the_batch_folder(folder: BatchFolder) -> Unused:
 
 _FOR_A_BATCH = {
     "table": "fruits.csv lists the fruit; write them there, or move it away",
-    "mesh": ("drupe reads a fruit's mesh in fruits/<fruit_id>/, and a common pit where [pit] prior names it"),
+    "mesh": "drupe reads a fruit's mesh in fruits/<fruit_id>/, and a common pit where [pit] prior names it",
     "archive": "drupe does not open archives; unpack it",
 }
 
@@ -222,15 +219,13 @@ def _among_fruits(folder: BatchFolder) -> Unused:
     """Files in fruits/, and folders that can be no fruit's."""
     for path in _files_in(folder.fruits):
         if kind_of(path):
-            yield path, ("drupe reads a fruit's inputs in its own folder, fruits/<fruit_id>/; move it there")
+            yield path, "drupe reads a fruit's inputs in its own folder, fruits/<fruit_id>/; move it there"
     for place in _folders_in(folder.fruits):
         if not SAFE_ID.fullmatch(unicodedata.normalize("NFC", place.name)):
             yield (
                 place,
-                (
-                    "a fruit_id has letters, digits, dot, dash, underscore and space, and starts with a "
-                    "letter or digit. Rename the folder, and add a row to fruits.csv"
-                ),
+                "a fruit_id has letters, digits, dot, dash, underscore and space, and starts with a "
+                "letter or digit. Rename the folder, and add a row to fruits.csv",
             )
 
 

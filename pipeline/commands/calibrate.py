@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.shared_options import SheetOption
 from pipeline.safe_start import elsewhere
 
 
@@ -67,9 +68,7 @@ def calibrate(
     units: Annotated[
         str | None, typer.Option(metavar="LIST", help="Units of a load cell's table, as for drupe convert.")
     ] = None,
-    sheet: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
-    ] = None,
+    sheet: SheetOption = None,
 ) -> None:
     """Calibrate a sensor from presses, or measure the compliance of a rig.
 

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import require_libraries
+from pipeline.commands.shared_options import BatchArgument
 from pipeline.exit_status import DONE, DOUBTED, USAGE
 from pipeline.safe_start import elsewhere
 

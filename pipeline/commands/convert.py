@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.shared_options import SheetOption
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
@@ -95,9 +96,7 @@ def convert(
             "Also known: kN, lbf, kgf, um, in, ms, min and others.",
         ),
     ] = None,
-    sheet: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
-    ] = None,
+    sheet: SheetOption = None,
     run: Annotated[
         str | None,
         typer.Option(

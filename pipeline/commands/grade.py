@@ -1,38 +1,41 @@
 """`drupe grade`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from pipeline.commands.batch_argument import BatchArgument
 from pipeline.commands.endings import said_when_interrupted
-from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
-from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
-from pipeline.commands.table_options import ExcelOption, ParquetOption
+from pipeline.commands.shared_options import (
+    BatchArgument,
+    ChecksumsOption,
+    ExcelOption,
+    LanguageOption,
+    LogOption,
+    OutOption,
+    ParquetOption,
+    QuietOption,
+    ScreenOption,
+    TimeLimitOption,
+    VerboseOption,
+    chosen_language,
+)
 from pipeline.safe_start import elsewhere
 
 
 def grade(
     batch: BatchArgument,
-    out: Annotated[
-        Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")
-    ] = None,
+    out: OutOption = None,
     jobs: Annotated[
         int | None,
         typer.Option(min=1, help="Number of fruit to compute in parallel.", show_default="one per core"),
     ] = None,
-    time_limit: Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")] = 1800,
+    time_limit: TimeLimitOption = 1800,
     force: Annotated[
-        bool,
-        typer.Option("--force", help="Accept values outside the category's plausible range."),
+        bool, typer.Option("--force", help="Accept values outside the category's plausible range.")
     ] = False,
-    screen: Annotated[
-        bool,
-        typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit)."),
-    ] = True,
+    screen: ScreenOption = True,
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -52,14 +55,10 @@ def grade(
     tls: Annotated[
         bool,
         typer.Option(
-            "--tls/--no-tls",
-            help="Encrypt the connections to Slurm jobs and refuse other clients.",
+            "--tls/--no-tls", help="Encrypt the connections to Slurm jobs and refuse other clients."
         ),
     ] = True,
-    provenance: Annotated[
-        bool,
-        typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report."),
-    ] = False,
+    provenance: ChecksumsOption = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
     lang: LanguageOption = None,
@@ -80,7 +79,7 @@ def grade(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import ReportOptions
+        from pipeline.run.batch_run import GradeOptions, ReportOptions
         from pipeline.run.console import RunConsole
         from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
@@ -89,13 +88,15 @@ def grade(
         status, entry = grade_batch(
             batch,
             out,
-            jobs=jobs or cores(),
-            time_limit_s=time_limit,
+            GradeOptions(
+                jobs=jobs or cores(),
+                time_limit_s=time_limit,
+                screen=screen,
+                force=force,
+                report=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
+            ),
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
-            force=force,
-            screen=screen,
             place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
-            options=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
         )
     if not quiet:
         print_summary(entry, out or batch / "results", console=Console())

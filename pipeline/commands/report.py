@@ -6,8 +6,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.commands.language_option import LanguageOption, chosen_language
-from pipeline.commands.table_options import ExcelOption, ParquetOption
+from pipeline.commands.shared_options import (
+    ChecksumsOption,
+    ExcelOption,
+    LanguageOption,
+    ParquetOption,
+    chosen_language,
+)
 from pipeline.exit_status import UNUSABLE
 from pipeline.safe_start import elsewhere
 
@@ -15,12 +20,9 @@ from pipeline.safe_start import elsewhere
 def report(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
     batch: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The batch folder, if it moved after grading."),
+        Path | None, typer.Option(metavar="DIR", help="The batch folder, if it moved after grading.")
     ] = None,
-    provenance: Annotated[
-        bool, typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report.")
-    ] = False,
+    provenance: ChecksumsOption = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,
     lang: LanguageOption = None,

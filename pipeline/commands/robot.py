@@ -22,8 +22,7 @@ def robot(
     ],
     out: Annotated[Path, typer.Argument(metavar="ROBOT.toml", help="The description file to write.")],
     gripper: Annotated[
-        Path,
-        typer.Option(metavar="FILE", help="The gripper's description: the pads' poses on the flange."),
+        Path, typer.Option(metavar="FILE", help="The gripper's description: the pads' poses on the flange.")
     ],
     mat: Annotated[Path, typer.Option(metavar="FILE", help="The mat.json of the printed mat.")] = Path(
         "mat.json"

@@ -21,8 +21,7 @@ def sample(
         ),
     ] = None,
     fruits: Annotated[
-        int | None,
-        typer.Option(min=1, max=500, help="Number of fruit to generate.", show_default="4"),
+        int | None, typer.Option(min=1, max=500, help="Number of fruit to generate.", show_default="4")
     ] = None,
     photos: Annotated[
         bool,

@@ -1,22 +1,27 @@
 """`drupe watch`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.commands.batch_argument import BatchArgument
-from pipeline.commands.language_option import LanguageOption, chosen_language
 from pipeline.commands.machine import cores, require_libraries
-from pipeline.commands.output_options import LogOption, QuietOption, VerboseOption
+from pipeline.commands.shared_options import (
+    BatchArgument,
+    LanguageOption,
+    LogOption,
+    OutOption,
+    QuietOption,
+    ScreenOption,
+    TimeLimitOption,
+    VerboseOption,
+    chosen_language,
+)
 from pipeline.safe_start import elsewhere
 
 
 def watch(
     batch: BatchArgument,
-    out: Annotated[
-        Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")
-    ] = None,
+    out: OutOption = None,
     jobs: Annotated[int, typer.Option(min=1, help="Number of fruit to compute in parallel.")] = 1,
     port: Annotated[
         int,
@@ -29,11 +34,8 @@ def watch(
         float | None,
         typer.Option(min=0, help="Stop after this time without new files, in minutes.", show_default="never"),
     ] = None,
-    time_limit: Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")] = 1800,
-    screen: Annotated[
-        bool,
-        typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit)."),
-    ] = True,
+    time_limit: TimeLimitOption = 1800,
+    screen: ScreenOption = True,
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -59,6 +61,7 @@ def watch(
         from pipeline.batch.layout import BatchFolder, Results
         from pipeline.batch.settings import require_settings_file
         from pipeline.ranking.run_summary import print_summary
+        from pipeline.run.batch_run import GradeOptions, ReportOptions
         from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.watching import BatchWatch, WatchOptions
@@ -68,10 +71,12 @@ def watch(
     place = out or batch / "results"
     options = WatchOptions(
         out=place,
-        jobs=min(jobs, cores()),
-        time_limit_s=time_limit,
-        screen=screen,
-        language=language,
+        grading=GradeOptions(
+            jobs=min(jobs, cores()),
+            time_limit_s=time_limit,
+            screen=screen,
+            report=ReportOptions(language=language),
+        ),
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
     )

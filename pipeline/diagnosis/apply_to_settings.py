@@ -14,6 +14,7 @@ from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.files.plain_file import NotReadable, toml_of
+from pipeline.files.toml_text import toml_value
 from reports.effect_words import LISTED
 
 HEADER = re.compile(r"[ \t]*\[")
@@ -193,30 +194,8 @@ def _blocks(lines: Sequence[str]) -> list[tuple[int, int]]:
 
 
 def _lines(one: ConfirmedEffect, *, note: str) -> list[str]:
-    """A confirmed effect as a [[mismatch]] table of batch.toml, line by line."""
-    lines = [f"[[mismatch]]{f'  # {note}' if note else ''}", f"effect = {_toml(one.effect)}"]
-    lines.append(f"parameters = {_table(one.parameters)}")
-    if one.sd:
-        lines.append(f"sd = {_table(one.sd)}")
-    if one.fruits is not None:
-        lines.append(f"fruits = [{', '.join(map(_toml, one.fruits))}]")
-    if one.found_in is not None:
-        lines.append(f"found_in = {_toml(one.found_in)}")
-    if one.probability is not None:
-        lines.append(f"probability = {_toml(one.probability)}")
-    return lines
-
-
-def _table(values: object) -> str:
-    if not isinstance(values, dict):
-        raise TypeError(values)
-    return "{ " + ", ".join(f"{name} = {_toml(value)}" for name, value in values.items()) + " }"
-
-
-def _toml(value: Value) -> str:
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(float(value))
+    held = one.model_dump(exclude_none=True)
+    if not one.sd:
+        del held["sd"]
+    header = f"[[mismatch]]{f'  # {note}' if note else ''}"
+    return [header, *(f"{key} = {toml_value(value)}" for key, value in held.items())]

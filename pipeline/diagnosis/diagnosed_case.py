@@ -24,8 +24,6 @@ from tactile.io.specimen import PressedSpecimen
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
-
-
 Length = Annotated[float, Field(ge=0.1, le=500)]
 """mm, of a specimen between plates."""
 
@@ -125,7 +123,6 @@ def _in_short(fruit_ids: Sequence[str]) -> str:
 
 
 def _of_its_own(folder: CaseFolder, work: Path) -> Case:
-    """The case in a folder with a case.toml."""
     said = read_toml(folder.settings, CaseSettings, missing=_NO_CASE)
     notes = _left_aside(folder.settings, said)
     prior = _prior(folder, said)

@@ -147,13 +147,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             graded, of_grading = None, [f"{why}; E without an effect is the mean of the individual fits."]
     with log.stage("explanation"):
         found = find(handed, graded, log, jobs=jobs)
-    notes = dict.fromkeys(
-        [
-            *of_grading,
-            *found.notes,
-            *notes_on(case, fruit, log.warnings),
-        ]
-    )
+    notes = dict.fromkeys([*of_grading, *found.notes, *notes_on(case, fruit, log.warnings)])
     budget, pit = handed.budget, fruit.pit.record
     scale = sensor_scale([one.recording for one in fruit.placed], case.task.settings.sensor).common
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"

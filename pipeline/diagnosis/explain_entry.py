@@ -60,7 +60,7 @@ def explain_entry(
             "contacts_mm": found.contacts_mm,
             "facts": found.facts,
             "doubts": found.doubts,
-        },
+        }
     )
 
 

@@ -7,12 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fem.mismatch.selection.decision import DETECTION_P
-from reports.effect_words import (
-    component_in_words,
-    explain_verdict,
-    when_in_words,
-    where_in_words,
-)
+from reports.effect_words import component_in_words, explain_verdict, when_in_words, where_in_words
 from reports.explain_entries import ExplainEntry, Record
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
@@ -71,7 +66,6 @@ def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Cons
 
 
 def _ranking(entry: ExplainEntry) -> Table:
-    """The first SHOWN explanations as a table."""
     table = Table(box=None, pad_edge=False)
     table.add_column("explanation")
     table.add_column("probability", justify="right")

@@ -91,7 +91,6 @@ def shipped_categories() -> list[PitPrior]:
 
 
 def _ln_size(range_mm: tuple[float, float]) -> tuple[float, float]:
-    """Mean and standard deviation of ln size in a category of this range."""
     low, high = np.log(range_mm).tolist()
     return (low + high) / 2, (high - low) / (2 * RANGE_SD)
 

@@ -76,10 +76,8 @@ def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
     """One warning for each effect that stands in the settings and is not in the modulus."""
     taken = used(effects)
     return [
-        (
-            f"batch.toml confirms {one.effect} with {', '.join(_too_much(one))}, which grading cannot "
-            "take into account yet; E ignores it."
-        )
+        f"batch.toml confirms {one.effect} with {', '.join(_too_much(one))}, which grading cannot "
+        "take into account yet; E ignores it."
         for one in effects
         if one not in taken
     ]

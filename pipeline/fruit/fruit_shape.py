@@ -128,11 +128,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         sd_mm=made.sd_mm,
         warnings=(*folder.unused_photos(), *made.warnings),
         record=shape.record.model_copy(
-            update={
-                "scale_sd": made.scale_sd,
-                "surface_sd_mm": made.surface_sd_mm,
-                "quality": made.quality,
-            }
+            update={"scale_sd": made.scale_sd, "surface_sd_mm": made.surface_sd_mm, "quality": made.quality}
         ),
     )
 

@@ -190,13 +190,7 @@ def owner_of(task: FruitTask) -> Owner:
 
 
 def admitted(
-    owner: Owner,
-    log: StageLog,
-    strangers: dict[str, bool],
-    recording: Recording,
-    *,
-    name: str,
-    field: str,
+    owner: Owner, log: StageLog, strangers: dict[str, bool], recording: Recording, *, name: str, field: str
 ) -> list[Finding]:
     """What is doubted of a recording's being its owner's; raises TactileFailure where it is another's.
 

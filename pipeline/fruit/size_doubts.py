@@ -35,10 +35,7 @@ def size_doubts(
     """
     wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh, body), *_kind(mesh, prior)]
     check = _what_to_check(given, mesh, on_mat=on_mat)
-    return [
-        *(f"{doubt}: {check}" for doubt in wrong),
-        *_alone(given, mesh, on_mat or by_coin),
-    ]
+    return [*(f"{doubt}: {check}" for doubt in wrong), *_alone(given, mesh, on_mat or by_coin)]
 
 
 def measured(

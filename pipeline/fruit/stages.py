@@ -168,7 +168,6 @@ def measured_fruit(
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
-    """The stages in their order; what each finds goes to `log`."""
     solids: dict[Support, UnitModulusSolid] = {}
     fruit, found = measured_fruit(task, log, solids=solids if task.screen else None)
     shape, pit, placed = fruit.shape, fruit.pit, fruit.placed
@@ -205,7 +204,6 @@ def _grade(task: FruitTask, log: StageLog) -> None:
 
 
 def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
-    """Raises FruitEnded for a modulus that no flesh of the category has."""
     limits = expected_E_MPa(task.prior)
     if limits is not None and not limits[0] <= E_MPa <= limits[1]:
         said = f"{E_MPa:.3g} MPa (expected {limits[0]:g} to {limits[1]:g} MPa)"

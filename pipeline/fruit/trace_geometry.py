@@ -33,12 +33,7 @@ COLUMNS = KEYS | {
 """What fruits.csv calls them; other specimens than fruit it has no columns for."""
 OPTIONS = {name: f"--{key.replace('_', '-')}" for name, key in KEYS.items()}
 """What `drupe convert` calls them."""
-EXAMPLES = {
-    "height_mm": "12",
-    "diameter_mm": "15",
-    "diameters_mm": "61 60 58",
-    "axis": "a|b|c",
-}
+EXAMPLES = {"height_mm": "12", "diameter_mm": "15", "diameters_mm": "61 60 58", "axis": "a|b|c"}
 """Values that show how each is given."""
 
 
@@ -90,10 +85,8 @@ def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple
     """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
     own, said = recorded.stated, stated.specimen.stated
     notes = [
-        (
-            f"{source}: {KEYS[name]} is {own[name]} in the recording but {value} in {stated.where}; drupe "
-            "uses the latter."
-        )
+        f"{source}: {KEYS[name]} is {own[name]} in the recording but {value} in {stated.where}; drupe "
+        "uses the latter."
         for name, value in said.items()
         if name in own and own[name] != value
     ]
@@ -143,18 +136,14 @@ def _fruit(specimen: PressedSpecimen, pit_share: float | None, name_of: Mapping[
     if share is None and pit_share is not None:
         share = min(pit_share, LARGEST_PIT)
         assumed = (
-            (
-                f"No {name_of['pit_share']} given: drupe uses the category's pit, {share:.2f} of the "
-                "fruit's diameter."
-            ),
+            f"No {name_of['pit_share']} given: drupe uses the category's pit, {share:.2f} of the "
+            "fruit's diameter.",
         )
     elif share is None:
         share = 0.0
         notes = (
-            (
-                f"No {name_of['pit_share']} given, and the category has none: drupe assumes solid flesh, "
-                "so a fruit with a stone appears stiffer."
-            ),
+            f"No {name_of['pit_share']} given, and the category has none: drupe assumes solid flesh, "
+            "so a fruit with a stone appears stiffer.",
         )
     geometry = Ellipsoid(
         diameters_mm=specimen.diameters_mm or (0.0, 0.0, 0.0),

@@ -129,7 +129,6 @@ class HistoryStore:
         return list(dict.fromkeys([*self.kept, *(row.batch for row in self.damaged if row.batch)]))
 
     def _keys(self, named: str) -> list[str]:
-        """The batches of that name, folder or lot."""
         latest = {key: kept.latest() for key, kept in self.kept.items()}
         known = {
             key: (key, batch.lot, batch.folder, Path(batch.folder).name) for key, batch in latest.items()

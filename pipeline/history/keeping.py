@@ -133,7 +133,6 @@ def _asked(store: HistoryStore, text: str, batches: Sequence[StoredBatch]) -> li
 
 
 def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
-    """Raises BatchRefused where what is asked for cannot be done."""
     if not outs and wanted.store is None:
         raise refused(COMMAND, "needs results folders, or a store with --store.")
     for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):

@@ -63,13 +63,7 @@ class NotFitted(ValueError):
 
 
 def fitted_conversion(
-    E_MPa: Sequence[float],
-    reading: Sequence[float],
-    *,
-    scale: str,
-    group: str,
-    version: int,
-    fitted_utc: str,
+    E_MPa: Sequence[float], reading: Sequence[float], *, scale: str, group: str, version: int, fitted_utc: str
 ) -> ScaleConversion:
     """The line through fruit that have both. Raises NotFitted."""
     n = len(E_MPa)

@@ -111,11 +111,7 @@ def combined(
     sd = math.sqrt(max(1.0, spread) / weight.sum())
     ratio = max(0.0, abs(mean) - floor) / sd
     return Combined(
-        mean=mean,
-        sd=sd,
-        between_sd=math.sqrt(tau2),
-        t=ratio,
-        p_value=float(2 * stdtr(freedom, -ratio)),
+        mean=mean, sd=sd, between_sd=math.sqrt(tau2), t=ratio, p_value=float(2 * stdtr(freedom, -ratio))
     )
 
 

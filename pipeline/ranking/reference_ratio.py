@@ -219,10 +219,8 @@ def _sentences(
     if ratio is None:
         why = ", ".join(f"{record.fruit_id}: {record.outcome}" for record in asked)
         return [
-            (
-                f"No reference body is graded ({why}), so drupe cannot check a gain common to both pads; "
-                "correct the cause and run the batch again."
-            )
+            f"No reference body is graded ({why}), so drupe cannot check a gain common to both pads; "
+            "correct the cause and run the batch again."
         ]
     if ratio.implausible and not ratio.disagree:
         return [f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and drupe corrects none."]

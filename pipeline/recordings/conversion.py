@@ -16,6 +16,7 @@ from pipeline.fruit.bare_traces import is_bare
 from pipeline.fruit.input_doubts import expected_E_MPa
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import refused
+from pipeline.recordings.description_file import frame_progress
 from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
@@ -57,21 +58,15 @@ KINDS = (
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
 )
 """What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
-
-
 WHAT_PRESSED = (
     "is a load cell's force-displacement curve. Give --indenter ball or flat with --radius-mm, "
     "or --indenter plates with the specimen (docs/formats.md, A load cell)."
 )
-
-
 FRAMES_ALONE = (
     "holds pictures or a video of a gel without sensor and times. Put them into a folder with "
     "grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp), and give "
     "that folder. drupe sensor writes the description."
 )
-
-
 POSES_LACKING = "no motion."
 """How the readers' notes of missing poses end, which jaws or a robot supply."""
 ANY_RATIO = 0.45
@@ -234,11 +229,7 @@ def _of_any_kind(
     source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
 ) -> tuple[Converted, list[Tac3D]]:
     """By what the source holds."""
-
-    def report_pad(pad: str, done: int, of: int) -> None:
-        if done % TELL_EVERY == 0 or done == of:
-            report(f"{pad}: {done} of {of} frames")
-
+    report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
         return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []

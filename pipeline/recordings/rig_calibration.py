@@ -9,12 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.batch.scratch import scratch
-from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import read_bytes, text_or_empty
-from pipeline.files.whole_file import put
+from pipeline.files.plain_file import read_bytes
 from pipeline.problem import refused
-from pipeline.recordings.sensor_calibration import as_toml
+from pipeline.recordings.description_file import DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
 from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
 from tactile.io.raw_grasp import read_raw_grasp
@@ -27,10 +24,7 @@ from tactile.rig.rig_fit import FittedRig, fit_rig
 from tactile.rig.rigid_squeeze import RigidPress, rigid_squeezes
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
-WRITTEN_BY = "# rig, written by drupe calibrate"
-"""First line of every rig's description, by which a later run knows its own."""
-MOST_TEXT = 4_000_000
-"""Bytes of a description, as its reader has it (tactile.io.toml_table)."""
+RIG = DescriptionKind("# rig, written by drupe calibrate", "a rig that drupe calibrate wrote")
 DIGITS = 6
 """Significant ones of the written curve: a nanometre in a millimetre."""
 
@@ -61,8 +55,7 @@ def calibrate_rig(
     """
     if out.suffix.lower() != ".toml":
         raise refused(out, "is TOML; give a name that ends in .toml.")
-    require_file_apart(out, inputs=sources, folders=[path for path in sources if path.is_dir()])
-    require_new_or_ours(out, _is_rig, "a rig that drupe calibrate wrote")
+    RIG.require_place(out, inputs=sources, folders=[path for path in sources if path.is_dir()])
     twice = {path.resolve() for path in sources}
     if len(twice) < len(sources):
         raise refused(sources[0], "is named twice; name each recording once.")
@@ -89,24 +82,13 @@ def calibrate_rig(
         raise refused(sources[0], sentence)
     whole = fit_rig(squeezes)
     jaws = fit_rig(squeezes, own=False) if gels == {True} else None
-    written = _described(whole, jaws, squeezes, rigid, sources, today)
-    with scratch() as folder:
-        draft = folder / out.name
-        draft.write_text(f"{WRITTEN_BY}\n{as_toml(written)}", encoding="utf-8")
-        read_rig(draft)
-        put(out, draft.read_bytes())
+    RIG.put(out, _described(whole, jaws, squeezes, rigid, sources, today), read_rig)
     return (*said, *_in_words(whole, jaws, rigid))
 
 
 def _read(path: Path, words: TraceWords, report: Callable[[str], None]) -> tuple[Recording, tuple[str, ...]]:
-    """The recording in a table, an .h5, or a folder of frames."""
-
-    def report_pad(pad: str, done: int, of: int) -> None:
-        if done == of:
-            report(f"{pad}: {done} of {of} frames")
-
     if (path / "grasp.toml").is_file():
-        return recording_of(read_raw_grasp(path), progress=report_pad).recording, ()
+        return recording_of(read_raw_grasp(path), progress=frame_progress(report)).recording, ()
     if path.suffix.lower() in TABLES:
         found = read_trace(path, fruit_id="rig", category="rig", indenter="ball", radius_mm=1.0, words=words)
         return found.recording, tuple(note for note in found.notes if note != NO_MARKERS)
@@ -148,7 +130,6 @@ def _described(
     sources: Sequence[Path],
     today: datetime.date,
 ) -> dict[str, Any]:
-    """What the file holds."""
     of = jaws or whole
     written: dict[str, Any] = {
         "format": FORMAT,
@@ -194,18 +175,15 @@ def _digest(path: Path) -> str:
 
 
 def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> tuple[str, ...]:
-    """What was found, and what must be known of it."""
     of, what = (whole, "rig") if jaws is None else (jaws, "jaws")
     peak, last = of.curve.largest_N, of.curve.last_mm_per_N
     at_peak = float(of.curve.give(np.array(peak)))
     sd = float(of.curve.sd_mm[-1])
     stiffness = f"{1 / last:.3g} N/mm there" if last > 0 else "no compliance in the last readings"
     lines = [
-        (
-            f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
-            f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
-            f"{of.least_N:.2g} to {peak:.3g} N"
-        ),
+        f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
+        f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
+        f"{of.least_N:.2g} to {peak:.3g} N",
         f"parts of the standard deviation: {of.repeat_mm:.2g} mm between squeezes, "
         f"{abs(of.hysteresis_mm):.2g} mm between loading and unloading, {of.scatter_mm:.2g} mm from the "
         f"readings (residual {of.readings_mm:.2g} mm)",
@@ -231,7 +209,3 @@ def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> t
             "differently"
         )
     return tuple(lines)
-
-
-def _is_rig(path: Path) -> bool:
-    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

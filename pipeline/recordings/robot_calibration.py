@@ -10,25 +10,20 @@ from typing import Any
 import numpy as np
 
 from pipeline.batch.opening import read_mat
-from pipeline.batch.scratch import scratch
-from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import read_bytes, text_or_empty
-from pipeline.files.whole_file import put
+from pipeline.files.plain_file import read_bytes
 from pipeline.problem import refused
-from pipeline.recordings.sensor_calibration import as_toml
+from pipeline.recordings.description_file import DescriptionKind
 from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
 from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
 from recon.cameras.printed_mat import Mat, detect_tags
 from tactile.io.flange_table import FlangeTable, read_flange_table
 from tactile.io.pictures import unusable
 from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
-from tactile.io.toml_table import MOST_BYTES as MOST_TEXT
 from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
 from tactile.robot.touched_mat import touched_mat
 
-WRITTEN_BY = "# robot, written by drupe robot"
-"""First line of every robot's description, by which a later run knows its own."""
+ROBOT = DescriptionKind("# robot, written by drupe robot", "a robot that drupe robot wrote")
 FRUIT_MM = np.array([0.0, 0.0, 30.0])
 """A typical place of the pads on the mat, mm: half the height of a fruit above its middle."""
 
@@ -50,8 +45,7 @@ def calibrate_robot(
     """
     if out.suffix.lower() != ".toml":
         raise refused(out, "is TOML; give a name that ends in .toml.")
-    require_file_apart(out, inputs=(poses, mat, gripper), folders=())
-    require_new_or_ours(out, _is_robot, "a robot that drupe robot wrote")
+    ROBOT.require_place(out, inputs=(poses, mat, gripper))
     table, printed, hand = read_flange_table(poses), read_mat(mat), read_gripper(gripper)
     if (table.photo is None) == (table.touched is None):
         raise unusable(
@@ -68,18 +62,11 @@ def calibrate_robot(
         else _photographed(poses, table, photos, printed, camera_on_flange=not fixed_camera, report=report)
     )
     inputs = [poses, mat, gripper, *(poses.parent / photo.name for photo in photos)]
-    with scratch() as folder:
-        draft = folder / out.name
-        draft.write_text(
-            f"{WRITTEN_BY}\n{as_toml(_described(fitted, hand, inputs, today))}", encoding="utf-8"
-        )
-        read_robot(draft)
-        put(out, draft.read_bytes())
+    ROBOT.put(out, _described(fitted, hand, inputs, today), read_robot)
     return _in_words(fitted, hand)
 
 
 def _photos(poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]) -> tuple[Photo, ...]:
-    """The photos that the table names, with the mat's tags in them."""
     names = table.photo or ()
     for row, name in zip(table.row, names, strict=True):
         if not name or Path(name).name != name:
@@ -153,7 +140,6 @@ def _touches(table: FlangeTable) -> list[tuple[int, int]]:
 def _described(
     fitted: BaseAndMat, gripper: Gripper, inputs: Sequence[Path], today: datetime.date
 ) -> dict[str, Any]:
-    """What the file holds."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -178,7 +164,6 @@ def _described(
 
 
 def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
-    """What the calibration found, and how well."""
     turn = np.degrees(np.sqrt(np.trace(fitted.covariance[:3, :3]) / 3))
     at_fruit = place_sd_mm(fitted.covariance, FRUIT_MM)
     flange = flange_covariance(fitted.flange_sd_mm, fitted.flange_sd_deg)
@@ -203,7 +188,3 @@ def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
             "the gripper's description has no pose_sd_mm, so the pads' places on the flange count as exact"
         )
     return tuple(lines)
-
-
-def _is_robot(path: Path) -> bool:
-    return text_or_empty(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")

@@ -10,9 +10,11 @@ import numpy as np
 
 from pipeline.batch.scratch import scratch
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import NotReadable, read_text, text_or_empty, toml_of
+from pipeline.files.plain_file import NotReadable, read_text, toml_of
+from pipeline.files.toml_text import as_toml
 from pipeline.files.whole_file import put
 from pipeline.problem import refused
+from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import layer_of
@@ -25,12 +27,9 @@ from tactile.io.recording import GelPad
 from tactile.io.sensor_file import read_sensor
 from tactile.sensors import GelCamera
 
-MOST_BYTES = 4_000_000
-"""Of a description, as its reader has it (tactile.io.sensor_file)."""
 LEAST_KNOWN_TO = 1e-3
 """Relative standard deviation of a force's scale that no press undercuts (set by hand)."""
-WRITTEN_BY = "# written by drupe calibrate"
-"""First line of every description written, by which a later run knows its own."""
+CALIBRATED = DescriptionKind("# written by drupe calibrate", "a description that drupe calibrate wrote")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +81,7 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
             read_sensor(stage)
         # The description first: where a run is killed between the two, it names a look-up by its digest that
         # is not there, which its reader says and the next run overwrites.
-        put(out, f"{WRITTEN_BY}\n{stage.read_text(encoding='utf-8')}".encode())
+        put(out, f"{CALIBRATED.first_line}\n{stage.read_text(encoding='utf-8')}".encode())
         if shading.exists():
             put(out.parent / shading.name, shading.read_bytes())
     return tuple(said)
@@ -100,20 +99,16 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
     folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
     for target in (out, look_up) if presses.ball or named else (out,):
         require_file_apart(target, inputs=[sensor, *named, *others, *presses.ball], folders=folders)
-    require_new_or_ours(out, _is_calibrated, "a description that drupe calibrate wrote")
+    require_new_or_ours(out, CALIBRATED.is_ours, CALIBRATED.called)
     if presses.ball or named:
         require_new_or_ours(
             look_up, lambda path: _names(out, path), f"the look-up of a {out.name} that drupe calibrate wrote"
         )
 
 
-def _is_calibrated(path: Path) -> bool:
-    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
-
-
 def _names(description: Path, look_up: Path) -> bool:
     """Whether `description` is one of ours and has its look-up in the file `look_up`."""
-    if not _is_calibrated(description):
+    if not CALIBRATED.is_ours(description):
         return False
     return _described(description).get("calibration_file") == look_up.name
 
@@ -189,12 +184,7 @@ def _stiffness(
     path: Path, described: dict[str, Any], press: Path, report: Callable[[str], None]
 ) -> list[str]:
     """The gel's table for sensor.toml, its stiffness scaled to the load cell's force; raises BatchRefused."""
-
-    def report_pad(pad: str, done: int, of: int) -> None:
-        if done == of:
-            report(f"{pad}: {done} of {of} frames")
-
-    recording = recording_of(read_raw_grasp(press, sensor=path), progress=report_pad).recording
+    recording = recording_of(read_raw_grasp(press, sensor=path), progress=frame_progress(report)).recording
     pad = recording.pads[0]
     if recording.wrench_N is None or not isinstance(pad, GelPad):
         raise refused(press, "has no load cell; log fx_N, fy_N and fz_N in log.csv.")
@@ -219,30 +209,3 @@ def _scaled(gel: dict[str, Any], gain: GelGain, *, springs: bool) -> str:
         f"({gain.value:.3f} times the description's; load cell and gel agree within "
         f"{100 * gain.residual:.1f} % of the peak)"
     )
-
-
-def as_toml(values: dict[str, Any], prefix: str = "") -> str:
-    """TOML of texts, numbers, lists, tables and lists of tables, as a sensor's description has them."""
-    lines = [f"{key} = {_value(value)}" for key, value in values.items() if not _is_table(value)]
-    for key, value in values.items():
-        if isinstance(value, dict):
-            lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
-        elif _is_table(value):
-            for item in value:
-                lines += ["", f"[[{prefix}{key}]]", as_toml(item, f"{prefix}{key}.").rstrip()]
-    return "\n".join(lines) + "\n"
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
-    if isinstance(value, list):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return repr(value)

@@ -4,20 +4,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.batch.scratch import scratch
-from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import text_or_empty
-from pipeline.files.whole_file import put
 from pipeline.problem import refused
-from pipeline.recordings.sensor_calibration import MOST_BYTES, as_toml
+from pipeline.recordings.description_file import DescriptionKind
 from tactile.io.pictures import read_picture
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import SensorModel, model_names, read_model
 from tactile.sensor_description import described, with_given
 from tactile.tactile_failure import TactileFailure
 
-WRITTEN_BY = "# written by drupe sensor"
-"""First line of every description written, by which a later run knows its own."""
+SENSOR = DescriptionKind("# written by drupe sensor", "a description that drupe sensor wrote")
 
 
 def shipped() -> tuple[SensorModel, ...]:
@@ -40,19 +35,13 @@ def write_sensor(
     if name not in model_names():
         known = ", ".join(model_names())
         raise refused(name, f"is not a sensor that drupe knows; known: {known}.")
-    require_file_apart(out, inputs=[] if picture is None else [picture], folders=[])
-    require_new_or_ours(out, _is_ours, "a description that drupe sensor wrote")
+    SENSOR.require_place(out, inputs=[] if picture is None else [picture])
     model = with_given(read_model(name), {key: (value, known_to) for key, value in given.items()})
     rows, columns = grid
     model = replace(model, rows=rows or model.rows, columns=columns or model.columns)
     seen = None if picture is None else read_picture(picture)
     made = described(model, seen, source="" if picture is None else picture.name)
-    with scratch() as folder:
-        stage = folder / out.name
-        stage.write_text(as_toml(made.table), encoding="utf-8")
-        read_sensor(stage)
-        lines = [WRITTEN_BY, *(f"# {line}" for line in made.said)]
-        put(out, ("\n".join(lines) + f"\n{stage.read_text(encoding='utf-8')}").encode())
+    SENSOR.put(out, made.table, read_sensor, remarks=made.said)
     return made.said
 
 
@@ -64,7 +53,3 @@ def unknown_of(model: SensorModel) -> str:
         said = str(failure).removeprefix(f"{model.name}: ")
         return f"{said[0].upper()}{said[1:]}" if said.startswith("no published values exist") else ""
     return ""
-
-
-def _is_ours(path: Path) -> bool:
-    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")

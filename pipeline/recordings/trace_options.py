@@ -8,8 +8,6 @@ from tactile.io.trace_columns import KNOWN, TraceWords
 
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
 """A comma that parts two quantities; another one is of a column's name."""
-
-
 ALL_RUNS = "all"
 """What `--run` says for a file of each run."""
 

@@ -3,7 +3,7 @@
 import importlib.util
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -43,6 +43,20 @@ class ReportOptions:
         if self.parquet and importlib.util.find_spec("pyarrow") is None:
             sentence = "needs the package pyarrow; install it with: pip install 'drupe[parquet]'."
             raise refused("--parquet", sentence)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradeOptions:
+    """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`. `screen`: whether fruit are
+    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `report`: what
+    is written beside ranking and report.
+    """
+
+    jobs: int
+    time_limit_s: float
+    screen: bool = True
+    force: bool = False
+    report: ReportOptions = field(default_factory=ReportOptions)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,14 +1,15 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
 import unicodedata
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.batch.confirmed_effects import effects_on, pit_found
+from pipeline.batch.confirmed_effects import ConfirmedEffect, effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow, given_of
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import FruitFolder
@@ -27,7 +28,7 @@ from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
-from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
+from pipeline.fruit.input_doubts import of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
@@ -35,19 +36,18 @@ from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
 from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
-from pipeline.run.file_problems import at as _at
-from pipeline.run.file_problems import doubted as _doubted
-from pipeline.run.file_problems import tried as _tried
+from pipeline.run.file_problems import at, doubted, tried
 from pipeline.run.photo_checks import photo_problems
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding
 from tactile.correction import corrected
-from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.raw_grasp import RawGrasp, read_raw_grasp
 from tactile.io.recording import Recording, read_recording
 from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
+from tactile.rig.rig_curve import RigCurve
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
@@ -64,20 +64,18 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     the mat, sides without a photo), which takes seconds for each fruit.
     """
     found = survey(root)
+    rows, columns, read = found.rows, TableColumns(found.rows or ()), Read()
+    if rows is None:
+        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found))
+    each = (_CheckedFruit(batch=found, row=row, columns=columns, read=read) for row in rows)
+    fruit = [problem for one in each for problem in one.problems(quick=quick)]
     if found.rows is None:
-        rows: tuple[FruitRow, ...] = tuple(
-            FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found)
-        )
-        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {}, quick=quick)))
-    read: Read = {}
-    columns = TableColumns(found.rows)
-    fruit = [p for row in found.rows for p in fruit_problems(found, row, read, columns, quick=quick)]
+        return (*found.problems, *fruit)
     of_batch = [*_of_settings(found), *_strays(found), *_unused(found)]
     return (*found.problems, *of_batch, *fruit, *_in_two_fruit(found, read))
 
 
 def _of_settings(batch: Survey) -> Iterator[Problem]:
-    """What in batch.toml will put every E in doubt."""
     if batch.settings is not None:
         for doubt in of_poisson_ratio(batch.settings, batch.prior):
             sentence = f"{doubt.sentence} Every E will be in doubt."
@@ -110,61 +108,169 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     """
     kind = kind_of(batch.known)
     classes = list(grading_doubts(batch.settings.grading, kind))
-    columns = table_doubts(batch.rows, kind)
+    columns = table_doubts(TableColumns(batch.rows), kind)
     return {
-        row.fruit_id: [
-            *classes,
-            *(said for name, said in columns.items() if getattr(row, name) is not None),
-        ]
+        row.fruit_id: [*classes, *(said for name, said in columns.items() if getattr(row, name) is not None)]
         for row in batch.rows
         if not row.reference
     }
 
 
-def fruit_problems(
-    batch: Survey,
-    row: FruitRow,
-    read: Read,
-    columns: TableColumns | None = None,
-    *,
-    quick: bool = False,
-) -> Iterator[Problem]:
-    """What stands in the way of grading one fruit, and what puts its E in doubt.
+@dataclass(frozen=True, kw_only=True)
+class _CheckedFruit:
+    """A fruit of a batch that is being checked. Its recordings that can be used are added to `read`."""
 
-    Its recordings that can be used are added to `read`; `columns`: of the batch's table, where many ask.
-    `quick`: photos are read, but not looked at.
-    """
-    kind = kind_of(category_of(row, batch.category))
-    implausible = list(row_doubts(row, columns or batch.rows or (), kind))
-    for sentence in implausible:
-        named = f"{row.fruit_id}: {sentence}"
-        yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
-    folder = batch.folder.fruit(row.fruit_id)
-    if not folder.root.is_dir():
-        yield _at(row, folder.root, "does not exist; create it, with photos/ and grasps/ inside.")
-        return
-    mesh, broken = _closed_mesh(row, folder.fruit_ply)
-    yield from broken
-    if mesh is not None:
-        yield from _ready_mesh_problems(batch, row, folder, kind, mesh)
-        if not implausible and not any(_size_doubt(mesh, row, kind)):
-            yield from _contradicted(batch, row, folder.fruit_ply, kind, mesh)
-    elif not broken and folder.without_shape():
-        yield from _pressed_problems(batch, row, folder, read)
-        return
-    elif not broken and shape_from_photos(folder, row):
-        yield from photo_problems(batch, row, folder, quick=quick)
-    grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
-    if not grasps and not raw:
-        yield _at(
-            row,
-            folder.grasps,
-            "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames; found none.",
+    batch: Survey
+    row: FruitRow
+    columns: TableColumns
+    read: Read
+
+    @cached_property
+    def kind(self) -> PlausibleRange:
+        return kind_of(category_of(self.row, self.batch.category))
+
+    @cached_property
+    def folder(self) -> FruitFolder:
+        return self.batch.folder.fruit(self.row.fruit_id)
+
+    def effects(self) -> tuple[ConfirmedEffect, ...]:
+        settings = self.batch.settings
+        return () if settings is None else effects_on(settings.mismatch, self.row.fruit_id)
+
+    def rig(self) -> RigCurve | None:
+        settings = self.batch.settings
+        return None if settings is None else batch_rig(self.batch.folder.root, settings)
+
+    def problems(self, *, quick: bool) -> Iterator[Problem]:
+        """What stops the grading of the fruit, and what puts its E in doubt; `quick` as in `check`."""
+        batch, row, folder = self.batch, self.row, self.folder
+        implausible = list(row_doubts(row, self.columns, self.kind))
+        for sentence in implausible:
+            named = f"{row.fruit_id}: {sentence}"
+            yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
+        if not folder.root.is_dir():
+            yield at(row, folder.root, "does not exist; create it, with photos/ and grasps/ inside.")
+            return
+        mesh, broken = _closed_mesh(row, folder.fruit_ply)
+        yield from broken
+        if mesh is not None:
+            yield from self._of_ready_mesh(mesh)
+            if not implausible and not any(_size_doubt(mesh, row, self.kind)):
+                yield from self._contradicted(mesh)
+        elif not broken and folder.without_shape():
+            for path in folder.grasp_files():
+                yield from tried(row, path, partial(self._of_pressed, path))
+            return
+        elif not broken and shape_from_photos(folder, row):
+            yield from photo_problems(batch, row, folder, quick=quick)
+        grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
+        if not grasps and not raw:
+            sentence = "needs at least one recording (.h5, .hdf5, .mat) or folder of gel frames; found none."
+            yield at(row, folder.grasps, sentence)
+        for path in grasps:
+            yield from tried(row, path, partial(self._of_recording, path, mesh))
+        for path in raw:
+            yield from self._of_raw_grasp(path)
+
+    def _of_recording(self, path: Path, mesh: Mesh | None) -> list[Problem]:
+        """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
+        rig = self.rig()
+        of_the_gripper = jaw_faults(self.effects(), rig)
+        recorded = read_recording(path)
+        found = self._of_owner(recorded, source=path.name)
+        recording = corrected(recorded, of_the_gripper, source=path.name)
+        vertices, faces = (None, None) if mesh is None else mesh
+        sensor = None if self.batch.settings is None else self.batch.settings.sensor
+        checked = Checked(E_range_MPa=self.kind.ranges.E_MPa, rig=rig, sensor=sensor)
+        own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+        self._once(path, recording_digest(recorded))
+        return self._doubted(path, [one for one in (*found, *own) if not one.remark])
+
+    def _of_pressed(self, path: Path) -> list[Problem]:
+        """The same of a recording of a fruit that has its diameters for a shape."""
+        one = compression_trace(
+            path,
+            stated=stated_in_table(given_of(self.row)),
+            prior=self.batch.prior,
+            body=kind_of(self.batch.category).body,
+            rig=self.rig(),
+            admit=partial(self._of_owner, source=""),
         )
-    for path in grasps:
-        yield from _recording_problems(path, batch, row, mesh, kind, read)
-    for path in raw:
-        yield from _raw_grasp_problems(path, batch, row)
+        self._once(path, one.digest)
+        return self._doubted(path, one.findings)
+
+    def _of_raw_grasp(self, path: Path) -> Iterator[Problem]:
+        """Why a raw grasp is of no use, or whose it may be."""
+        said: list[str] = []
+
+        def read() -> list[Problem]:
+            raw = read_raw_grasp(path)
+            said.extend([*raw.notes, *references_said(raw)])
+            return self._doubted(path, self._of_owner(raw, source=path.name, field="fruit_id in grasp.toml"))
+
+        yield from tried(self.row, path, read)
+        yield from (doubted(self.row, path, sentence) for sentence in said)
+
+    def _of_owner(
+        self, recorded: Recording | RawGrasp, *, source: str, field: str = "attribute fruit_id"
+    ) -> list[Finding]:
+        """Whether the recording names this fruit, as grading asks (pipeline.fruit.grasped.owner_of)."""
+        batch, category = self.batch, None
+        if batch.settings is not None and not self.row.reference:
+            category = batch.settings.category if batch.category is None else batch.category.category
+        known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
+        owner = Owner(fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(known))
+        return owner_findings(recorded.fruit_id, recorded.category, owner, source=source, field=field)
+
+    def _once(self, path: Path, digest: str) -> None:
+        """Adds it to what is read; raises TactileFailure where another file of the fruit holds the same."""
+        same = self.read.setdefault(digest, [])
+        refuse_copy(path.name, next((other.name for row, other in same if row == self.row), None))
+        same.append((self.row, path))
+
+    def _doubted(self, path: Path, found: Iterable[Finding]) -> list[Problem]:
+        return [doubted(self.row, path, f"{path.name}: {one.sentence}.") for one in found]
+
+    def _of_ready_mesh(self, mesh: Mesh) -> Iterator[Problem]:
+        """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
+        batch, row, folder = self.batch, self.row, self.folder
+        broken = [
+            Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
+            for doubt in _size_doubt(mesh, row, self.kind)
+        ]
+        pit, wrong = _closed_mesh(row, folder.pit_ply)
+        broken += wrong
+        if pit is not None and not broken:
+            broken += tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, self.kind))
+        yield from broken
+        if broken or row.reference:
+            return
+        if pit is None and not (batch.settings and batch.settings.pit.none):
+            box_mm = np.ptp(mesh[0], axis=0).tolist()
+            for doubt in of_category(box_mm, batch.prior, others=shipped_categories()):
+                yield doubted(row, folder.fruit_ply, doubt.sentence)
+        yield from tried(row, folder.fruit_ply, partial(self._of_pit, mesh, pit))
+
+    def _of_pit(self, fruit: Mesh, pit: Mesh | None) -> list[Problem]:
+        """What grading says of the fruit's own pit, if it has one; raises ReconFailure where none fits."""
+        placed = pit if pit is not None else _usual_pit(self.batch, fruit)
+        if placed is None:
+            return []
+        embedded = embed_pit(*fruit, pit_found(self.effects()).moved(placed[0]), placed[1])
+        path, doubts = self.folder.pit_ply, of_a_given_pit(fruit[0], *embedded.pit, self.batch.prior)
+        return [
+            at(self.row, path, Outcome.IMPLAUSIBLE_PIT.sentence(one.sentence))
+            if one.refused
+            else doubted(self.row, path, one.sentence)
+            for one in (doubts if pit is not None else ())
+        ]
+
+    def _contradicted(self, mesh: Mesh) -> Iterator[Problem]:
+        """Sizes and mass of fruits.csv, and of the category, that the ready mesh contradicts."""
+        prior = None if self.row.reference else self.batch.prior
+        on_mat, found = self.batch.mat is not None, measured(*mesh, source="fruit.ply")
+        for said in size_doubts(given_of(self.row), found, prior, on_mat=on_mat, body=self.kind.body):
+            yield Problem(str(self.folder.fruit_ply), said, fruit_id=self.row.fruit_id, remark=True)
 
 
 def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]:
@@ -177,67 +283,8 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
         held.append(mesh)
 
     there = path.exists() or path.is_symlink()
-    problems = list(_tried(row, path, read)) if there else []
+    problems = list(tried(row, path, read)) if there else []
     return (held[0] if held else None), problems
-
-
-def _recording_problems(
-    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: PlausibleRange, read: Read
-) -> Iterator[Problem]:
-    """Why a recording is of no use, or what in it will put E in doubt."""
-    found: list[Finding] = []
-    yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind, read)))
-    for one in found:
-        if not one.remark:
-            yield _doubted(row, path, f"{path.name}: {one.sentence}.")
-
-
-def _pressed_problems(batch: Survey, row: FruitRow, folder: FruitFolder, read: Read) -> Iterator[Problem]:
-    """The same of the recordings of a fruit that has its diameters for a shape."""
-    found: list[Finding] = []
-
-    def admit(recording: Recording) -> list[Finding]:
-        said = recording.fruit_id, recording.category
-        return owner_findings(*said, _owner(batch, row), source="", field="attribute fruit_id")
-
-    def read_one(path: Path) -> None:
-        stated, rig = stated_in_table(given_of(row)), None
-        if batch.settings is not None:
-            rig = batch_rig(batch.folder.root, batch.settings)
-        one = compression_trace(
-            path, stated=stated, prior=batch.prior, body=kind_of(batch.category).body, rig=rig, admit=admit
-        )
-        same = read.setdefault(one.digest, [])
-        refuse_copy(path.name, next((other.name for own, other in same if own == row), None))
-        same.append((row, path))
-        found.extend(one.findings)
-
-    for path in folder.grasp_files():
-        found.clear()
-        yield from _tried(row, path, partial(read_one, path))
-        for one in found:
-            yield _doubted(row, path, f"{path.name}: {one.sentence}.")
-
-
-def _findings(
-    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: PlausibleRange, read: Read
-) -> tuple[Finding, ...]:
-    """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
-    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
-    rig = None if batch.settings is None else batch_rig(batch.folder.root, batch.settings)
-    of_the_gripper = jaw_faults(effects, rig)
-    recorded = read_recording(path)
-    said = recorded.fruit_id, recorded.category
-    found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
-    recording = corrected(recorded, of_the_gripper, source=path.name)
-    vertices, faces = (None, None) if mesh is None else mesh
-    sensor = None if batch.settings is None else batch.settings.sensor
-    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig, sensor=sensor)
-    own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
-    same = read.setdefault(recording_digest(recorded), [])
-    refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
-    same.append((row, path))
-    return (*found, *own)
 
 
 def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
@@ -245,34 +292,7 @@ def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
     for same in read.values():
         for row, path in same if len(same) > 1 else ():
             others = (other.relative_to(batch.folder.root) for one, other in same if one != row)
-            yield _doubted(row, path, in_two_fruit(path.name, map(str, others)))
-
-
-def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:
-    """Why a raw grasp is of no use, or whose it may be."""
-    found: list[Finding] = []
-    said: list[str] = []
-
-    def read() -> None:
-        raw = read_raw_grasp(path)
-        said.extend([*raw.notes, *references_said(raw)])
-        field = "fruit_id in grasp.toml"
-        found.extend(
-            owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)
-        )
-
-    yield from _tried(row, path, read)
-    yield from (_doubted(row, path, f"{path.name}: {one.sentence}.") for one in found)
-    yield from (_doubted(row, path, sentence) for sentence in said)
-
-
-def _owner(batch: Survey, row: FruitRow) -> Owner:
-    """What the recordings of this row should name, as grading has it (pipeline.fruit.grasped.owner_of)."""
-    category = None
-    if batch.settings is not None and not row.reference:
-        category = batch.settings.category if batch.category is None else batch.category.category
-    known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
-    return Owner(fruit_id=row.fruit_id, category=category, batch_fruits=frozenset(known))
+            yield doubted(row, path, in_two_fruit(path.name, map(str, others)))
 
 
 def _height_mm(row: FruitRow, kind: PlausibleRange) -> float | None:
@@ -306,53 +326,6 @@ def _so_many(count: int, one: str, more: str) -> str:
     return f"{count} {one if count == 1 else more}"
 
 
-def _ready_mesh_problems(
-    batch: Survey, row: FruitRow, folder: FruitFolder, kind: PlausibleRange, mesh: Mesh
-) -> Iterator[Problem]:
-    """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
-    broken = [
-        Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
-        for doubt in _size_doubt(mesh, row, kind)
-    ]
-    pit, wrong = _closed_mesh(row, folder.pit_ply)
-    broken += wrong
-    if pit is not None and not broken:
-        broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
-    yield from broken
-    if not broken and not row.reference and pit is None and not (batch.settings and batch.settings.pit.none):
-        box_mm = np.ptp(mesh[0], axis=0).tolist()
-        for doubt in of_category(box_mm, batch.prior, others=shipped_categories()):
-            yield _doubted(row, folder.fruit_ply, doubt.sentence)
-    if not broken and not row.reference:
-        doubts: list[Doubt] = []
-        yield from _tried(row, folder.fruit_ply, lambda: doubts.extend(_pit_doubts(batch, row, mesh, pit)))
-        for doubt in doubts:
-            if doubt.refused:
-                yield _at(row, folder.pit_ply, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
-            else:
-                yield _doubted(row, folder.pit_ply, doubt.sentence)
-
-
-def _contradicted(
-    batch: Survey, row: FruitRow, path: Path, kind: PlausibleRange, mesh: Mesh
-) -> Iterator[Problem]:
-    """Sizes and mass of fruits.csv, and of the category, that the ready mesh contradicts."""
-    prior = None if row.reference else batch.prior
-    on_mat, found = batch.mat is not None, measured(*mesh, source="fruit.ply")
-    for sentence in size_doubts(given_of(row), found, prior, on_mat=on_mat, body=kind.body):
-        yield Problem(str(path), sentence, fruit_id=row.fruit_id, remark=True)
-
-
-def _pit_doubts(batch: Survey, row: FruitRow, fruit: Mesh, pit: Mesh | None) -> list[Doubt]:
-    """What grading says of the fruit's own pit, if it has one; raises ReconFailure where none fits."""
-    placed = pit if pit is not None else _usual_pit(batch, fruit)
-    if placed is None:
-        return []
-    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
-    embedded = embed_pit(*fruit, pit_found(effects).moved(placed[0]), placed[1])
-    return [] if pit is None else of_a_given_pit(fruit[0], *embedded.pit, batch.prior)
-
-
 def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
     """The pit that the category puts into a fruit without one of its own; None where it has none."""
     none = batch.settings is not None and batch.settings.pit.none
@@ -362,7 +335,6 @@ def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
 
 
 def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
-    """Refuse a pit of no pit's size; raises ReconFailure."""
     longest, (least, most) = float(np.ptp(pit[0], axis=0).max()), kind.body.pit_mm
     if not least <= longest <= most:
         sentence = (
@@ -372,7 +344,6 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
 
 
 def _strays(batch: Survey) -> tuple[Problem, ...]:
-    """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
     fruits = batch.folder.fruits
     return tuple(
@@ -383,7 +354,6 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
 
 
 def _unused(batch: Survey) -> list[Problem]:
-    """Files of the batch and of its fruit that look like inputs and are not used."""
     named = () if batch.settings is None else named_files(batch.folder, batch.settings)
     ids = [row.fruit_id for row in batch.rows or ()]
     found = unused_inputs(batch.folder, ids, named)
@@ -391,7 +361,6 @@ def _unused(batch: Survey) -> list[Problem]:
 
 
 def _folders(batch: Survey) -> list[str]:
-    """The names of the fruit that have a folder."""
     fruits = batch.folder.fruits
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
     found = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))

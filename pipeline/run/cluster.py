@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from http.client import HTTPException
 from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Any, Self
 from urllib.error import HTTPError
 from urllib.request import ProxyHandler, build_opener
@@ -132,9 +131,7 @@ class Cluster:
             self._held = held.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Takes back what is not done; workers then end the fruit's processes."""
         self._held.close()
 
@@ -272,14 +269,9 @@ class Cluster:
         return allowed and (not fruit.memory or MEMORY in self._workers[address]["resources"])
 
     def _connect(self) -> None:
-        """Raises BatchRefused where no scheduler answers."""
         try:
             self._client = Client(
-                self._address,
-                timeout=CONNECT_S,
-                set_as_default=False,
-                name="drupe",
-                security=self._security,
+                self._address, timeout=CONNECT_S, set_as_default=False, name="drupe", security=self._security
             )
         except (OSError, ValueError) as error:
             why = f"no dask scheduler answers there ({str(error) or type(error).__name__})"
@@ -370,7 +362,6 @@ class Cluster:
             self._tell(f"no worker for {minutes:.0f} min; {len(self._fruits)} fruit wait ({self._start()})")
 
     def _start(self) -> str:
-        """What starts workers."""
         if self._slurm is None:
             return f"dask worker {self._address} --nthreads 1"
         return f"Slurm: {self._slurm.refusal}" if self._slurm.refusal else "Slurm; `squeue` shows its jobs"

@@ -109,11 +109,7 @@ _SHARED = "OUT must lie on a file system that all machines share and can write t
 
 
 def fruit_here(
-    order: FruitOrder,
-    *,
-    tell: Callable[[str], None],
-    wanted: Callable[[], bool],
-    most_MiB: float | None,
+    order: FruitOrder, *, tell: Callable[[str], None], wanted: Callable[[], bool], most_MiB: float | None
 ) -> Event | Unfit | None:
     """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
 

@@ -1,6 +1,6 @@
 """Problems of one file of a fruit: what a reader raises becomes a sentence."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from fem.fem_failure import FemFailure
@@ -11,10 +11,10 @@ from tactile.io.recording_fields import first_line
 from tactile.tactile_failure import TactileFailure
 
 
-def tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
-    """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
+def tried(row: FruitRow, path: Path, read: Callable[[], Iterable[Problem] | None]) -> Iterator[Problem]:
+    """What is wrong with the file at `path`, as `read` says or raises it; the files after it are read too."""
     try:
-        read()
+        yield from read() or ()
     except (ReconFailure, TactileFailure, FemFailure) as failure:
         yield at(row, path, failure.detail)
     except MemoryError:

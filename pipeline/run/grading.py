@@ -27,7 +27,7 @@ from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.console import utc_now
 from pipeline.run.engines import WorkPlace, cluster_of, local_pool
 from pipeline.run.former_results import identity, require_same_batch
@@ -53,13 +53,9 @@ class InterruptedAtWork(KeyboardInterrupt):
 def grade(
     root: Path,
     out: Path | None,
+    options: GradeOptions,
     *,
-    jobs: int,
-    time_limit_s: float,
     console: Console,
-    force: bool = False,
-    screen: bool = True,
-    options: ReportOptions | None = None,
     opened: Batch | None = None,
     retried: Collection[str] | None = None,
     say_unchanged: bool = True,
@@ -70,32 +66,24 @@ def grade(
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
-    `options`: what is written beside ranking and report. `opened`: the batch as it was read, with those rows
-    that are to be graded; None: it is read here, whole. `retried`: fruit that are tried again where an
-    earlier run ended them for a cause that may pass; None: all. `say_unchanged`: whether it is said how many
-    are as that run left them. `place`: where fruit are worked on; None: on this machine, `jobs` at a time.
-    `records`: empty; where the fruit's records are put, those too that there are when it raises. `waiting`:
-    fruit of a watched batch that wait until these are done; None: the batch is not watched.
+    `opened`: the batch as it was read, with those rows that are to be graded; None: it is read here, whole.
+    `retried`: fruit that are tried again where an earlier run ended them for a cause that may pass; None:
+    all. `say_unchanged`: whether it is said how many are as that run left them. `place`: where fruit are
+    worked on; None: on this machine. `records`: empty; where the fruit's records are put, those too that
+    there are when it raises. `waiting`: fruit of a watched batch that wait until these are done; None: the
+    batch is not watched.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
-    it; with `force` it is graded, and that is one of its doubts. With `screen` every fruit is screened for
-    missing physics; without, what an earlier run found stays. Raises BatchRefused where the batch as a
+    it; with `force` it is graded, and that is one of its doubts. Without `screen`, what an earlier run's
+    screen found stays. Raises BatchRefused where the batch as a
     whole cannot be graded, or `out` is no place for results or holds another batch's, before anything is
     written, NotWritten where the batch's own files cannot be, and InterruptedAtWork.
     """
-    started, since_s = now(), time.monotonic()
+    began = now(), time.monotonic()
     place = place or WorkPlace()
     place.require_parts()
-    run = _placed(
-        opened or open_batch(root, force=force),
-        out,
-        started=started,
-        since_s=since_s,
-        force=force,
-        screen=screen,
-        options=options or ReportOptions(),
-    )
+    run = _placed(opened or open_batch(root, force=options.force), out, options, began=began)
     if not is_held(run.results.root):
         run.require_ours()
     with results_lock(run.results.root):
@@ -114,16 +102,8 @@ def grade(
         so_far = ReportSoFar(run, records)
         try:
             if queue.todo:
-                engine = _engine(run, queue, place, jobs=jobs, time_limit_s=time_limit_s, console=console)
-                _work(
-                    queue,
-                    records,
-                    lambda _: so_far.write_when_due(),
-                    engine=engine,
-                    time_limit_s=time_limit_s,
-                    console=console,
-                    waiting=waiting,
-                )
+                engine = _engine(run, queue, place, options, console)
+                _work(queue, engine, options, lambda _: so_far.write_when_due(), console, waiting)
         except KeyboardInterrupt:
             _broken_off(run, records, so_far, INTERRUPTED)
             raise InterruptedAtWork from None
@@ -140,13 +120,11 @@ def grade_newcomers(
     out: Path,
     newcomers: Collection[str],
     records: PackedRecords,
+    options: GradeOptions,
     *,
-    jobs: int,
-    time_limit_s: float,
     console: Console,
     ended: Callable[[BatchRun, FruitRecord], None],
     waiting: int = 0,
-    screen: bool = True,
     now: Callable[[], datetime] = utc_now,
 ) -> None:
     """Grades fruit of a batch that `grade` has graded into `out` without them, or as they were before.
@@ -156,16 +134,7 @@ def grade_newcomers(
     no file is read, and neither ranking nor report is made: `report_graded` and the next `grade` do that.
     Raises BatchRefused and NotWritten as `grade` does.
     """
-    run = _placed(
-        batch,
-        out,
-        newcomers=newcomers,
-        started=now(),
-        since_s=time.monotonic(),
-        force=False,
-        screen=screen,
-        options=ReportOptions(),
-    )
+    run = _placed(batch, out, options, newcomers=newcomers, began=(now(), time.monotonic()))
     fruits = [run.results.fruit(fruit_id) for fruit_id in newcomers]
     with results_lock(run.results.root):
         require_free(run.results, fruits, "--out")
@@ -177,25 +146,16 @@ def grade_newcomers(
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
             ended(run, records[fruit_id])
         if queue.todo:
-            engine = _processes(queue.todo, jobs, time_limit_s=time_limit_s, console=console)
-            _work(
-                queue,
-                records,
-                partial(ended, run),
-                engine=engine,
-                time_limit_s=time_limit_s,
-                console=console,
-                waiting=waiting,
-            )
+            engine = _processes(queue.todo, options, console)
+            _work(queue, engine, options, partial(ended, run), console, waiting)
 
 
 def report_graded(
     batch: Batch,
     out: Path,
     records: PackedRecords,
+    options: GradeOptions,
     *,
-    screen: bool = True,
-    options: ReportOptions,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry | None]:
     """Ranking and report of fruit that `grade` and `grade_newcomers` have graded; none is worked on.
@@ -204,8 +164,7 @@ def report_graded(
     interrupted run, and so is the status; no entry where no fruit is. Raises BatchRefused and NotWritten as
     `grade` does.
     """
-    started, since_s = now(), time.monotonic()
-    run = _placed(batch, out, started=started, since_s=since_s, force=False, screen=screen, options=options)
+    run = _placed(batch, out, options, began=(now(), time.monotonic()))
     with results_lock(run.results.root):
         run.require_ours()
         status, entry = report_of_records(run, records)
@@ -221,7 +180,6 @@ def _broken_off(run: BatchRun, records: PackedRecords, so_far: ReportSoFar, stat
 
 
 def _write_broken_off(run: BatchRun, records: PackedRecords, status: int) -> None:
-    """batch.json of a run that did not come to its end, if it can be written."""
     with suppress(NotWritten):
         run.write_provenance(records.outcomes, status)
 
@@ -229,20 +187,17 @@ def _write_broken_off(run: BatchRun, records: PackedRecords, status: int) -> Non
 def _placed(
     batch: Batch,
     out: Path | None,
+    options: GradeOptions,
     *,
+    began: tuple[datetime, float],
     newcomers: Collection[str] | None = None,
-    started: datetime,
-    since_s: float,
-    force: bool,
-    screen: bool,
-    options: ReportOptions,
 ) -> BatchRun:
     """The run, whose places are fit to be written to; raises BatchRefused where one is not.
 
-    `newcomers`: fruit of the batch that alone are read; such a run has neither hashes nor chart, as it makes
-    no report.
+    `began`: by the calendar, and in seconds of the monotonic clock. `newcomers`: fruit of the batch that
+    alone are read; such a run has neither hashes nor chart, as it makes no report.
     """
-    options.require_parts()
+    options.report.require_parts()
     results = Results(out or batch.folder.default_results)
     rows = batch.rows if newcomers is None else tuple(batch.row_of[fruit_id] for fruit_id in newcomers)
     inputs = _inputs(replace(batch, rows=rows))
@@ -258,11 +213,11 @@ def _placed(
         results=results,
         chart=chart,
         inputs=input_hashes(batch.folder.root, inputs) if newcomers is None else {},
-        force=force,
-        screen=screen,
-        options=options,
-        started=started,
-        since_s=since_s,
+        force=options.force,
+        screen=options.screen,
+        options=options.report,
+        started=began[0],
+        since_s=began[1],
     )
 
 
@@ -287,38 +242,32 @@ def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
 
 
 def _engine(
-    run: BatchRun,
-    queue: FruitQueue,
-    place: WorkPlace,
-    *,
-    jobs: int,
-    time_limit_s: float,
-    console: Console,
+    run: BatchRun, queue: FruitQueue, place: WorkPlace, options: GradeOptions, console: Console
 ) -> Engine:
     """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
     if place.here:
-        return _processes(queue.todo, jobs, time_limit_s=time_limit_s, console=console)
+        return _processes(queue.todo, options, console)
     return cluster_of(
         place,
         run,
         fruits=len(queue.todo),
         per_fruit_MiB=_per_fruit_MiB(queue.todo),
-        time_limit_s=time_limit_s,
+        time_limit_s=options.time_limit_s,
         tell=lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
     )
 
 
-def _processes(todo: Sequence[WaitingFruit], jobs: int, *, time_limit_s: float, console: Console) -> Engine:
+def _processes(todo: Sequence[WaitingFruit], options: GradeOptions, console: Console) -> Engine:
     """Processes of this machine, each with its share of the memory that is free now as its limit; raises
     BatchRefused where memory, or the limit of address space, holds no fruit.
     """
     need_MiB = _per_fruit_MiB(todo)
     if said := lacking(need_MiB + MAPPED_MIB, threads=1):
         raise refused("this machine", said)
-    fit = _jobs(todo, jobs, console)
+    fit = _jobs(todo, options.jobs, console)
     free_MiB = free_memory_MiB()
     most_MiB = None if free_MiB is None else share_MiB(min(fit, len(todo)), need_MiB, free_MiB=free_MiB)
-    return local_pool(fit, time_limit_s=time_limit_s, most_MiB=most_MiB)
+    return local_pool(fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
 
 
 def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
@@ -345,35 +294,31 @@ def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
 
 
 def _per_fruit_MiB(todo: Sequence[WaitingFruit]) -> float:
-    """What the largest of them may need."""
     return max(PER_FRUIT_MIB[kind] for kind in {_kind(one.folder) for one in todo})
 
 
 def _kind(fruit: FruitFolder) -> str:
-    """What a fruit's memory goes by."""
     if fruit.fruit_ply.is_file():
         return "mesh"
     return "traces" if fruit.without_shape() else "photos"
 
 
 def _work(
-    todo: FruitQueue,
-    records: PackedRecords,
-    ended: Callable[[FruitRecord], None],
-    *,
+    queue: FruitQueue,
     engine: Engine,
-    time_limit_s: float,
+    options: GradeOptions,
+    ended: Callable[[FruitRecord], None],
     console: Console,
     waiting: int | None,
 ) -> None:
-    """Grades what is to do, shows how far it is, puts each record into `records` as it comes, and tells it to
-    `ended`.
+    """Grades what is to do, shows how far it is, puts each record into the queue's records as it comes, and
+    tells it to `ended`.
     """
-    before = None if waiting is None else len(records)
-    total = len(todo.todo) + (waiting or 0)
+    before = None if waiting is None else len(queue.records)
+    total = len(queue.todo) + (waiting or 0)
     with (
         BatchProgress(console, total=total, jobs=engine.at_once, before=before) as progress,
-        closing(run_on(engine, work_on, todo)) as events,
+        closing(run_on(engine, work_on, queue)) as events,
     ):
 
         def show_ended(record: FruitRecord) -> None:
@@ -381,8 +326,8 @@ def _work(
             ended(record)
 
         for event in events:
-            while todo.refused:
-                show_ended(todo.refused.popleft())
+            while queue.refused:
+                show_ended(queue.refused.popleft())
             progress.jobs = engine.at_once
             if isinstance(event, Noted):
                 progress.noted(event.fruit_id, event.line)
@@ -390,11 +335,11 @@ def _work(
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
-            record = _record_of(event, todo.ended(event.fruit_id), time_limit_s)
-            records[event.fruit_id] = record
+            record = _record_of(event, queue.ended(event.fruit_id), options.time_limit_s)
+            queue.records[event.fruit_id] = record
             show_ended(record)
-        while todo.refused:
-            show_ended(todo.refused.popleft())
+        while queue.refused:
+            show_ended(queue.refused.popleft())
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:

@@ -75,10 +75,5 @@ def _ranked(fruit: FruitEntry, others: Iterable[FruitEntry]) -> FruitEntry:
         return fruit
     softer = sum(one.E_MPa < fruit.E_MPa for one in others if one.rank is not None and one.E_MPa is not None)
     return replace(
-        fruit,
-        rank=1 + softer,
-        rank_probability=None,
-        rank_low=None,
-        rank_high=None,
-        p_softer_than_next=None,
+        fruit, rank=1 + softer, rank_probability=None, rank_low=None, rank_high=None, p_softer_than_next=None
     )

@@ -11,13 +11,12 @@ from pipeline.batch.opening import Batch
 from pipeline.batch.records import FruitRecord
 from pipeline.exit_status import DONE, INTERRUPTED, USAGE
 from pipeline.problem import BatchRefused
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.grading import InterruptedAtWork, grade, grade_newcomers, report_graded
 from pipeline.run.incremental_ranking import IncrementalRanking
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.reporting import ReportPace
 from reports.entries import BatchEntry
-from reports.language import ENGLISH
 
 
 @dataclass(kw_only=True)
@@ -26,19 +25,15 @@ class IncrementalRun:
     that agree, after Ctrl-C and a refusal too.
 
     `records` are those of all fruit of `batch`, but for `working` and such as could not be graded again;
-    `ranking` is of the same records. `jobs`: fruit at once, each within `time_limit_s`; `screen`: whether
-    they are screened. `tell` is told when `working` or the ranking have changed, with the fruit that has
-    ended. `clock` in seconds.
+    `ranking` is of the same records. `tell` is told when `working` or the ranking have changed, with the
+    fruit that has ended. `clock` in seconds.
 
     The methods raise BatchRefused and NotWritten as `grade` does, and any other OSError where files are
     out of reach. After Ctrl-C only `report` may be called.
     """
 
     out: Path
-    jobs: int
-    time_limit_s: float
-    screen: bool
-    language: str = ENGLISH
+    options: GradeOptions
     console: Console
     tell: Callable[[str | None], None]
     clock: Callable[[], float] = time.monotonic
@@ -110,11 +105,8 @@ class IncrementalRun:
             self.status, entry = grade(
                 batch.folder.root,
                 self.out,
-                jobs=self.jobs,
-                time_limit_s=self.time_limit_s,
+                self.options,
                 console=self.console,
-                screen=self.screen,
-                options=ReportOptions(language=self.language),
                 opened=batch,
                 retried=retried,
                 say_unchanged=self.batch is None,
@@ -188,10 +180,8 @@ class IncrementalRun:
                 self.out,
                 taken,
                 self.records,
-                jobs=self.jobs,
-                time_limit_s=self.time_limit_s,
+                self.options,
                 console=self.console,
-                screen=self.screen,
                 ended=ended,
                 waiting=waiting,
             )
@@ -216,13 +206,7 @@ class IncrementalRun:
         if self.batch is None:
             return
         with self.pace.reporting():
-            self.status, entry = report_graded(
-                self.batch,
-                self.out,
-                self.records,
-                screen=self.screen,
-                options=ReportOptions(language=self.language),
-            )
+            self.status, entry = report_graded(self.batch, self.out, self.records, self.options)
         self.unreported = False
         if entry is not None:
             if self.ranking is None or self.ranking.records is not self.records:

@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Callable, Iterable
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console, RenderableType
@@ -94,9 +93,7 @@ class BatchProgress:
             self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Takes the bar away."""
         self._bar.stop()
 
@@ -141,7 +138,6 @@ class BatchProgress:
         return unknown if seconds is None else f"about {_clock_face(seconds)} left"
 
     def _at_work(self) -> list[str]:
-        """Fruit and stage, a line each."""
         with self._lock:
             lines = [f"  {name}: {at}" for name, at in self._stage.items()]
         more = len(lines) - MOST_LINES

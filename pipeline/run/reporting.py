@@ -157,7 +157,6 @@ def entry_of(run: BatchRun) -> partial[BatchEntry]:
 
 
 def _write(entry: BatchEntry, run: BatchRun) -> None:
-    """ranking.csv and report.html; raises NotWritten."""
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
     page = report_html(entry, provenance=run.options.checksums, language=run.options.language)

@@ -16,7 +16,6 @@ from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from pebble import ProcessExpired
@@ -25,14 +24,7 @@ from pebble.concurrent import process
 from pipeline.address_space import IN_WORDS
 from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
-from pipeline.run.scheduling import (
-    Died,
-    Event,
-    Finished,
-    Noted,
-    Progressed,
-    TimedOut,
-)
+from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
 from pipeline.safe_start import library_path, python_path, uncollected
 
 THREAD_VARIABLES = (
@@ -42,8 +34,6 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-
-
 PROCESS = "drupe fruit"
 LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
@@ -90,9 +80,7 @@ class LocalPool:
             self._held = held.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Kills what is running."""
         with self._held:
             for one in self._pending.values():
@@ -148,7 +136,6 @@ def _memory_MiB(one: "_Running") -> float:
 
 
 def _started(packed: bytes, one: "_Running", folder: Path) -> Any:
-    """The future of a fruit's process, which is running."""
     run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
     with _deaf_to_ctrl_c():
         return run(os.getpid(), folder, one.log, one.output, packed)

@@ -3,7 +3,6 @@
 import pickle
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 
@@ -67,9 +66,7 @@ class Engine(Protocol):
     def __enter__(self) -> Self:
         """Makes ready; raises BatchRefused where that cannot be."""
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ends whatever fruit are worked on still."""
 
     @property

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -17,9 +18,10 @@ import dask
 from distributed import Security
 from distributed.core import Status
 
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import refused
 from pipeline.run.cluster_worker import OWN_MIB
 
+_refused = partial(refused, "--slurm")
 MEMORY = "MEMORY"
 """The resource (bytes) that a fruit asks for where workers declare it; the name of dask's own manual."""
 ANSWER_S = 60.0
@@ -104,10 +106,10 @@ def slurm_jobs(
     with cluster:
         jobs.cluster = cluster
         cluster.adapt(minimum=workers, maximum=workers)
-        taken, refused = _first_answers(jobs.answers, workers)
-        if refused and not taken:
+        taken, denied = _first_answers(jobs.answers, workers)
+        if denied and not taken:
             raise _refused(f"sbatch accepts no job ({jobs.refusal}); check ~/.config/dask/jobqueue.yaml.")
-        if refused:
+        if denied:
             tell(
                 f"Slurm accepted {taken} of {workers} jobs ({jobs.refusal}); drupe submits the others "
                 f"again every {AGAIN_S:.0f} s"
@@ -186,15 +188,9 @@ def _quoted(security: Security) -> Security:
 
 
 def _configured(name: str) -> list[str]:
-    """A list of dask-jobqueue's settings."""
     return dask.config.get(f"jobqueue.slurm.{name}", None) or []
 
 
 def _words(error: Exception) -> str:
-    """What sbatch said, on one line."""
     said = str(error).partition("stderr:\n")[2].strip() or str(error)
     return " ".join(said.split())
-
-
-def _refused(sentence: str) -> BatchRefused:
-    return BatchRefused([Problem("--slurm", sentence)])

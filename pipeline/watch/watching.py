@@ -13,10 +13,10 @@ from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.incremental_run import IncrementalRun
 from pipeline.watch.arrivals import Arrivals, State, own_state
 from reports.kiosk_page import KioskEntry
-from reports.language import ENGLISH
 
 EVERY_S = 0.5
 """Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
@@ -32,16 +32,12 @@ lie elsewhere (another run that writes there, a full disk)."""
 
 @dataclass(frozen=True, kw_only=True)
 class WatchOptions:
-    """How the folder is watched: results' place, fruit at once, seconds a fruit may take, whether fruit are
-    screened, language of the report, seconds without a change after which a fruit's files are whole, seconds
-    without anything new after which watching ends (None: never).
+    """How the folder is watched: results' place, how fruit are graded, seconds without a change after which a
+    fruit's files are whole, seconds without anything new after which watching ends (None: never).
     """
 
     out: Path
-    jobs: int
-    time_limit_s: float
-    screen: bool
-    language: str = ENGLISH
+    grading: GradeOptions
     settle_s: float
     idle_s: float | None = None
 
@@ -78,10 +74,7 @@ class BatchWatch:
         self.arrivals = Arrivals(settle_s=options.settle_s, clock=self.clock)
         self.graded = IncrementalRun(
             out=options.out,
-            jobs=options.jobs,
-            time_limit_s=options.time_limit_s,
-            screen=options.screen,
-            language=options.language,
+            options=options.grading,
             console=self.console,
             tell=self._changed,
             clock=self.clock,
@@ -172,7 +165,9 @@ class BatchWatch:
         ]
         return (
             again
-            or sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)[: self.options.jobs]
+            or sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)[
+                : self.options.grading.jobs
+            ]
         )
 
     def _begin_with_earlier_results(self) -> None:
@@ -198,7 +193,7 @@ class BatchWatch:
         reference body, by which all others are corrected.
         """
         self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
-        many = len(chosen) > max(self.options.jobs, len(self.tried) / AS_MANY)
+        many = len(chosen) > max(self.options.grading.jobs, len(self.tried) / AS_MANY)
         changed = own != self.own
         states = {name: self.arrivals.of[name].state for name in chosen}
         known = {*self.tried, *chosen, *self.graded.ungraded}
@@ -237,11 +232,9 @@ class BatchWatch:
         return True
 
     def _refused(self, fault: BatchRefused | OSError) -> None:
-        """Tells why nothing could be graded or written."""
         self._tell(self._sentences(fault))
 
     def _sentences(self, fault: BatchRefused | OSError) -> tuple[str, ...]:
-        """What is wrong, and what is done about it."""
         if isinstance(fault, BatchRefused):
             return tuple(map(str, fault.problems))
         if isinstance(fault, NotWritten):
@@ -272,7 +265,6 @@ class BatchWatch:
         return lacking
 
     def _say(self, sentence: str) -> None:
-        """A line on the console."""
         self.console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
     def _tell(self, problems: tuple[str, ...]) -> None:

@@ -61,56 +61,28 @@ def _named() -> Iterator[Row]:
     yield "Grasps/", f"{A}/grasps", _moved("Grasps"), SAME
     yield "Batch.toml", "batch/batch.toml", _moved("Batch.TOML"), SAME
     yield "recording .hdf5 beside .h5", RECORDING, _copied("grasp-1.hdf5"), r"same displacements and forces"
-    yield (
-        "old .mat",
-        RECORDING,
-        _added("fruits/A/grasps/a.mat", data=b"MATLAB 5.0 MAT-file"),
-        (r"a\.mat: the file: found a MATLAB file of a version before 7\.3.*h5create"),
-    )
-    yield (
-        "two meshes",
-        MESH_FILE,
-        _copied("fruit.stl"),
-        (r"fruit\.stl is not used: drupe reads fruit\.ply instead; keep one"),
-    )
-    yield (
-        "mesh of another name",
-        MESH_FILE,
-        _copied("scan.obj"),
-        r"scan\.obj is not used: .* under the name fruit",
-    )
+    said = r"a\.mat: the file: found a MATLAB file of a version before 7\.3.*h5create"
+    yield "old .mat", RECORDING, _added("fruits/A/grasps/a.mat", data=b"MATLAB 5.0 MAT-file"), said
+    said = r"fruit\.stl is not used: drupe reads fruit\.ply instead; keep one"
+    yield "two meshes", MESH_FILE, _copied("fruit.stl"), said
+    said = r"scan\.obj is not used: .* under the name fruit"
+    yield "mesh of another name", MESH_FILE, _copied("scan.obj"), said
     yield "mesh of another kind", MESH_FILE, _copied("scan.3mf"), r"scan\.3mf is not used: meshes are read as"
-    yield (
-        "recording in the fruit's folder",
-        MESH_FILE,
-        _copied("grasp-2.h5"),
-        (r"grasp-2\.h5 is not used: .* grasps/; move it there"),
-    )
-    yield (
-        "table in grasps/",
-        RECORDING,
-        _added("fruits/A/grasps/press.csv"),
-        (r"press\.csv is not used: .*`drupe convert`"),
-    )
+    said = r"grasp-2\.h5 is not used: .* grasps/; move it there"
+    yield "recording in the fruit's folder", MESH_FILE, _copied("grasp-2.h5"), said
+    said = r"press\.csv is not used: .*`drupe convert`"
+    yield "table in grasps/", RECORDING, _added("fruits/A/grasps/press.csv"), said
     yield (
         "photos beside photos/",
         f"{B}/photos/000.jpg",
         _added(*(f"fruits/B/{k}.jpg" for k in range(5))),
         (r"0\.jpg, 1\.jpg, 2\.jpg and 2 more are not used: photos are read in photos/"),
     )
-    yield (
-        "folder of another name",
-        RECORDING,
-        _added("fruits/A/Recordings/grasp-2.h5"),
-        (r"Recordings is not used: it holds grasp-2\.h5"),
-    )
+    said = r"Recordings is not used: it holds grasp-2\.h5"
+    yield "folder of another name", RECORDING, _added("fruits/A/Recordings/grasp-2.h5"), said
     yield "mesh in fruits/", MESH_FILE, _added("fruits/C.ply"), r"C\.ply is not used: .*fruits/<fruit_id>/"
-    yield (
-        "folder that is no fruit_id",
-        MESH_FILE,
-        _added("fruits/_C/fruit.ply"),
-        r"_C is not used: a fruit_id",
-    )
+    said = r"_C is not used: a fruit_id"
+    yield "folder that is no fruit_id", MESH_FILE, _added("fruits/_C/fruit.ply"), said
     yield "recording in the batch's folder", RECORDING, _added("grasp-9.h5"), r"grasp-9\.h5 is not used"
     yield "files that computers make", RECORDING, _added(
         ".DS_Store", "README.md", "results/old.csv", "fruits/@eaDir/a.jpg", "fruits/__MACOSX/a.ply",
@@ -118,18 +90,10 @@ def _named() -> Iterator[Row]:
         "fruits/A/grasps/@eaDir/a.h5",
         "fruits/System Volume Information/a.jpg",
     ), SAME  # fmt: skip
-    yield (
-        "empty folder of a grasp",
-        f"{A}/grasps",
-        lambda path, _: (path / "grasp-5").mkdir(),
-        (r"grasp-5: found an empty folder"),
-    )
-    yield (
-        "folder of recordings in grasps/",
-        RECORDING,
-        _added("fruits/A/grasps/day/g.h5"),
-        (r"day: found no grasp\.toml, but g\.h5"),
-    )
+    said = r"grasp-5: found an empty folder"
+    yield "empty folder of a grasp", f"{A}/grasps", lambda path, _: (path / "grasp-5").mkdir(), said
+    said = r"day: found no grasp\.toml, but g\.h5"
+    yield "folder of recordings in grasps/", RECORDING, _added("fruits/A/grasps/day/g.h5"), said
 
 
 # --- meshes
@@ -223,26 +187,14 @@ def _meshes() -> Iterator[Row]:
     yield "texture coordinates", MESH_FILE, _rewritten(
         lambda v, f: _ply(v, f.tolist(), more="property list uchar float texcoord\n", row=corners)
     ), SAME  # fmt: skip
-    yield (
-        "points without faces",
-        MESH_FILE,
-        _rewritten(_points),
-        (r"fruit\.ply is a cloud of 642 points without faces; expected a surface: mesh the points first"),
-    )
+    said = r"fruit\.ply is a cloud of 642 points without faces; expected a surface: mesh the points first"
+    yield "points without faces", MESH_FILE, _rewritten(_points), said
     yield "STL in metres", MESH_FILE, _exported(".stl", 1e-3), r"fruit\.stl: .* in m "
     yield "compressed GLB", MESH_FILE, _compressed, r"fruit\.glb is compressed \(KHR_draco_mesh_compression\)"
-    yield (
-        "open by one face",
-        MESH_FILE,
-        _rewritten(lambda v, f: mesh_bytes(v, f[1:])),
-        r"not watertight: 3 edges",
-    )
-    yield (
-        "4 % smaller than the height",
-        MESH_FILE,
-        _rewritten(lambda v, f: mesh_bytes(0.96 * v, f)),
-        (r"The mesh is 53\.8 mm high, but fruits\.csv says height_mm 55\.9 \(3\.\d % difference\)"),
-    )
+    said = r"not watertight: 3 edges"
+    yield "open by one face", MESH_FILE, _rewritten(lambda v, f: mesh_bytes(v, f[1:])), said
+    said = r"The mesh is 53\.8 mm high, but fruits\.csv says height_mm 55\.9 \(3\.\d % difference\)"
+    yield "4 % smaller than the height", MESH_FILE, _rewritten(lambda v, f: mesh_bytes(0.96 * v, f)), said
 
 
 def _compressed(path: Path, _: np.random.Generator) -> None:
@@ -311,32 +263,16 @@ def _recordings() -> Iterator[Row]:
         ("pose", r"\(4, 4, 20\)"),
     ):
         field = f"pads/left/{name}"
-        yield (
-            f"{name} reversed alone",
-            RECORDING,
-            with_hdf5(partial(_reversed, names=(field,))),
-            (rf"{field}: found shape {shape}, expected shape .*reversed, as MATLAB writes them"),
-        )
-    yield (
-        "epoch seconds in 32 bits",
-        RECORDING,
-        with_hdf5(_epoch_in_32_bits),
-        (r"time_s: found equal times .* in 32 bits, .*float32 has steps of 128 s there.*write float64"),
-    )
+        said = rf"{field}: found shape {shape}, expected shape .*reversed, as MATLAB writes them"
+        yield f"{name} reversed alone", RECORDING, with_hdf5(partial(_reversed, names=(field,))), said
+    said = r"time_s: found equal times .* in 32 bits, .*float32 has steps of 128 s there.*write float64"
+    yield "epoch seconds in 32 bits", RECORDING, with_hdf5(_epoch_in_32_bits), said
     for number, name in ((32015, "Zstandard"), (32001, "Blosc"), (307, "bzip2"), (500, "without a name")):
-        yield (
-            f"filter {number}",
-            RECORDING,
-            with_hdf5(_packed(number)),
-            (rf"force_N: found values packed by the filter {name} \(number {number}\), which is not"),
-        )
+        said = rf"force_N: found values packed by the filter {name} \(number {number}\), which is not"
+        yield f"filter {number}", RECORDING, with_hdf5(_packed(number)), said
     yield "left open by its writer", RECORDING, _left_open, r"its writer has not closed.*h5clear -s"
-    yield (
-        "another kind of file",
-        RECORDING,
-        with_bytes(lambda _: b"%PDF-1.7 and more"),
-        (r"found no HDF5 file \(it begins with b'%PDF-1\.7"),
-    )
+    said = r"found no HDF5 file \(it begins with b'%PDF-1\.7"
+    yield "another kind of file", RECORDING, with_bytes(lambda _: b"%PDF-1.7 and more"), said
 
 
 # --- Git LFS, and tables

@@ -3,7 +3,6 @@
 import gc
 import pickle
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
 from pipeline.run.scheduling import Event, Finished, Progressed
@@ -23,9 +22,7 @@ class InThisProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._begun.clear()
 
     def room(self) -> int:

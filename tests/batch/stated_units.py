@@ -79,12 +79,8 @@ def inverted_signs() -> Iterator[tuple[str, str, Change, str]]:
         named = "both pads'" if len(pads) == 2 else f"the {pads[0]} pad's"
         for field, said in (("force_N", "force"), ("displacement_mm", "displacement")):
             names = [f"pads/{pad}/{field}" for pad in pads]
-            yield (
-                f"{named} {said}",
-                path,
-                _inverted(names),
-                rf"fields\.npz: {named} {said} has the wrong sign",
-            )
+            said = rf"fields\.npz: {named} {said} has the wrong sign"
+            yield f"{named} {said}", path, _inverted(names), said
     turned = with_array(np.negative)
     yield (
         "Tac3D's forces",

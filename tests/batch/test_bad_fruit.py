@@ -1,6 +1,5 @@
 """A fruit that cannot be graded ends with its reason, costs no other fruit, and is known to `drupe check`."""
 
-import json
 import shutil
 
 import cv2
@@ -8,7 +7,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import SHIPPED, drupe, ready_batch
+from sample_batches import SHIPPED, drupe, ready_batch, record_of
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -167,8 +166,7 @@ def test_a_spoiled_fruit_ends_with_its_reason(spoiled, name):
     assert row["outcome"] == outcome, row["reason"]
     assert names in row["reason"]
     assert np.isnan(row["E_MPa"])
-    record = json.loads((folder / "results" / "fruits" / name / "record.json").read_text())
-    assert record["outcome"] == outcome
+    assert record_of(folder / "results", name)["outcome"] == outcome
     said = [line for line in graded.out.splitlines() if line.startswith(f"not graded: {name}:")]
     assert len(said) == 1
     assert names in said[0]

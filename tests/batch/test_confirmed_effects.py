@@ -1,12 +1,10 @@
 """`drupe grade` uses the effects that the settings confirm: E, its error bar and the report change."""
 
-import json
-
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import drupe, first_fruit, ready_batch
+from sample_batches import drupe, first_fruit, ready_batch, record_of
 
 pytestmark = pytest.mark.slow
 
@@ -27,8 +25,7 @@ def graded(batch, out):
     ran = drupe("grade", batch, "--out", out, "--jobs", 1)
     assert ran.status == 0, ran.err
     row = pd.read_csv(out / "ranking.csv").iloc[0]
-    record = json.loads((out / "fruits" / row.fruit_id / "record.json").read_text())
-    return row, record, (out / "report.html").read_text()
+    return row, record_of(out, row.fruit_id), (out / "report.html").read_text()
 
 
 @pytest.fixture(scope="module")

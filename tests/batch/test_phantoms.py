@@ -4,8 +4,6 @@ The truth is CalculiX's (phantom_batches). The paper reports means within 3.5 % 
 such specimens (Table I); 2 % is asked for here.
 """
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -23,7 +21,7 @@ from phantom_batches import (
     grasped_ball,
     phantom_batch,
 )  # fmt: skip
-from sample_batches import drupe
+from sample_batches import drupe, record_of
 
 from recon.surface.mesh_file import read_mesh
 
@@ -51,14 +49,10 @@ def graded(tmp_path_factory):
     return batch / "results", ran
 
 
-def record(results, name):
-    return json.loads((results / "fruits" / name / "record.json").read_text())
-
-
 @pytest.mark.proof
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name):
-    found = record(graded[0], name)["modulus"]
+    found = record_of(graded[0], name)["modulus"]
     assert found["E_MPa"] == pytest.approx(E_MPA, rel=0.02)
     assert abs(found["E_MPa"] - E_MPA) < 3 * found["E_sd_MPa"]
     assert found["E_sd_MPa"] < 0.05 * E_MPA
@@ -68,7 +62,7 @@ def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
     """No stem, no suture, no doubt about shape or size, and Poisson's ratio as the batch says."""
-    found = record(graded[0], name)
+    found = record_of(graded[0], name)
     assert found["warnings"] == []
     assert found["mesh"]["stance"] is None
     assert (found["flesh"]["poisson_ratio"], found["flesh"]["poisson_ratio_source"]) == (0.45, "batch.toml")
@@ -77,10 +71,10 @@ def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
 @pytest.mark.proof
 def test_a_specimen_without_a_core_has_none_in_its_results(graded):
     results, _ = graded
-    assert record(results, "solid")["pit"] is None
+    assert record_of(results, "solid")["pit"] is None
     assert not (results / "fruits" / "solid" / "pit.ply").exists()
-    assert record(results, "cube")["pit"]["volume_mm3"] == pytest.approx(CUBE_CORE_MM**3, rel=1e-6)
-    assert "pit size" not in record(results, "solid")["modulus"]["parts_sd_MPa"]
+    assert record_of(results, "cube")["pit"]["volume_mm3"] == pytest.approx(CUBE_CORE_MM**3, rel=1e-6)
+    assert "pit size" not in record_of(results, "solid")["modulus"]["parts_sd_MPa"]
 
 
 @pytest.mark.proof

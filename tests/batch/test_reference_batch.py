@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from phantom_batches import BALL_MM, CORE_MM, E_MPA, ball, grasped_ball, phantom_batch
-from sample_batches import drupe
+from sample_batches import drupe, record_of
 
 SETTINGS = 'category = "stone.toml"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 8.0\npad_edge_mm = 2.0\n'
 SETTINGS += '[flesh]\nmodel = "linear"\n'  # as the truth
@@ -41,14 +41,10 @@ def graded(tmp_path_factory):
     return batch, drupe("grade", "--no-screen", batch, "--jobs", 1)
 
 
-def record(batch, name):
-    return json.loads((batch / "results" / "fruits" / name / "record.json").read_text())
-
-
 @pytest.mark.slow
 def test_the_reference_is_graded_solid_and_stands_after_the_fruit(graded):
     batch, ran = graded
-    found = record(batch, "ball")
+    found = record_of(batch / "results", "ball")
     assert found["modulus"]["E_MPa"] == pytest.approx(E_MPA, rel=0.03), ran.out
     assert found["pit"] is None
     assert found["mesh"]["stance"] is None
@@ -66,7 +62,7 @@ def test_the_reference_is_graded_solid_and_stands_after_the_fruit(graded):
 def test_a_gain_of_both_pads_is_found_doubted_and_corrected_without_grading_again(graded):
     """The ball is said to be softer by a fifth than it is: a gripper that reads 1.25 times too much."""
     batch, first = graded
-    measured = record(batch, "fruit")["modulus"]
+    measured = record_of(batch / "results", "fruit")["modulus"]
     assert first.status == 0, first.out
     assert "within 2 standard deviations of 1" in first.out
     table = (batch / "fruits.csv").read_text()
@@ -86,7 +82,7 @@ def test_a_gain_of_both_pads_is_found_doubted_and_corrected_without_grading_agai
     assert (batch.parent / "gripper.csv").read_text() == chart
     assert corrected.status == 4, corrected.out
     assert "2 of 2 fruit unchanged" in corrected.err
-    kept = record(batch, "fruit")
+    kept = record_of(batch / "results", "fruit")
     assert kept["modulus"] == measured
     with (batch / "results" / "ranking.csv").open() as file:
         row = next(csv.DictReader(file))

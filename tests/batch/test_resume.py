@@ -22,20 +22,18 @@ def record_times(batch):
     return {p.parent.name: p.stat().st_mtime_ns for p in (batch / "results" / "fruits").glob("*/record.json")}
 
 
+def grading(batch, **how):
+    start = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
+        "from pipeline.cli import main; main()"
+    )
+    command = [sys.executable, "-c", start, "grade", "--no-screen", batch, "--jobs", "1"]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, **{**pipes, **how})
+
+
 def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_rest(batch):
-    command = [
-        sys.executable,
-        "-c",
-        "from pipeline.cli import main; main()",
-        "grade",
-        "--no-screen",
-        str(batch),
-        "--jobs",
-        "1",
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as run:
+    with grading(batch, stderr=subprocess.DEVNULL, start_new_session=True) as run:
         end = time.monotonic() + 300
         while not record_times(batch):
             assert run.poll() is None
@@ -83,49 +81,29 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert "batch.toml" in provenance["inputs"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.proof)])
-def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch, number):
-    start = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
-        "from pipeline.cli import main; main()"
-    )
-    command = [sys.executable, "-c", start, "grade", "--no-screen", str(batch)]
-    with subprocess.Popen(
-        [*command, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as run:
+@pytest.mark.parametrize(
+    "send",
+    [
+        pytest.param(lambda run: os.killpg(run.pid, signal.SIGINT), id="Ctrl-C, to all processes"),
+        pytest.param(lambda run: run.terminate(), id="terminate", marks=pytest.mark.proof),
+    ],
+)
+def test_interrupting_ends_with_status_130_and_keeps_the_stages_that_are_done(batch, send):
+    (batch / "fruits.csv").write_text(f"fruit_id\n{first_fruit(batch).name}\n")
+    with grading(batch, start_new_session=True) as run:
         assert run.stderr is not None
         for line in run.stderr:
-            if "mesh" in line:
+            if line.rstrip().endswith(": modulus"):
                 break
+        time.sleep(0.3)
         workers = psutil.Process(run.pid).children(recursive=True)
-        run.send_signal(number)
+        send(run)
         _, err = run.communicate(timeout=60)
     assert run.returncode == 130
     assert not psutil.wait_procs(workers, timeout=5)[1]
     assert "interrupted; drupe kept the finished fruit" in err
     assert "Traceback" not in err
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
-
-
-def test_stages_that_an_interrupted_fruit_had_finished_are_not_done_again(batch):
-    """As Ctrl-C in a terminal does, all processes get the signal."""
-    (batch / "fruits.csv").write_text(f"fruit_id\n{first_fruit(batch).name}\n")
-    start = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from pipeline.cli import main; main()"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", start, "grade", "--no-screen", str(batch), "--jobs", "1"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    ) as run:  # fmt: skip
-        assert run.stderr is not None
-        for line in run.stderr:
-            if line.rstrip().endswith(": modulus"):
-                break
-        time.sleep(0.3)
-        os.killpg(run.pid, signal.SIGINT)
-        run.communicate(timeout=60)
-    assert run.returncode == 130
     results = batch / "results" / "fruits" / first_fruit(batch).name
     assert not (results / "record.json").exists()  # nothing is said of work that was stopped
     assert not (results / "traceback.txt").exists()

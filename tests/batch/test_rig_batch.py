@@ -1,7 +1,6 @@
 """`rig` in batch.toml: what the jaws give is taken out of every recording, and its spread is in E."""
 
 import csv
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from sample_batches import drupe, first_fruit, ready_batch
+from sample_batches import drupe, first_fruit, ready_batch, record_of
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig
@@ -64,7 +63,7 @@ def graded(batch: Path, out: Path):
     assert ran.status in (0, 4), ran.err
     with (out / "ranking.csv").open(newline="") as file:
         row = next(csv.DictReader(file))
-    return row, json.loads((out / "fruits" / row["fruit_id"] / "record.json").read_text())
+    return row, record_of(out, row["fruit_id"])
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import SHIPPED, drupe, first_fruit, ready_batch
+from sample_batches import SHIPPED, drupe, first_fruit, ready_batch, record_of
 
 from pipeline.exit_status import DONE, DOUBTED
 
@@ -55,7 +55,7 @@ def test_every_fruit_has_a_p_its_time_and_the_amount_of_the_gain(screened):
     assert (table.mismatch_by == "screen").all()
     assert table.screen_p.between(0, 1).all()
     for name in table.fruit_id:
-        record = json.loads((batch / "results" / "fruits" / name / "record.json").read_text())
+        record = record_of(batch / "results", name)
         assert record["seconds"]["screen"] > 0
         left = next(one for one in record["screen"]["amounts"] if one["effect"] == "sensor_gain")
         assert left["pad"] == "left"

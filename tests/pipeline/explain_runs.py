@@ -16,12 +16,8 @@ offset_sd_mm = 0.4
 size_sd = 0.02
 mesh_sd_mm = 0.12
 """
-
-
 NO_MESH = SimpleNamespace(tets=(), nodes_mm=())
 """Of no use to a finder that is not there; meshing is tested elsewhere."""
-
-
 GRADED = GradedCase(modulus=Modulus(value=0.5, sd=0.01))
 
 

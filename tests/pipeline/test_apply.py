@@ -145,10 +145,7 @@ def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_pat
         ('effect = "slip"\nparameters = {mu = 0.2, nu = 3}', 'slip has no parameter "nu"'),
         ('effect = "slip"\nparameters = {mu = "x"}', "mu is 'x', expected a number"),
         ('effect = "sensor_gain"\nparameters = {pad = "up", gain = 1}', "expected left, right or tip"),
-        (
-            'effect = "sensor_gain"\nparameters = {pad = "left", gain = 0}',
-            "expected 0.01 to 100",
-        ),
+        ('effect = "sensor_gain"\nparameters = {pad = "left", gain = 0}', "expected 0.01 to 100"),
         ('effect = "pit_offset"\nparameters = {offset_mm = [1, 2]}', "expected 3 numbers"),
         ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has the key "b"'),
         ("parameters = {mu = 0.2}", 'the required key "mismatch.0.effect" is missing'),

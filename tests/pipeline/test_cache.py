@@ -74,11 +74,17 @@ def keep(folder, stage, key, compute):
     return cached(folder, stage, key, compute, record=Kept)
 
 
-def test_the_second_call_with_the_same_key_computes_nothing(tmp_path):
-    calls = []
+@pytest.mark.parametrize(
+    ("key", "most_bytes", "computed"), [("k", None, 1), ("other", None, 2), ("k", 100, 2)]
+)
+def test_only_a_second_call_with_the_same_key_and_the_whole_file_computes_nothing(
+    tmp_path, key, most_bytes, computed
+):
+    calls, path = [], tmp_path / "mesh.npz"
     first = keep(tmp_path, "mesh", "k", make(calls))
-    second = keep(tmp_path, "mesh", "k", make(calls))
-    assert len(calls) == 1
+    path.write_bytes(path.read_bytes()[:most_bytes])
+    second = keep(tmp_path, "mesh", key, make(calls))
+    assert len(calls) == computed
     np.testing.assert_array_equal(first.a, second.a)
     assert second.n == 3
 
@@ -104,33 +110,16 @@ def test_a_file_of_a_record_with_fewer_fields_is_computed_again(tmp_path):
     assert len(calls) == 1
 
 
-def test_another_key_computes_again(tmp_path):
-    calls = []
-    keep(tmp_path, "mesh", "k", make(calls))
-    keep(tmp_path, "mesh", "other", make(calls))
-    assert len(calls) == 2
-
-
-def test_a_truncated_file_is_computed_again(tmp_path):
-    calls = []
-    keep(tmp_path, "mesh", "k", make(calls))
+@pytest.mark.parametrize("spoil", range(30, 400, 37))
+def test_a_damaged_file_is_computed_again(tmp_path, spoil):
+    keep(tmp_path, "mesh", "k", make([]))
     path = tmp_path / "mesh.npz"
-    path.write_bytes(path.read_bytes()[:100])
-    keep(tmp_path, "mesh", "k", make(calls))
-    assert len(calls) == 2
-
-
-def test_a_damaged_file_is_computed_again(tmp_path):
-    for spoil in range(30, 400, 37):
-        calls = []
-        keep(tmp_path, "mesh", "k", make([]))
-        path = tmp_path / "mesh.npz"
-        data = bytearray(path.read_bytes())
-        data[spoil % len(data)] ^= 0xFF
-        path.write_bytes(data)
-        found = keep(tmp_path, "mesh", "k", make(calls))
-        np.testing.assert_array_equal(found.a, np.arange(3.0))
-        path.unlink()
+    data = bytearray(path.read_bytes())
+    data[spoil % len(data)] ^= 0xFF
+    path.write_bytes(data)
+    calls = []
+    np.testing.assert_array_equal(keep(tmp_path, "mesh", "k", make(calls)).a, np.arange(3.0))
+    assert len(calls) == 1
 
 
 def test_a_damaged_file_is_named_in_the_log_and_a_missing_one_is_not(tmp_path):

@@ -1,17 +1,18 @@
 """Sensors calibrated from rendered presses, start to end."""
 
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import run as command
 
 import pipeline.recordings.sensor_calibration
-from pipeline.cli import app
+from pipeline.files.toml_text import as_toml
 from pipeline.problem import BatchRefused
-from pipeline.recordings.sensor_calibration import Presses, _scaled, as_toml, calibrate
+from pipeline.recordings.sensor_calibration import Presses, _scaled, calibrate
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.press_modulus import GelGain
@@ -89,9 +90,7 @@ def draft(tmp_path: Path) -> Path:
     return path
 
 
-def run(*arguments: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["calibrate", *[str(a) for a in arguments]])
-    return result.exit_code, result.output
+run = partial(command, "calibrate")
 
 
 def test_a_ball_and_a_load_cell_complete_the_description(draft: Path, tmp_path: Path) -> None:
@@ -182,16 +181,17 @@ def test_a_picture_without_the_ball_writes_nothing(draft: Path, tmp_path: Path) 
     assert not list(tmp_path.glob("out*"))
 
 
-def test_a_ball_without_its_radius_is_refused(draft: Path, tmp_path: Path) -> None:
-    result = CliRunner().invoke(
-        app, ["calibrate", str(draft), str(tmp_path / "o.toml"), "--press", str(draft)]
-    )
-    assert "needs --ball-mm, --reference and at least one --press" in str(result.exception)
-
-
-def test_without_a_press_both_ways_are_named(draft: Path, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["calibrate", str(draft), str(tmp_path / "o.toml")])
-    assert "For a sensor give --press or --load-cell. For a rig give --rigid" in str(result.exception)
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--press", "draft.toml"), "needs --ball-mm, --reference and at least one --press"),
+        ((), "For a sensor give --press or --load-cell. For a rig give --rigid"),
+    ],
+)
+def test_what_a_calibration_needs_is_named(
+    draft: Path, tmp_path: Path, words: tuple[str, ...], said: str
+) -> None:
+    assert said in run(draft, tmp_path / "o.toml", *words)[1]
 
 
 def test_a_description_is_written_as_it_was_read() -> None:

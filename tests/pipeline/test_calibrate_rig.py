@@ -6,23 +6,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import run
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig, press
 
-from pipeline.cli import app
 from tactile.io.recording import GelPad, Recording, write_recording
 from tactile.io.rig_file import read_rig
 from tactile.tactile_failure import TactileFailure
 
 RIG = SeriesRig(spring_N_per_mm=6.0, pads=12.0)
 BALL_MM, NU = 5.0, 0.45
-
-
-def run(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [*map(str, words)])
-    return done.exit_code, done.output + str(done.exception or "")
 
 
 def hertz_mm(E_MPa: float):

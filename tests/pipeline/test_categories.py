@@ -16,6 +16,7 @@ from pipeline.batch.task import fruit_task
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.fruit.fruit_shape import embedded_pit, fruit_shape
 from pipeline.problem import BatchRefused
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.grading import grade
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -186,7 +187,7 @@ def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
 def test_own_files_are_among_the_inputs_of_the_results(made, monkeypatch):
     monkeypatch.setattr(pipeline.run.grading, "local_pool", lambda *_, **__: InThisProcess())
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
-    status, _ = grade(root, None, jobs=1, time_limit_s=600, console=Console(quiet=True))
+    status, _ = grade(root, None, GradeOptions(jobs=1, time_limit_s=600), console=Console(quiet=True))
     assert status == 3  # no recordings
     said = json.loads((root / "results" / "batch.json").read_text())
     assert "mine.toml" in said["inputs"]

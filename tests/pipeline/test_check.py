@@ -1,15 +1,11 @@
 """`drupe check` says of every file what stands in its way, and what grading will put in doubt."""
 
-import shutil
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import DATA, batch_of_nectarines, run
 
 from pipeline.batch.opening import open_batch
-from pipeline.cli import app
 from pipeline.run import checking as checking
 from pipeline.run.checking import ImplausibleNumbers, check
 from recon.pit.placement import place_pit
@@ -17,24 +13,10 @@ from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
 from tactile.io.recording import read_recording
 
-DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
-
 
 @pytest.fixture
 def batch(tmp_path):
-    """Two fruit, the same nectarine with its recording each, the second's forces a little greater."""
-    for name in ("A", "B"):
-        folder = tmp_path / "fruits" / name
-        (folder / "grasps").mkdir(parents=True)
-        shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")
-        shutil.copyfile(DATA / "grasp.h5", folder / "grasps" / "grasp-1.h5")
-        with h5py.File(folder / "grasps" / "grasp-1.h5", "r+") as file:
-            file.attrs["fruit_id"] = name
-            for pad in ("left", "right"):
-                file[f"pads/{pad}/force_N"][...] *= 1.0 if name == "A" else 1.002
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id\nA\nB\n")
-    return tmp_path
+    return batch_of_nectarines(tmp_path, "A", "B")
 
 
 def said(batch):
@@ -102,10 +84,10 @@ def test_grade_ends_by_the_rules_that_check_says(batch):
     assert checked == ended
 
 
-def run(batch):
+def checked(batch):
     """The command's exit status, and what it prints."""
-    ran = CliRunner().invoke(app, ["check", str(batch)])
-    return ran.exit_code, ran.stdout.replace(f"{batch}/", "")
+    status, text = run("check", batch)
+    return status, text.replace(f"{batch}/", "")
 
 
 def with_pit(batch, shift_mm):
@@ -115,12 +97,12 @@ def with_pit(batch, shift_mm):
 
 def test_the_command_says_that_nothing_was_found(batch):
     with_pit(batch, 0.3)
-    assert run(batch) == (0, f"0 problems found in {batch}\n")
+    assert checked(batch) == (0, f"0 problems found in {batch}\n")
 
 
 def test_a_pit_that_grading_refuses_is_a_problem(batch):
     with_pit(batch, 8.0)
-    status, text = run(batch)
+    status, text = checked(batch)
     assert status == 2
     assert "fruits/A/pit.ply: pit.ply lies 8.0 mm from the expected place of a nectarine's pit" in text
     assert text.endswith(f"1 problem found in {batch}\n")
@@ -128,7 +110,7 @@ def test_a_pit_that_grading_refuses_is_a_problem(batch):
 
 def test_a_pit_that_grading_doubts_is_no_problem_and_is_said(batch):
     with_pit(batch, 4.0)
-    status, text = run(batch)
+    status, text = checked(batch)
     assert status == 4
     line, last = text.splitlines()
     assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from the expected place")
@@ -145,18 +127,18 @@ def test_a_pit_is_judged_where_the_settings_move_it(batch):
             '[[mismatch]]\neffect = "pit_offset"\nfruits = ["A"]\n'
             "parameters = { offset_mm = [-4.0, 0.0, 0.0] }\n"
         )
-    assert run(batch)[0] == 0
+    assert checked(batch)[0] == 0
 
 
 def test_a_gain_that_grading_doubts_is_said(batch):
     with h5py.File(batch / "fruits" / "B" / "grasps" / "grasp-1.h5", "r+") as file:
         for pad in ("left", "right"):
             file[f"pads/{pad}/force_N"][...] *= 1.4
-    status, text = run(batch)
+    status, text = checked(batch)
     assert status == 4
     line, _ = text.splitlines()
     assert line.startswith("fruits/B/grasps/grasp-1.h5: grasp-1.h5: ")
     assert "1.4" in line
     assert line.endswith("E will be in doubt.")
     (batch / "fruits" / "A" / "fruit.ply").write_bytes(b"no mesh")
-    assert run(batch)[0] == 2
+    assert checked(batch)[0] == 2

@@ -24,17 +24,17 @@ import pytest
 from cluster_work import graded_unless_it_dies, needs_of, patient, work
 from distributed import Client, LocalCluster, Security
 from rich.console import Console
+from small_batches import batch_of_balls
 
 from pipeline.batch.records import read_record
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.cluster import Cluster, ClusterPlace
 from pipeline.run.cluster_worker import OWN_MIB
 from pipeline.run.engines import WorkPlace
 from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
 from pipeline.run.slurm_jobs import _jobqueue, slurm_jobs
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 
 pytestmark = [pytest.mark.slow, pytest.mark.cluster]
 PATHS = os.pathsep.join(map(str, (Path(__file__).parents[2], Path(__file__).parent)))
@@ -173,19 +173,14 @@ def test_a_client_that_lost_its_scheduler_and_came_back_gives_up_what_takes_work
 
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
     """What is done is kept by its content; the fruit that died here is graded there."""
-    directions, faces = ball(2)
-    for name in ("A", "B"):
-        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id\nA\nB\n")
+    batch_of_balls(tmp_path, "A", "B")
     monkeypatch.setattr(grading, "work_on", graded_unless_it_dies)
     monkeypatch.setattr(grading, "PER_FRUIT_MIB", {"mesh": 100.0})
 
     def outcomes(**options):
         said = io.StringIO()
         console = Console(file=said, width=200)
-        grading.grade(tmp_path, None, jobs=2, time_limit_s=60, console=console, **options)
+        grading.grade(tmp_path, None, GradeOptions(jobs=2, time_limit_s=60), console=console, **options)
         records = [read_record(tmp_path / "results" / "fruits" / name / "record.json") for name in ("A", "B")]
         return [one.outcome for one in records], [one.peak_memory_MiB for one in records], said.getvalue()
 
@@ -402,11 +397,7 @@ def test_ctrl_c_ends_a_run_on_slurm_as_any_other(slurm, tmp_path, monkeypatch):
     (slurm / "sbatch").write_text('#!/bin/sh\necho "Submitted batch job 1"\n')  # a job that waits for ever
     (slurm / "scancel").write_text("#!/bin/sh\n")
     monkeypatch.setenv("DASK_JOBQUEUE__SLURM__SCHEDULER_OPTIONS__DASHBOARD_ADDRESS", ":0")
-    directions, faces = ball(2)
-    (tmp_path / "fruits" / "A" / "grasps").mkdir(parents=True)
-    write_mesh(tmp_path / "fruits" / "A" / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id\nA\n")
+    batch_of_balls(tmp_path, "A")
     command = [sys.executable, "-c", COMMAND, "grade", str(tmp_path), "--slurm", "--jobs", "1"]
     log = tmp_path / "log"
     with log.open("w") as said, subprocess.Popen(command, stdout=said, stderr=said) as run:

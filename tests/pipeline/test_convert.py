@@ -1,30 +1,26 @@
 """`drupe convert` writes a recording that the readers take, or nothing at all and says why."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from drawn_gel import drawn, grid
 from raw_folder import SENSOR, shear, write_raw
+from small_batches import run as command
 from tac3d_folder import write_sensor
 
-from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from pipeline.recordings.conversion import ConvertRequest, convert
 from tactile.io.field_tables import COLUMNS
 from tactile.io.recording import GelPad, IndenterPad, read_recording
 
 FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
-
-
-def run(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["convert", *map(str, words)])
-    return done.exit_code, done.output + str(done.exception or "")
+run = partial(command, "convert")
 
 
 def left_nothing(folder: Path) -> bool:

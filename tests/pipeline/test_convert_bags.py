@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,9 +10,8 @@ import numpy as np
 import pytest
 from ros_bags import DEFINITIONS, cloud, number, pose, rows, write_bag
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
+from small_batches import run as command
 
-from pipeline.cli import app
 from tactile.io.recording import Recording, read_recording
 
 SENSOR = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
@@ -59,9 +59,7 @@ def _turn(t: float) -> np.ndarray:
     return Rotation.from_rotvec([0, 0, 0.5 * (t - START_S)]).as_quat()
 
 
-def run(*words: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["convert", *map(str, words)])
-    return done.exit_code, done.output + str(done.exception or "")
+run = partial(command, "convert")
 
 
 def converted(folder: Path, topics: dict, table: str = TOPICS, *options: object) -> tuple[int, str]:

@@ -1,14 +1,13 @@
 """`drupe convert` on tables of a load cell as machines write them: delimiters, names, units, sheets."""
 
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import run as command
 
-from pipeline.cli import app
-from pipeline.problem import BatchRefused
 from tactile.io.cell_rows import sheets_of
 from tactile.io.recording import IndenterPad, read_recording
 
@@ -19,13 +18,7 @@ GONE = 0.05 * np.arange(30)
 XLS = Path(__file__).parents[1] / "data" / "press.xls"
 """Two steps of a rheometer, 30 rows each: names, a row of units, s, N and um; written once with xlwt 1.3."""
 NAMES = "time=Time,force=Force,travel=Pos"
-
-
-def run(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["convert", *map(str, words)])
-    if isinstance(done.exception, BatchRefused):
-        return done.exit_code, " ".join(map(str, done.exception.problems))
-    return done.exit_code, done.output
+run = partial(command, "convert")
 
 
 def table(header: str, *columns: np.ndarray, mark: str = ",", comma: bool = False, form: str = "%.9g") -> str:

@@ -6,13 +6,14 @@ import json
 import shutil
 
 import pytest
+from graded_results import work_at_once, written
 from rich.console import Console
 
 from pipeline.batch.layout import write_whole
-from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.diagnosis.explaining import ExplainOutputs, explain
 from pipeline.problem import BatchRefused
 from pipeline.run import grading as grading
+from pipeline.run.batch_run import GradeOptions
 
 IDS = ("01", "02", "03", "04", "05")
 
@@ -20,20 +21,11 @@ IDS = ("01", "02", "03", "04", "05")
 @pytest.fixture
 def grade(monkeypatch):
     """Grades a batch; the work on a fruit is replaced by one that gives a modulus at once."""
-
-    def work(todo, records, _so_far, **_):
-        for fruit_id, task in todo:
-            task.results.claim()
-            modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.02)
-            records[fruit_id] = FruitRecord(
-                fruit_id=fruit_id, outcome="graded", key=task.key, given=task.given, modulus=modulus
-            )
-            write_record(task.results.record, records[fruit_id])
-
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(lambda _, task: written(task, 0.5)))
 
     def run(batch, out):
-        return grading.grade(batch, out, jobs=1, time_limit_s=60, console=Console(quiet=True))[0]
+        how = GradeOptions(jobs=1, time_limit_s=60)
+        return grading.grade(batch, out, how, console=Console(quiet=True))[0]
 
     return run
 

@@ -8,27 +8,25 @@ import shutil
 from datetime import UTC, datetime
 
 import pytest
+from graded_results import graded, work_at_once, written
 from rich.console import Console
+from small_batches import batch_of_balls, write_ball
 
-from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, read_record, write_record
+from pipeline.batch.records import ScreenRecord, read_record, write_record
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from pipeline.run import reporting
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun, GradeOptions, ReportOptions
 from pipeline.run.reporting import ReportSoFar
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 from reports.grasp_record import GraspRecord
 
 
 def record(outcome, reason=""):
-    modulus = ModulusRecord(E_MPa=900.0, E_sd_MPa=30.0)
-    return FruitRecord(fruit_id="A", outcome=outcome, reason=reason, key="k", given=Given(), modulus=modulus)
+    return graded("A", 900.0, sd=1 / 30, changes={"outcome": outcome, "reason": reason})
 
 
 def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
@@ -52,14 +50,7 @@ FILES = ("fruit.ply", "pit.ply", "mesh.png")
 
 @pytest.fixture
 def batch(tmp_path):
-    """Two balls as nectarines."""
-    directions, faces = ball(3)
-    for name in ("A", "B"):
-        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text(SOUND)
-    return tmp_path
+    return batch_of_balls(tmp_path, "A", "B", table=SOUND)
 
 
 @pytest.fixture
@@ -67,34 +58,30 @@ def run(batch, monkeypatch):
     """Grades the batch; the work on a fruit is replaced by one that writes a modulus and files at once."""
     worked = []
 
-    def work(todo, records, _so_far, **_):
-        for fruit_id, task in todo:
-            worked.append(fruit_id)
-            task.results.claim()
-            task.results.forget()
-            for name in FILES:
-                write_whole(task.results.root / name, name)
-            modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.02)
-            records[fruit_id] = FruitRecord(
-                fruit_id=fruit_id, outcome="graded", key=task.key, given=task.given, modulus=modulus,
-                warnings=("a pit", "w"), doubts=("a pit",) if fruit_id == "B" else (),
-                screen=ScreenRecord(p_value=0.4) if task.screen else None,
-            )  # fmt: skip
-            write_record(task.results.record, records[fruit_id])
+    def record_of(fruit_id, task):
+        worked.append(fruit_id)
+        task.results.claim()
+        task.results.forget()
+        for name in FILES:
+            write_whole(task.results.root / name, name)
+        screen = ScreenRecord(p_value=0.4) if task.screen else None
+        changes = {"warnings": ("a pit", "w"), "screen": screen}
+        return written(task, 0.5, sd=0.04, doubts=["a pit"] * (fruit_id == "B"), changes=changes)
 
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(record_of))
 
-    def graded(table=SOUND, classes="", **options):
+    def grade(table=SOUND, classes="", **options):
         worked.clear()
         (batch / "fruits.csv").write_text(table)
         (batch / "batch.toml").write_text(f'category = "nectarine"\n{classes}')
         console = Console(quiet=True)
-        status, _ = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        how = GradeOptions(jobs=1, time_limit_s=60, **options)
+        status, _ = grading.grade(batch, None, how, console=console)
         with (batch / "results" / "ranking.csv").open() as file:
             rows = {row["fruit_id"]: row for row in csv.DictReader(file)}
         return status, "".join(worked), rows
 
-    return graded
+    return grade
 
 
 def held(batch, name):
@@ -200,8 +187,7 @@ def test_a_run_that_refuses_a_fruit_keeps_what_a_forced_one_made_of_it(batch, ru
 
 def test_results_of_other_inputs_do_not_stay_beside_a_refused_fruit(batch, run):
     run()
-    directions, faces = ball(3)
-    write_mesh(batch / "fruits" / "A" / "fruit.ply", 29 * directions, faces)
+    write_ball(batch / "fruits" / "A" / "fruit.ply", radius_mm=29)
     _, worked, rows = run(ONE_IN_KG)
     assert (worked, rows["A"]["outcome"]) == ("", "implausible-input")
     files, record = held(batch, "A")
@@ -283,25 +269,21 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     so_far.write_when_due()
     assert not results.report.exists()
 
-    def graded(name, E_MPa):
-        modulus = ModulusRecord(E_MPa=E_MPa, E_sd_MPa=0.01)
-        records[name] = FruitRecord(fruit_id=name, outcome="graded", key="k", given=Given(), modulus=modulus)
-
-    graded("B", 0.4)
+    records["B"] = graded("B", 0.4)
     clock.now, clock.step = 200.0, 0.05  # so long does a report take
     so_far.write_when_due()
     page = results.report.read_text()
     assert "Still running:</b> 1 of 3 fruit are finished" in page
     assert [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())] == ["B"]
-    graded("A", 0.2)
+    records["A"] = graded("A", 0.2)
     clock.step = 0.0
-    for later, written in ((1.0, 1), (4.0, 1), (6.0, 2)):  # 0.05 s are 1 % of 5 s
+    for later, rows in ((1.0, 1), (4.0, 1), (6.0, 2)):  # 0.05 s are 1 % of 5 s
         clock.now = 200.1 + later
         so_far.write_when_due()
-        assert len(list(csv.DictReader(results.ranking.read_text().splitlines()))) == written
+        assert len(list(csv.DictReader(results.ranking.read_text().splitlines()))) == rows
     so_far.write(interrupted=True)
     assert "Interrupted:</b> 2 of 3" in results.report.read_text()
-    graded("C", 0.6)
+    records["C"] = graded("C", 0.6)
     clock.now += 1e6
     before = results.report.read_text()
     so_far.write_when_due()  # the end writes that one

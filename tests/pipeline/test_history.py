@@ -282,10 +282,7 @@ def day_of(out, E, *, lot="7", day="2026-08-10", scale="a", extra=(), **settings
 
 def two_lots(root):
     """Results of a day of lots 7 and 8."""
-    return [
-        day_of(root / "b" / "results", DAY),
-        day_of(root / "c" / "results", DAY, scale="c", lot="8"),
-    ]
+    return [day_of(root / "b" / "results", DAY), day_of(root / "c" / "results", DAY, scale="c", lot="8")]
 
 
 DAY = {"A": 0.8, "B": 0.9, "C": 1.0, "D": 1.1}
@@ -324,11 +321,7 @@ def test_a_batch_graded_again_is_counted_once(drupe, tmp_path, again, count):
 
 @pytest.mark.parametrize(
     "other",
-    [
-        {"day": "2026-08-12"},
-        {"lot": "8"},
-        {"day": "2026-08-12", "measured_on": "2026-08-12"},
-    ],
+    [{"day": "2026-08-12"}, {"lot": "8"}, {"day": "2026-08-12", "measured_on": "2026-08-12"}],
     ids=["another day", "another lot", "another day by its settings"],
 )
 def test_other_recordings_of_the_same_ids_are_another_batch(tmp_path, other):

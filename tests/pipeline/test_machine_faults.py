@@ -92,11 +92,7 @@ def test_a_full_disk_is_the_machines_whichever_library_meets_it():
         ),
         (RuntimeError("std::bad_alloc"), 2, "this machine: not enough memory: "),
         (ImportError("No module named 'x'"), 1, "internal error: ImportError"),
-        (
-            OSError(errno.EMFILE, "Too many open files", "/batch/x"),
-            2,
-            "this machine: Too many open files",
-        ),
+        (OSError(errno.EMFILE, "Too many open files", "/batch/x"), 2, "this machine: Too many open files"),
         (
             FileNotFoundError(errno.ENOENT, "No such file", cli.__file__),
             1,

@@ -5,7 +5,6 @@ import hashlib
 import json
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import h5py
@@ -14,25 +13,11 @@ import pytest
 
 from pipeline.batch.layout import BatchFolder, FruitResults, Results, write_whole
 from pipeline.batch.write_guard import require_results_apart
-from pipeline.cli import main
 from pipeline.files.manifest import NotOurs, json_in
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
 PRECIOUS = b"the only copy"
-
-
-@pytest.fixture
-def drupe(monkeypatch, capsys):
-    """Runs the command in this process; gives status and what stands on standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["drupe", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code or 0, capsys.readouterr().err
-
-    return run
 
 
 def make_batch(root):
@@ -66,11 +51,11 @@ def contents(root):
 
 def refused_untouched(drupe, root, *arguments):
     before = contents(root)
-    status, said = drupe(*arguments)
-    assert status == 2, said
-    assert "Traceback" not in said
+    ran = drupe(*arguments)
+    assert ran.status == 2, ran.err
+    assert "Traceback" not in ran.err
     assert contents(root) == before
-    return said
+    return ran.err
 
 
 @pytest.mark.parametrize("place", ["fruits", "fruits/new", "fruits/new/results"])
@@ -404,9 +389,9 @@ def test_a_sensors_description_is_never_calibrated_onto_itself_or_a_picture(drup
     assert "is nested too deep" in deep
 
 
-def test_a_mat_takes_no_other_mats_place(drupe, tmp_path, capsys):
-    assert drupe("mat", tmp_path)[0] == 0
-    assert drupe("mat", tmp_path)[0] == 0
+def test_a_mat_takes_no_other_mats_place(drupe, tmp_path):
+    assert drupe("mat", tmp_path).status == 0
+    assert drupe("mat", tmp_path).status == 0
     said = refused_untouched(drupe, tmp_path, "mat", tmp_path, "--cherry")
     assert "mat.pdf: exists and is not this mat's mat.pdf" in said
     (tmp_path / "mat.pdf").unlink()
@@ -421,13 +406,13 @@ def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, tmp_path, mon
         full.setattr(shutil, "copytree", _disk_full_after_one_file)
         said = refused_untouched(drupe, tmp_path, "sample", tmp_path / "new", "--name", "two-fruits")
     assert "new: cannot be written (No space left on device); free space" in said
-    assert drupe("sample", tmp_path / "new", "--name", "two-fruits")[0] == 0
+    assert drupe("sample", tmp_path / "new", "--name", "two-fruits").status == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "taken"]
 
 
 def test_a_sample_in_the_current_folder_leaves_it_the_same_folder(drupe, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert drupe("sample", ".", "--name", "two-fruits")[0] == 0
+    assert drupe("sample", ".", "--name", "two-fruits").status == 0
     assert Path("batch.toml").is_file()
 
 

@@ -2,15 +2,25 @@
 
 import numpy as np
 import pytest
+from graded_results import work_at_once
 from rich.console import Console
+from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
+from pipeline.batch.plausible_numbers import (
+    TableColumns,
+    grading_doubts,
+    kind_of,
+    mesh_doubt,
+    row_doubts,
+    table_doubts,
+)
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.checking import ImplausibleNumbers, check
 from pipeline.run.fruit_records import ended_record
 from recon.pit.priors import load_prior
@@ -23,7 +33,7 @@ SOUND = {"height_mm": 55.3, "diameter_mm": 61.5, "mass_g": 112.0, "shore_oo": 69
 
 def doubts(kind=NECTARINE, others=(), **changed):
     row = FruitRow(fruit_id="A", **{**SOUND, **changed})
-    return list(row_doubts(row, (row, *others), kind))
+    return list(row_doubts(row, TableColumns((row, *others)), kind))
 
 
 @pytest.mark.parametrize(
@@ -73,26 +83,26 @@ def test_one_fruit_ten_times_its_batch_is_said():
     cherry = kind_of(load_prior("cherry"))
     others = tuple(FruitRow(fruit_id=str(i), height_mm=h) for i, h in enumerate((11.0, 11.6, 12.1)))
     row = FruitRow(fruit_id="A", height_mm=44.0)
-    (said,) = row_doubts(row, (row, *others), cherry)
+    (said,) = row_doubts(row, TableColumns((row, *others)), cherry)
     assert "height_mm 44: other fruit of the batch have about 11.6" in said
     row = FruitRow(fruit_id="A", height_mm=20.0)
-    assert list(row_doubts(row, (row, *others), cherry)) == []
+    assert list(row_doubts(row, TableColumns((row, *others)), cherry)) == []
 
 
 def test_an_unknown_category_still_shows_a_slipped_point_among_its_batch():
     kind = kind_of(None)
     others = tuple(FruitRow(fruit_id=str(i), height_mm=55.0 + i) for i in range(3))
     row = FruitRow(fruit_id="A", height_mm=5.6)
-    (said,) = row_doubts(row, (row, *others), kind)
+    (said,) = row_doubts(row, TableColumns((row, *others)), kind)
     assert "is it in cm (56 mm)?" in said
 
 
 def test_a_whole_column_in_cm_is_one_sentence_and_not_one_for_each_fruit():
     rows = tuple(FruitRow(fruit_id=str(i), height_mm=5.5 + 0.1 * i, mass_g=110.0) for i in range(5))
-    (said,) = table_doubts(rows, NECTARINE).values()
+    (said,) = table_doubts(TableColumns(rows), NECTARINE).values()
     assert said.startswith("height_mm of all 5 fruit is 5.5 to 5.9; a nectarine is 25 to 105 mm high")
     assert "is it in cm (57 mm)?" in said
-    assert list(row_doubts(rows[0], rows, NECTARINE)) == []
+    assert list(row_doubts(rows[0], TableColumns(rows), NECTARINE)) == []
 
 
 def test_limits_in_kilopascal_are_said():
@@ -126,13 +136,8 @@ def test_a_mesh_in_another_unit_is_said(factor, said):
 
 @pytest.fixture
 def batch(tmp_path):
-    directions, faces = ball(3)
-    for name in ("A", "B"):
-        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,90\n")
-    return tmp_path
+    table = "fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,90\n"
+    return batch_of_balls(tmp_path, "A", "B", table=table)
 
 
 def said(root):
@@ -150,8 +155,7 @@ def test_one_fruit_costs_itself_and_a_column_costs_the_batch_unless_forced(batch
 
 
 def test_a_mesh_in_metres_is_the_first_and_only_thing_said_of_it(batch):
-    directions, faces = ball(3)
-    write_mesh(batch / "fruits" / "A" / "fruit.ply", 0.028 * directions, faces)
+    write_ball(batch / "fruits" / "A" / "fruit.ply", radius_mm=0.028)
     lines = [line for line in said(batch).splitlines() if "A/fruit.ply" in line]
     (line,) = lines
     assert "is it in m (" in line
@@ -163,7 +167,7 @@ def test_a_spike_is_said_to_be_one_and_a_mesh_out_of_size_is_not(batch):
     spiked = 28 * directions
     spiked[5] *= 40
     write_mesh(batch / "fruits" / "A" / "fruit.ply", spiked, faces)
-    write_mesh(batch / "fruits" / "B" / "fruit.ply", 280 * directions, faces)
+    write_ball(batch / "fruits" / "B" / "fruit.ply", radius_mm=280)
     one, other = (next(line for line in said(batch).splitlines() if f"{n}/fruit.ply" in line) for n in "AB")
     assert "the mesh has a spike: 1 vertex up to 1.12e+03 mm from its middle, the others within 28 mm" in one
     assert "Remove the spike" in one
@@ -204,18 +208,18 @@ def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, mon
     """What the work itself does is not asked here: it is replaced by a failure that says it was reached."""
     reached = []
 
-    def work(todo, records, _so_far, **_):
-        for fruit_id, task in todo:
-            reached.append(fruit_id)
-            records[fruit_id] = ended_record(task, Outcome.NO_GRASP, "")
+    def record(fruit_id, task):
+        reached.append(fruit_id)
+        return ended_record(task, Outcome.NO_GRASP, "")
 
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(record))
     (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
 
     def run(**options):
         reached.clear()
         console = Console(quiet=True)
-        status, entry = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        how = GradeOptions(jobs=1, time_limit_s=60, **options)
+        status, entry = grading.grade(batch, None, how, console=console)
         reasons = {fruit.fruit_id: fruit.reason for fruit in entry.fruits}
         return status, list(reached), reasons
 

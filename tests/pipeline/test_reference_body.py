@@ -1,6 +1,7 @@
 """A reference body of known modulus stands in the table of the fruit and under rules of its own."""
 
 import pytest
+from small_batches import write_ball
 
 from pipeline.batch.fruits_table import read_fruits
 from pipeline.batch.layout import Results
@@ -23,9 +24,8 @@ def made(tmp_path):
 
     def make(rows=FRUITS + BALL, settings='category = "nectarine"\n'):
         for name in ("F0", "F1", "F2", "F3", "ball"):
-            folder = tmp_path / "fruits" / name
-            (folder / "grasps").mkdir(parents=True, exist_ok=True)
-            write_mesh(folder / "fruit.ply", (10 if name == "ball" else 28) * DIRECTIONS, FACES)
+            write_ball(tmp_path / "fruits" / name / "fruit.ply", radius_mm=10 if name == "ball" else 28)
+            (tmp_path / "fruits" / name / "grasps").mkdir(exist_ok=True)
         (tmp_path / "fruits.csv").write_text(HEAD + rows)
         (tmp_path / "batch.toml").write_text(settings)
         return tmp_path

@@ -21,8 +21,8 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from drawn_gel import drawn, grid
 from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
+from small_batches import DATA, batch_of_nectarines
 
-DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 ADVICE = "reference = ... in grasp.toml"
 
 
@@ -114,18 +114,11 @@ def test_the_named_clip_is_in_the_key_of_what_is_kept(batch, tmp_path, monkeypat
 
 
 def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(tmp_path):
-    folder = tmp_path / "fruits" / "A"
-    (folder / "grasps").mkdir(parents=True)
-    shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")
-    path = folder / "grasps" / "grasp-1.h5"
-    shutil.copyfile(DATA / "grasp.h5", path)
-    with h5py.File(path, "r+") as file:
-        file.attrs["fruit_id"] = "A"
+    batch_of_nectarines(tmp_path, "A")
+    with h5py.File(tmp_path / "fruits" / "A" / "grasps" / "grasp-1.h5", "r+") as file:
         frames = len(file["time_s"])
         file["pads/left/force_N"][...] *= 1e-6
         file["pads/left/print_shown"] = np.full(frames, 3.0)
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id\nA\n")
     (said,) = [str(one) for one in check(tmp_path)]
     assert (
         "the left pad's pictures show a contact imprint (3.0 times the limit for an empty gel), yet its force"

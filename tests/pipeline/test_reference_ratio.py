@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from rich.console import Console
+from small_batches import batch_of_balls
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
@@ -25,8 +26,6 @@ from pipeline.ranking.reference_ratio import (
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.run_summary import print_summary
 from pipeline.run.reporting import _status
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 from reports.grasp_record import GraspRecord
 from reports.page import report_html
 from reports.tables import ranking_csv
@@ -53,11 +52,7 @@ def record(name, E_MPa, *, sd=0.02, common=0.01, known=None, outcome="graded"):
 
 def batch_read_with(gain):
     """Two fruit of 0.4 and 0.8 MPa and a ball of 0.5, as a gripper of this gain reads them."""
-    return [
-        record("soft", 0.4 * gain),
-        record("firm", 0.8 * gain),
-        record("ball", 0.5 * gain, known=0.5),
-    ]
+    return [record("soft", 0.4 * gain), record("firm", 0.8 * gain), record("ball", 0.5 * gain, known=0.5)]
 
 
 def arrays(*values):
@@ -245,16 +240,11 @@ def test_parts_of_a_corrected_error_add_up():
 
 @pytest.fixture
 def root(tmp_path):
-    directions, faces = ball(2)
-    for name in ("soft", "firm", "ball"):
-        (tmp_path / "fruits" / name).mkdir(parents=True)
-        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (tmp_path / "fruits.csv").write_text(
-        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
-        "soft,,,,\nfirm,,,,\nball,true,0.5,0.005,0.48\n"
-    )
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n[reference]\ncorrect = true\n')
-    return tmp_path
+    return batch_of_balls(
+        tmp_path, "soft", "firm", "ball", settings='category = "nectarine"\n[reference]\ncorrect = true\n',
+        table="fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "soft,,,,\nfirm,,,,\nball,true,0.5,0.005,0.48\n",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("correct", [False, True])

@@ -10,26 +10,18 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from graded_results import graded, results_of
+from small_batches import batch_of_balls
 
 from pipeline.batch.layout import write_whole
 from pipeline.batch.records import ScreenRecord
 from pipeline.files.whole_file import NotWritten
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 
 SOFFICE = shutil.which("soffice")
 
 
 @pytest.fixture
 def batch(tmp_path):
-    directions, faces = ball(2)
-    root = tmp_path / "batch"
-    for name in ("A", "B"):
-        (root / "fruits" / name).mkdir(parents=True)
-        write_mesh(root / "fruits" / name / "fruit.ply", 28 * directions, faces)
-    (root / "fruits.csv").write_text("fruit_id\nA\nB\n")
-    (root / "batch.toml").write_text('category = "nectarine"\n')
-    return root
+    return batch_of_balls(tmp_path / "batch", "A", "B")
 
 
 @pytest.fixture

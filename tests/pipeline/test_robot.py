@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from typer.testing import CliRunner
+from small_batches import run
 
 sys.path += [str(Path(__file__).parent.parent / room) for room in ("tactile", "recon")]
 from mat_scene import ring
 from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, noisy, pose, touches
 
-from pipeline.cli import app
 from pipeline.fruit.placed_grasp import place_grasp
 from recon.cameras.camera import Camera
 from recon.cameras.printed_mat import Mat, mat_mapping, standard_mat, tag_bits
@@ -31,11 +30,6 @@ FLANGE_FROM_PAD = {"left": pose(0, -30, 150, 0, 0, 0), "right": pose(0, 30, 150,
 """At 60 mm, the pads' z towards each other along the flange's y."""
 FLANGE_FROM_PAD["left"][:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 FLANGE_FROM_PAD["right"][:3, :3] = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-
-
-def run(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [*map(str, words)])
-    return done.exit_code, done.output + str(done.exception or "")
 
 
 def quaternion_row(flange: np.ndarray) -> str:

@@ -6,23 +6,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import run
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from test_camera_from_dots import dots, eye, picture
 
 from fem.estimation.joint_inference import FruitModulus
-from pipeline.cli import app
 from pipeline.fruit.elasticity import SENSOR, modulus_record
 from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_PICTURE, PICTURE_SD, SensorScale, sensor_scale
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.sensor_file import read_sensor
 from tactile.io.sensor_model import model_names, read_model
-
-
-def run(*words: str | Path) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [*map(str, words)])
-    return done.exit_code, done.output + str(done.exception or "")
 
 
 @pytest.fixture

@@ -6,23 +6,13 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from small_batches import run
 
-from pipeline.cli import app
-from pipeline.problem import BatchRefused
 from tactile.io.recording import IndenterPad, read_recording, write_recording
 
 CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
 FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "c")
 E_MPA = 0.4
-
-
-def run(*words):
-    done = CliRunner().invoke(app, [*map(str, words)])
-    if isinstance(done.exception, BatchRefused):
-        return done.exit_code, " ".join(map(str, done.exception.problems))
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done.exit_code, done.output
 
 
 def pressed(path, force_of, deepest_mm, *, noise=0.001):

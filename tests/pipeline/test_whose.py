@@ -9,19 +9,18 @@ from unittest import mock
 
 import h5py
 import pytest
-from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from explain_runs import NO_MESH
 from graded_results import graded
 from raw_folder import write_raw
+from small_batches import batch_of_nectarines, run
 
 import pipeline.fruit.grasped
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import ModulusRecord, ScreenRecord
 from pipeline.batch.task import fruit_task
-from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
@@ -32,36 +31,17 @@ from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
-DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
-
 
 def relabel(path, **attributes):
     with h5py.File(path, "r+") as file:
         file.attrs.update(attributes)
 
 
-def differ(path, times):
-    with h5py.File(path, "r+") as file:
-        for pad in ("left", "right"):
-            file[f"pads/{pad}/force_N"][...] *= times
-
-
 @pytest.fixture
 def batch(tmp_path):
     """Two fruit with a recording each that names its own."""
-    for k, name in enumerate(("N02", "N04")):
-        folder = tmp_path / "fruits" / name
-        (folder / "grasps").mkdir(parents=True)
-        for file in ("fruit.ply", "pit.ply"):
-            shutil.copyfile(DATA / file, folder / file)
-        shutil.copyfile(DATA / "grasp.h5", folder / "grasps" / "grasp-1.h5")
-        relabel(folder / "grasps" / "grasp-1.h5", fruit_id=name)
-        differ(folder / "grasps" / "grasp-1.h5", 1.0 + 0.002 * k)
-    (tmp_path / "batch.toml").write_text(
-        'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 8.0\npad_edge_mm = 3.0\n'
-    )
-    (tmp_path / "fruits.csv").write_text("fruit_id\nN02\nN04\n")
-    return tmp_path
+    settings = 'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 8.0\npad_edge_mm = 3.0\n'
+    return batch_of_nectarines(tmp_path, "N02", "N04", pit=True, settings=settings)
 
 
 def recording(batch, fruit="N02"):
@@ -69,8 +49,8 @@ def recording(batch, fruit="N02"):
 
 
 def checked(batch):
-    ran = CliRunner().invoke(app, ["check", str(batch)])
-    return ran.exit_code, ran.stdout.replace(f"{batch}/", "")
+    status, text = run("check", batch)
+    return status, text.replace(f"{batch}/", "")
 
 
 def prepared(batch, fruit="N02"):
@@ -98,9 +78,9 @@ def test_check_and_grading_and_explain_refuse_the_recording_of_another_fruit_of_
         prepared(batch)
     assert refused.value.problem is TactileProblem.FOREIGN_RECORDING
     assert refused.value.detail == f"grasp-1: {REFUSED}"
-    ran = CliRunner().invoke(app, ["explain", str(batch), "--fruit", "N02"])
-    assert ran.exit_code == 3
-    assert REFUSED in " ".join(ran.output.split())
+    status, text = run("explain", batch, "--fruit", "N02")
+    assert status == 3
+    assert REFUSED in " ".join(text.split())
 
 
 def test_a_refused_one_costs_no_other_recording(batch):

@@ -15,7 +15,7 @@ from raw_folder import write_picture
 from test_camera_from_dots import DOME, dots, eye
 from test_photometric import AMBIENT, LIGHTS
 
-from pipeline.recordings.sensor_calibration import as_toml
+from pipeline.files.toml_text import as_toml
 from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from tactile.from_frames import recording_of
 from tactile.gel.slab import GelSlab

@@ -3,10 +3,12 @@
 import io
 
 import pytest
+from graded_results import work_at_once
 from rich.console import Console
 from watched_batch import HEAD, fake_record
 
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.watch.watching import BatchWatch, WatchOptions
 
 
@@ -25,17 +27,13 @@ def worked(monkeypatch):
     """Fruit in the order in which they are worked on, which takes no time; "stop" is where Ctrl-C comes."""
     worked = []
 
-    def work(todo, records, ended, **_):
-        for fruit_id, task in todo:
-            worked.append(fruit_id)
-            if fruit_id == "stop" and worked.count("stop") == 1:
-                raise KeyboardInterrupt
-            records[fruit_id] = fake_record(fruit_id, task)
-            ended(records[fruit_id])
-        while todo.refused:
-            ended(todo.refused.popleft())
+    def record(fruit_id, task):
+        worked.append(fruit_id)
+        if fruit_id == "stop" and worked.count("stop") == 1:
+            raise KeyboardInterrupt
+        return fake_record(fruit_id, task)
 
-    monkeypatch.setattr(grading, "_work", work)
+    monkeypatch.setattr(grading, "_work", work_at_once(record))
     return worked
 
 
@@ -53,7 +51,10 @@ def watched(batch, worked):
                 steps.pop(0)()
 
         options = WatchOptions(
-            out=batch / "results", jobs=jobs, time_limit_s=60, screen=False, settle_s=settle_s, idle_s=idle_s
+            out=batch / "results",
+            grading=GradeOptions(jobs=jobs, time_limit_s=60, screen=False),
+            settle_s=settle_s,
+            idle_s=idle_s,
         )
         watch = BatchWatch(
             root=batch,
@@ -65,11 +66,18 @@ def watched(batch, worked):
         )
         return watch, steps
 
+    def until_ctrl_c(*during, **how):
+        watch, _ = begun(*during, **how)
+        with pytest.raises(KeyboardInterrupt):
+            watch.run()
+        return watch
+
     def run(*during, **how):
         watch, steps = begun(*during, **how)
         status = watch.run()
         assert not steps
         return status
 
-    run.begun, run.worked, run.shown, run.said, run.time_s = begun, worked, shown, said, time_s
+    run.begun, run.until_ctrl_c, run.worked, run.shown = begun, until_ctrl_c, worked, shown
+    run.said, run.time_s = said, time_s
     return run

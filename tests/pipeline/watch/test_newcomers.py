@@ -5,13 +5,14 @@ from collections import Counter
 
 import pytest
 from rich.console import Console
-from watched_batch import QUIET, modulus_of, one_by_one, put, reports_take, rows, shown_first
+from watched_batch import QUIET, modulus_of, of_another, one_by_one, put, reports_take, rows, shown_first
 
 from pipeline.batch import cache, provenance
 from pipeline.batch.records import read_record
 from pipeline.files import manifest
 from pipeline.ranking import report_entries
 from pipeline.run import fruit_queue, grading
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.packed_records import PackedRecords
 
 
@@ -95,12 +96,7 @@ def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, m
 
 def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
-
-    def twin():
-        put(batch, "B")
-        (batch / "fruits" / "B" / "grasps" / "grasp-1.h5").write_text("of A")
-
-    assert watched(*one_by_one(batch, "C", "A"), twin) == 4
+    assert watched(*one_by_one(batch, "C", "A"), lambda: of_another(batch, "B", "A")) == 4
     assert "fruits/A/grasps/grasp-1.h5" in " ".join(shown_first(watched, "B").doubts)
     assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
 
@@ -137,13 +133,8 @@ def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, m
 
 def test_a_fruit_that_a_recording_of_another_names_has_that_one_graded_again(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
-
-    def of_another():
-        put(batch, "A")
-        (batch / "fruits" / "A" / "grasps" / "grasp-1.h5").write_text("of B")
-
     watched(
-        *one_by_one(batch, "D"), of_another, *QUIET, lambda: put(batch, "C"), *QUIET, *one_by_one(batch, "B")
+        *one_by_one(batch, "D"), lambda: of_another(batch, "A", "B"), *QUIET, *one_by_one(batch, "C", "B")
     )
     assert watched.worked == ["D", "A", "C", "B", "A"]
     assert "names B" in read_record(batch / "results" / "fruits" / "A" / "record.json").doubts
@@ -174,13 +165,9 @@ def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched
     def keep():
         recent.append("".join(watched.shown[-1].recent))
 
-    def of_another():
-        put(batch, "C")
-        (batch / "fruits" / "C" / "grasps" / "grasp-1.h5").write_text("of D")
-
     watched(
         *one_by_one(batch, "A", "B"),
-        of_another,
+        lambda: of_another(batch, "C", "D"),
         *QUIET,
         keep,
         lambda: (batch / "fruits.csv").write_text("fruit_id,height_mm,notes\nA,,sunny side\n"),
@@ -203,23 +190,18 @@ def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tm
     names = ["B", "crash-1", "K", "body", "A", "D", "H"]
     (batch / "fruits.csv").write_text(head + body + "K,560,,,,\n")
 
-    def recorded(name, said):
-        put(batch, name)
-        (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(said)
-
     all_rows = head + body + "K,560,,,,\n" + "".join(f"{n},56,,,,\n" for n in names if n not in ("body", "K"))
     watched(
-        lambda: recorded("A", "of D"),
+        lambda: of_another(batch, "A", "D"),
         *QUIET,
         *one_by_one(batch, *(name for name in names if name not in "AH")),
-        lambda: recorded("H", "of B"),
+        lambda: of_another(batch, "H", "B"),
         *QUIET,
         lambda: (batch / "fruits.csv").write_text(all_rows),
         *QUIET,
     )
-    grading.grade(
-        batch, tmp_path / "plain", jobs=1, time_limit_s=60, console=Console(quiet=True), screen=False
-    )
+    how = GradeOptions(jobs=1, time_limit_s=60, screen=False)
+    grading.grade(batch, tmp_path / "plain", how, console=Console(quiet=True))
 
     def left(out):
         files = {path.relative_to(out): path for path in out.rglob("*") if path.is_file()}

@@ -123,8 +123,6 @@ with PageServer(results) as server:
             one.close()
         print(len(opened), flush=True)
 """
-
-
 HALF_OPEN = (b"", b"GET / HT", b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
 
 

@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+from watched_batch import QUIET, interrupted, of_another, one_by_one, put, reports_take, rows
 
 from pipeline.run import grading
 
@@ -16,12 +16,6 @@ def in_the_way(batch, name):
     place = batch / "results" / "fruits" / name
     place.mkdir(parents=True)
     (place / "record.json").write_text("somebody else's")
-
-
-def of_another(batch, name, other):
-    """A fruit with a recording that names another."""
-    put(batch, name)
-    (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(f"of {other}")
 
 
 def taken_away(batch, name):
@@ -37,10 +31,7 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
     of_another(batch, "A", "B")
     assert watched() == 0
     status = watched(
-        lambda: in_the_way(batch, "B"),
-        *one_by_one(batch, "B"),
-        lambda: taken_away(batch, "B"),
-        *LATER,
+        lambda: in_the_way(batch, "B"), *one_by_one(batch, "B"), lambda: taken_away(batch, "B"), *LATER
     )
     assert any("fruits/B/record.json" in one for one in problems(watched))
     assert (status, sorted(rows(batch))) == (0, ["A", "D"])
@@ -48,7 +39,7 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
 
 def test_so_it_does_in_the_report_that_ctrl_c_leaves(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
-    watch, _ = watched.begun(
+    watch = watched.until_ctrl_c(
         *one_by_one(batch, "C", "D"),
         lambda: of_another(batch, "A", "B"),
         *QUIET,
@@ -58,8 +49,6 @@ def test_so_it_does_in_the_report_that_ctrl_c_leaves(batch, watched, monkeypatch
         *QUIET,
         interrupted,
     )
-    with pytest.raises(KeyboardInterrupt):
-        watch.run()
     assert watch.stop() == 0
     assert sorted(rows(batch)) == ["A", "C", "D"]
 

@@ -118,7 +118,7 @@ def test_a_deleted_fruit_costs_nothing(batch, watched):
 def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
     own, away = batch / "fruits" / "A", batch / "A"
-    watch, _ = watched.begun(
+    watch = watched.until_ctrl_c(
         *one_by_one(batch, "A", "B", "C"),
         lambda: own.rename(away),
         *QUIET,
@@ -127,8 +127,6 @@ def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, m
         *QUIET,
         interrupted,
     )
-    with pytest.raises(KeyboardInterrupt):
-        watch.run()
     assert watch.stop() == 0
     assert sorted(rows(batch)) == ["A", "B", "C", "D"]
 

@@ -106,9 +106,9 @@ def test_watching_ends_where_there_are_no_settings_to_read(tmp_path, drupe, put,
 def test_progress_counts_the_fruit_that_have_come(batch, watched, monkeypatch):
     work, counts = grading._work, []
 
-    def counted(todo, records, ended, *, waiting, **how):
-        counts.append((len(records), len(todo.todo), waiting))
-        work(todo, records, ended, **how)
+    def counted(queue, *others):
+        counts.append((len(queue.records), len(queue.todo), others[-1]))
+        work(queue, *others)
 
     monkeypatch.setattr(grading, "_work", counted)
 

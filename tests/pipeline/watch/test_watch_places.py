@@ -6,6 +6,7 @@ from rich.console import Console
 from watched_batch import one_by_one, put, reports_take
 
 from pipeline.run import grading
+from pipeline.run.batch_run import GradeOptions
 
 
 def test_newcomers_are_not_written_through_a_link(batch, watched, monkeypatch, tmp_path):
@@ -32,7 +33,8 @@ def test_newcomers_are_not_written_into_the_results_of_another_batch(batch, watc
     shutil.copy(batch / "batch.toml", other)
     (other / "fruits.csv").write_text("fruit_id\nX\n")
     put(other, "X")
-    grading.grade(other, None, jobs=1, time_limit_s=60, console=Console(quiet=True), screen=False)
+    how = GradeOptions(jobs=1, time_limit_s=60, screen=False)
+    grading.grade(other, None, how, console=Console(quiet=True))
     theirs = (other / "results" / "ranking.csv").read_text()
 
     def replaced():

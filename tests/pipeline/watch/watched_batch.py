@@ -2,12 +2,12 @@
 
 import csv
 
+from graded_results import written
+from small_batches import write_ball
+
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.run import grading, reporting
 from pipeline.run.fruit_records import ended_record
-from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 from reports.grasp_record import GraspRecord
 
 HEAD = 'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
@@ -19,10 +19,15 @@ def put(batch, name, *, recording=True):
     """A fruit's files, as a gripper leaves them."""
     folder = batch / "fruits" / name
     (folder / "grasps").mkdir(parents=True, exist_ok=True)
-    directions, faces = ball(2)
-    write_mesh(folder / "fruit.ply", 28 * directions, faces)
+    write_ball(folder / "fruit.ply")
     if recording:
         (folder / "grasps" / "grasp-1.h5").write_text(f"of {name}")
+
+
+def of_another(batch, name, other):
+    """A fruit with a recording that names another."""
+    put(batch, name)
+    (batch / "fruits" / name / "grasps" / "grasp-1.h5").write_text(f"of {other}")
 
 
 def modulus_of(name):
@@ -34,25 +39,14 @@ def fake_record(fruit_id, task):
     """What the fake work makes of a fruit: its recording's content tells whether it is another's, too."""
     if fruit_id.startswith("crash"):
         return ended_record(task, Outcome.CRASHED, "signal 9")
-    task.results.claim()
     (path,) = task.folder.grasp_files()[:1]
     said = path.read_text()
     named = {said.removeprefix("of "): said.removeprefix("of ") in task.batch_fruits}
     strangers = {name: known for name, known in named.items() if name != fruit_id}
     grasp = GraspRecord(grasp="grasp-1", digest=said)
-    E_MPa = modulus_of(fruit_id)
-    record = FruitRecord(
-        fruit_id=fruit_id,
-        outcome="graded",
-        key=task.key,
-        given=task.given,
-        grasps=(grasp,),
-        modulus=ModulusRecord(E_MPa=E_MPa, E_sd_MPa=0.01 * E_MPa),
-        strangers=strangers,
-        doubts=tuple(f"names {name}" for name, known in strangers.items() if known),
-    )
-    write_record(task.results.record, record)
-    return record
+    doubts = [f"names {name}" for name, known in strangers.items() if known]
+    changes = {"grasps": (grasp,), "strangers": strangers}
+    return written(task, modulus_of(fruit_id), sd=0.01, doubts=doubts, changes=changes)
 
 
 def rows(batch):

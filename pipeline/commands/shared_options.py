@@ -1,0 +1,66 @@
+"""Arguments and options that several commands have."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.problem import refused
+from reports.language import LANGUAGES, of_environment
+
+BatchArgument = Annotated[
+    Path, typer.Argument(metavar="BATCH", help="The batch: a folder with batch.toml and fruits.csv.")
+]
+OutOption = Annotated[Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")]
+TimeLimitOption = Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")]
+"""Seconds; at least one, as no fruit is graded in less."""
+ScreenOption = Annotated[
+    bool, typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit).")
+]
+ChecksumsOption = Annotated[
+    bool, typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report.")
+]
+ExcelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--csv",
+        metavar="DIALECT",
+        help="Also write ranking-excel.csv, which opens in Excel by double click. Dialects: excel, "
+        "excel-de, excel-es, excel-fr, excel-it.",
+        show_default="none",
+    ),
+]
+ParquetOption = Annotated[
+    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs the extra drupe[parquet]).")
+]
+LanguageOption = Annotated[
+    str | None,
+    typer.Option(
+        "--lang",
+        metavar="LANGUAGE",
+        help=f"Language of the page: {', '.join(LANGUAGES)}.",
+        show_default="from the locale, otherwise en",
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print only errors; the exit status shows the outcome.")
+]
+VerboseOption = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
+]
+LogOption = Annotated[
+    Path | None,
+    typer.Option("--log", metavar="FILE", help="Append every line to this file, with its time in UTC."),
+]
+SheetOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
+]
+
+
+def chosen_language(asked: str | None) -> str:
+    """The language asked for, else the environment's; raises BatchRefused for one that is not known."""
+    if asked is None:
+        return of_environment()
+    if asked not in LANGUAGES:
+        raise refused("--lang", f'found "{asked}", expected one of {", ".join(LANGUAGES)}.')
+    return asked
