@@ -8,8 +8,8 @@ covariance: the full one of few fruit has directions in which errors cancel that
 
 `model_error.csv` has one share for each effect: the root mean square of its apparent amount over fruit
 without mismatch, over the prior standard deviation of the amount and the compliance ratio of flesh to gel,
-with which apparent amounts grow. `benchmarks/mismatch_scores.py` measures it; four shares are older and
-larger. Seven recording sets of four fruit are few: expect larger errors on other fruit.
+with which apparent amounts grow. `benchmarks/mismatch_scores.py` measures it. Nine fruit are few: expect
+larger errors on other fruit.
 """
 
 import csv

@@ -12,7 +12,7 @@ divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per n
   leaves any share of the excess.
 
 The verdict is the smallest set of explanations that holds CREDIBLE of the probability. It says what is there:
-an effect stands for every pair that holds it and another one.
+an effect includes every pair that holds it and another one.
 
 The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
 Gaussian with covariance N (SignatureEquations), so the distribution of a statistic of b follows from draws.
