@@ -89,9 +89,9 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[Li
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        if not fit.columns:
-            continue
-        remaining = linear.equations.given(linear.equations.numbers(fit.columns), law_error=LAW_ERROR)
+        remaining = linear.equations
+        if fit.columns:  # else it is seen directly, and leaves the motion as it is
+            remaining = remaining.given(remaining.numbers(fit.columns), law_error=LAW_ERROR)
         for second in singles[number + 1 :]:
             if len(faults_of_relation([fit.effect, second.linear_fits[0].effect])) == 2:
                 continue
