@@ -19,7 +19,7 @@ is part of the plain model here: the screen then asks what is left. Any other sh
 nuisance of the plain model (fem.mismatch.evidence.large_deformation).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,7 +34,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect
 from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import leave_large_deformation
+from fem.mismatch.evidence.large_deformation import leave_finite_strain, leave_large_deformation
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
@@ -108,18 +108,22 @@ def screen(
     models: Sequence[GraspModel],
     solids: Mapping[Support, UnitModulusSolid] | None = None,
     holds_large_deformation: bool = False,
+    at_finite_strain: Collection[str] = (),
 ) -> Screened:
     """The linear round of a fruit that grading has just gone through.
 
     `E_MPa`, `models`: what grading found, one model for each grasp of `case`, about the same mesh. `solids`:
-    grading's, where they are still there. `holds_large_deformation`: the models do. Raises FemFailure where a
-    recording cannot be projected, the fit gives no 1/E above zero, or one recording is all there is.
+    grading's, where they are still there. `holds_large_deformation`: the models do, by the law of a confirmed
+    effect. `at_finite_strain`: names of recordings whose models are at finite strain, the fruit's turn
+    included. Raises FemFailure where a recording cannot be projected, the fit gives no 1/E above zero, or one
+    recording is all there is.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     forward = _forward_model(case, E_MPa, models, solids or {})
     if holds_large_deformation:
         leave_large_deformation(forward)
+    leave_finite_strain(forward, at_finite_strain)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.

@@ -64,9 +64,8 @@ def screened_fruit(
     )
 
     confirmed = in_the_model(task.settings.mismatch)
-    large = task.settings.flesh.model == "neo-hookean" and not any(
-        model.small_strain_alone for _, model, _ in usable
-    )
+    holds_it = any(one.spec.holds_large_deformation for one in confirmed)
+    finite = task.settings.flesh.model == "neo-hookean" and not holds_it
 
     def compute() -> KeptScreen:
         try:
@@ -75,7 +74,10 @@ def screened_fruit(
                 E_MPa=1 / float(np.median([1 / own.E_MPa for _, _, own in usable])) if usable else 1.0,
                 models=[model for _, model, _ in usable],
                 solids=solids,
-                holds_large_deformation=large or any(one.spec.holds_large_deformation for one in confirmed),
+                holds_large_deformation=holds_it,
+                at_finite_strain=[
+                    grasp.name for grasp, model, _ in usable if finite and not model.small_strain_alone
+                ],
             )
         except FemFailure as failure:
             return KeptScreen(screen=ScreenRecord(failure=failure.detail))

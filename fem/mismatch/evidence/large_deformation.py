@@ -5,6 +5,8 @@ six strain it by a fifth. The plain model's strains are small, and what it leave
 like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, first blind test).
 """
 
+from collections.abc import Collection
+
 import numpy as np
 from jaxtyping import Float
 
@@ -40,4 +42,16 @@ def leave_large_deformation(forward: ForwardModel) -> None:
     forward.memoised(_KEY, lambda: None)
 
 
-_KEY = ("large deformation",)
+def leave_finite_strain(forward: ForwardModel, recordings: Collection[str]) -> None:
+    """Takes the response of these recordings, by name, as it is: it is at finite strain and holds the fruit's
+    turn (fem.estimation.finite_response).
+    """
+    forward.memoised(_FINITE, lambda: frozenset(recordings))
+
+
+def at_finite_strain(forward: ForwardModel) -> frozenset[str]:
+    """Names of recordings of which nothing is added."""
+    return forward.memoised(_FINITE, frozenset)
+
+
+_KEY, _FINITE = "large deformation", "recordings at finite strain"

@@ -16,7 +16,13 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, MEAN, SD, large_deformation
+from fem.mismatch.evidence.large_deformation import (
+    LARGE_DEFORMATION,
+    MEAN,
+    SD,
+    at_finite_strain,
+    large_deformation,
+)
 from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, turned_fruit
 from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
 from fem.mismatch.model.baseline import GraspResponse
@@ -70,10 +76,14 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
+    grasps, held = forward.base.grasps, at_finite_strain(forward)
+    if all(recording.case.name in held for recording in grasps):
+        return columns
     beyond = beyond_small_strain(forward)
     if beyond is None:
         return columns + _turned(forward)
-    fields = [ObservationDelta(markers=own) for own in beyond]
+    by_recording = zip(grasps, beyond, strict=True)
+    fields = [None if one.case.name in held else ObservationDelta(markers=own) for one, own in by_recording]
     return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
 
 
@@ -100,6 +110,9 @@ def stand_ins(forward: ForwardModel) -> list[Regressor]:
     """Those that stand in for a common one in models that hold part of it by a law of their own: the fruit's
     turn alone, for large deformation.
     """
+    held = at_finite_strain(forward)
+    if all(recording.case.name in held for recording in forward.base.grasps):
+        return []
     alone = _turned(forward) if isinstance(large_deformation(forward), list) else []
     return [replace(one, stands_in=True) for one in alone]
 
@@ -108,7 +121,11 @@ def _turned(forward: ForwardModel) -> list[Regressor]:
     """One column at most."""
 
     def compute() -> list[Regressor]:
-        turned = [turned_fruit(forward, recording) for recording in forward.base.grasps]
+        held = at_finite_strain(forward)
+        turned = [
+            None if recording.case.name in held else turned_fruit(forward, recording)
+            for recording in forward.base.grasps
+        ]
         if all(own is None for own in turned):
             return []
         added = [None if own is None else ObservationDelta(markers=own) for own in turned]
