@@ -4,9 +4,9 @@ What decides on a mismatch and its name stands in fem.mismatch.selection.decisio
 """
 
 MOST_REFITS = 4
-"""Explanations of a verdict that are refitted at most, the likeliest first. Set by hand, to bound time."""
+"""drupe refits so many explanations of a verdict at most, the likeliest first. Set by hand, to bound time."""
 NEGLIGIBLE = 0.02
-"""Ratio of probabilities below which the same effect on another pad is left out. Set by hand, below the share
+"""The same effect on another pad is left out below this ratio of probabilities. Set by hand, below the share
 that a verdict may lack."""
 LEAST_LISTED = 1e-3
 """Probability from which a pair of effects is listed."""

@@ -226,7 +226,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
         sum(one.evidence for one in _forces(forward, place, -normal))
         for place, normal in zip(skin.point_mm, skin.normal, strict=True)
     ]
-    search = float(logsumexp(evidence) - np.log(len(evidence)) - max(evidence))
+    mean = float(logsumexp(evidence) - np.log(len(evidence)))
     best = Seat.at(mesh, skin.point_mm[int(np.argmax(evidence))])
     axes = np.linalg.svd(best.inward[None])[2][1:]
 
@@ -242,6 +242,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
         options={"initial_simplex": corners, "maxfev": 60, "xatol": 0.05, "fatol": 0.05},
     ).x
     found = _at(forward, best.place_mm + way @ axes)
+    search = mean - max(*evidence, found.evidence)
     return replace(found, search=search) if found.evidence > LEAST_EVIDENCE else None
 
 
@@ -283,7 +284,7 @@ def _fields(
 
 
 def _peak_N(forward: ForwardModel) -> float:
-    """The greatest push of a pad, mean over the pads."""
+    """Mean over the pads of their greatest push, N, in the recording that has the most."""
     return max(peak_N(recording) for recording in forward.base.grasps)
 
 

@@ -100,6 +100,16 @@ def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 
     return moved
 
 
+def turn_alone(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
+    """What the fruit's turn adds, mm, beside a law that holds large deformation; None without a turn."""
+    plain = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
+    columns = _turned(forward)
+    if not columns:
+        return None
+    (turned,) = columns
+    return [_at_markers(turn, own) for own, turn in zip(plain, turned.fields, strict=True)]
+
+
 def _at_markers(
     field: ObservationDelta | None, like: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f n 3"]:

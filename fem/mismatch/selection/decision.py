@@ -60,13 +60,14 @@ DRAWS = 2000
 class Weighed:
     """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
     part of it by marks that recordings show whatever the flesh is. `misfit`: chi-square per number that it
-    leaves.
+    leaves. `tenable`: False where its full model cannot be computed; unknown physics may resemble it still.
     """
 
     name: str
     gain: float
-    misfit: float = 0.0
+    misfit: float
     direct: float = 0.0
+    tenable: bool = True
 
 
 def log_prior(name: str, *, effects: int) -> float:
@@ -98,7 +99,8 @@ def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " 
         remaining = max(one.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
         prior = log_prior(one.name, effects=effects)
-        named.append(prior + gain + (usual if one.name == NONE else present + left))
+        as_named = prior + gain + (usual if one.name == NONE else present + left)
+        named.append(as_named if one.tenable else -np.inf)
         resembled.append(prior + gain - max(one.direct, 0.0) / TEMPERATURE + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])

@@ -13,7 +13,7 @@ from fem.mismatch.effect import Effect, SeenDirectly, Signature
 from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.decision import Weighed
-from fem.mismatch.selection.linear_explanations import LinearExplanation, with_misfit
+from fem.mismatch.selection.linear_explanations import LinearExplanation, misfit_left
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -74,11 +74,12 @@ def fault_pairs(
         weighed = Weighed(
             name=name,
             gain=best.weighed.gain + second.evidence,
+            misfit=misfit_left(linear, best.linear_fits),
             direct=best.weighed.direct + second.evidence,
         )
         fits = (*best.linear_fits, _without_signature(second))
         explanation = LinearExplanation(weighed=weighed, linear_fits=fits, modulus_change=best.modulus_change)
-        found[name] = (with_misfit(linear, explanation), second)
+        found[name] = (explanation, second)
     return found
 
 

@@ -42,18 +42,15 @@ class LinearExplanation:
 
 def linear_explanations(linear: LinearRound, *, kept: float = 1.0) -> list[LinearExplanation]:
     """The explanations, "none" last. `kept`: share of the frames, of thinned recordings."""
-    singles = [_single(fits) for fits in _ways(linear.linear_fits)]
+    singles = [_single(linear, fits, kept) for fits in _ways(linear.linear_fits)]
     singles.sort(key=lambda single: -single.weighed.gain)
-    found = [*singles, *_pairs(linear, singles), LinearExplanation(weighed=Weighed(name=NONE, gain=0.0))]
-    return [with_misfit(linear, explanation, kept=kept) for explanation in found]
+    none = LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=misfit_left(linear, (), kept=kept)))
+    return [*singles, *_pairs(linear, singles, kept), none]
 
 
-def with_misfit(
-    linear: LinearRound, explanation: LinearExplanation, *, kept: float = 1.0
-) -> LinearExplanation:
-    """The same with the chi-square per number that its linear fits leave."""
-    left = linear.null.chi2 - sum(fit.chi2_drop for fit in explanation.linear_fits)
-    return replace(explanation, weighed=replace(explanation.weighed, misfit=kept * left / linear.numbers))
+def misfit_left(linear: LinearRound, fits: Sequence[LinearFit], *, kept: float = 1.0) -> float:
+    """The chi-square per number that these linear fits leave."""
+    return kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers
 
 
 def _ways(fits: Sequence[LinearFit]) -> list[list[LinearFit]]:
@@ -69,17 +66,21 @@ def _mean(gains: Sequence[float]) -> float:
     return float(logsumexp(gains) - np.log(len(gains)))
 
 
-def _single(fits: Sequence[LinearFit]) -> LinearExplanation:
+def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> LinearExplanation:
     best = fits[0]
-    gain = _mean([fit.gain for fit in fits])
     return LinearExplanation(
-        weighed=Weighed(name=best.name, gain=gain, direct=best.direct),
+        weighed=Weighed(
+            name=best.name,
+            gain=_mean([fit.gain for fit in fits]),
+            misfit=misfit_left(linear, (best,), kept=kept),
+            direct=best.direct,
+        ),
         linear_fits=(best,),
         modulus_change=best.modulus_change,
     )
 
 
-def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[LinearExplanation]:
+def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: float) -> list[LinearExplanation]:
     """Each effect with every one of smaller evidence, if that adds something beside it.
 
     Two faults of one gel relation show in part as each other: those are
@@ -99,12 +100,14 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[Li
             gain = _mean([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
+                both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
+                best = replace(best, chi2_drop=linear.null.chi2 - fit.chi2_drop - both.chi2)
                 weighed = Weighed(
                     name="+".join(sorted((first.name, second.name))),
                     gain=first.weighed.gain + gain,
+                    misfit=misfit_left(linear, (fit, best), kept=kept),
                     direct=first.weighed.direct + best.direct,
                 )
-                both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
                 found.append(
                     LinearExplanation(
                         weighed=weighed,
@@ -116,7 +119,7 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation]) -> list[Li
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
-    """A signature's fit beside a first effect: gain, amounts and fall of chi-square are what it adds."""
+    """A signature's fit beside a first effect: gain and amounts are what it adds."""
     if not fit.columns:
         return fit
     own = equations.numbers(fit.columns)
@@ -124,9 +127,4 @@ def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) 
     moved = float(equations.log_bayes_factor(own, equations.right[None])[0])
     wrong = violates_sign_constraint(linear.products, fit.columns, amounts)
     said = min(fit.auxiliary_log_likelihood - fit.direct, max(moved, 0.0))
-    return replace(
-        fit,
-        amounts=amounts,
-        gain=-np.inf if wrong else moved + said + fit.direct,
-        chi2_drop=0.0 if wrong else float(equations.right[list(own)] @ amounts),
-    )
+    return replace(fit, amounts=amounts, gain=-np.inf if wrong else moved + said + fit.direct)

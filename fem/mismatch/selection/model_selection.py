@@ -1,10 +1,9 @@
 """Model selection: the posterior of all explanations, and full models of those that the verdict holds.
 
 Linear signatures decide (fem.mismatch.selection.linear_explanations, .decision). The full nonlinear models of
-the verdict's explanations then say how large each effect is, and what it leaves of the misfit; with that the
-probabilities are computed again, until every explanation of the verdict has its model. An explanation whose
-model cannot be computed, or whose second effect ends at its bounds, where it stands for something else, is
-dropped.
+the verdict's explanations, MOST_REFITS of them at most, then say how large each effect is, and what it leaves
+of the misfit; with that the probabilities are computed again. An explanation cannot be named where its model
+cannot be computed, or where its second effect ends at the bounds of its parameters.
 """
 
 from collections.abc import Sequence
@@ -92,10 +91,10 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) 
         names = credible_set([one.name for one in ranking], [one.probability for one in ranking])
         due = [
             explanation
-            for name in names[:MOST_REFITS]
+            for name in names
             for explanation in left
             if explanation.name == name != NONE and name not in in_full
-        ]
+        ][: MOST_REFITS - len(in_full)]
         if not detected or not due:
             break
         for explanation, full in zip(
@@ -104,7 +103,6 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) 
             in_full[explanation.name] = full
             if full.failed:
                 without[explanation.name] = full.failed
-                left.remove(explanation)
     verdict = NONE if not detected else names[0] if len(names) == 1 else names
     listed = (one for one in ranking if "+" not in one.name or one.probability >= LEAST_LISTED)
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
@@ -126,6 +124,7 @@ def _ranking(
             alternatives=in_full[one.name].alternatives if one.name in in_full else (),
         )
         for one, share in zip(left, shares, strict=True)
+        if one.name not in in_full or in_full[one.name].refits
     ]
     most = max(one.weighed.gain for one in left)
     hypotheses.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, linear_fits=(), refit=None))
@@ -136,6 +135,8 @@ def _weighed(linear: LinearRound, explanation: LinearExplanation, full: _InFull 
     """With what the full model leaves of the misfit, where there is one."""
     if full is None:
         return explanation.weighed
+    if not full.refits:
+        return replace(explanation.weighed, tenable=False)
     _, best = full.refits[0]
     return replace(explanation.weighed, misfit=best.fit.chi2 / linear.numbers)
 

@@ -21,7 +21,7 @@ from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
-from fem.mismatch.evidence.nuisances import beyond_small_strain
+from fem.mismatch.evidence.nuisances import beyond_small_strain, turn_alone
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -122,7 +122,7 @@ def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: B
     logs = -np.log(
         [max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(forward, response, beyond=beyond)]
     )
-    value = float(np.exp(logs.mean()))
+    value = forward.modulus_scale * float(np.exp(logs.mean()))
     scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else SCATTER
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
 
@@ -150,7 +150,7 @@ def modulus_with(again: Refit) -> ModulusWith:
         again.forward,
         responses,
         _without(again.forward.base.case.budget, again.effects),
-        beyond=None if holds_it else beyond_small_strain(again.forward),
+        beyond=turn_alone(again.forward) if holds_it else beyond_small_strain(again.forward),
     )
     own = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
