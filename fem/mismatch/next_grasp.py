@@ -45,10 +45,11 @@ def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
         if verdict != NONE and grasps < 2:
             return f"one recording alone cannot be checked against another: {ACROSS}; then {TURNED}"
         return None
-    of_the_jaws = [one in SPECS and SPECS[one].of_the_jaws for one in verdict]
+    names = [part for name in verdict for part in name.split("+") if part in SPECS]
+    of_the_jaws = [SPECS[name].of_the_jaws for name in names]
     if any(of_the_jaws) and not all(of_the_jaws):
         return TURNED
-    return ACROSS
+    return SPEEDS if any(SPECS[name].knows_time for name in names) else ACROSS
 
 
 def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelection) -> NextGraspPlan | None:

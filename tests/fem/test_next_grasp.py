@@ -16,7 +16,12 @@ def test_a_single_recording_asks_for_another():
 def test_what_belongs_to_a_jaw_and_what_to_the_fruit_is_separated_by_turning_it():
     assert next_grasp(("soft_spot", "sensor_gain"), grasps=4) == TURNED
     assert next_grasp(("anisotropy", "pose_error"), grasps=4) == TURNED
+    assert next_grasp(("sensor_gain+skin", "skin"), grasps=4) == TURNED
     assert next_grasp(("anisotropy", "poisson_ratio"), grasps=4) == ACROSS
+
+
+def test_effects_that_depend_on_time_ask_for_speeds():
+    assert next_grasp(("viscoelastic", "drainage"), grasps=4) == SPEEDS
 
 
 def test_the_unknown_asks_for_speeds_and_a_turned_fruit():

@@ -50,8 +50,8 @@ recordings without mismatch: 18 of nine fruit (`benchmarks/results/mismatch-bank
 MOST_MISFIT = 1000.0
 """Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
 REMAINING = 0.12
-"""Mean share of the excess misfit that the true explanation leaves. Set by hand: an explanation that leaves
-0.6 of it is then about as likely as unknown physics."""
+"""Mean share of the excess misfit that the true explanation leaves. Set by hand: with a misfit of
+30 times the usual an explanation that leaves 0.75 of the excess is then as likely as unknown physics."""
 DRAWS = 2000
 """Of b without mismatch: p is known to 0.005 at DETECTION_P."""
 
