@@ -2,7 +2,7 @@
 
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -66,17 +66,25 @@ def screened_fruit(
     confirmed = in_the_model(task.settings.mismatch)
     holds_it = any(one.spec.holds_large_deformation for one in confirmed)
     finite = task.settings.flesh.model == "neo-hookean" and not holds_it
+    # With nothing confirmed the correction is that of finite strain alone. The finder's own column fits
+    # better: it spreads the traction as the signatures do (docs/decisions/0014).
+    models = [
+        replace(model, displacement_correction=None) if finite and not confirmed else model
+        for _, model, _ in usable
+    ]
 
     def compute() -> KeptScreen:
         try:
             said = screen(
                 case,
                 E_MPa=1 / float(np.median([1 / own.E_MPa for _, _, own in usable])) if usable else 1.0,
-                models=[model for _, model, _ in usable],
+                models=models,
                 solids=solids,
                 holds_large_deformation=holds_it,
                 at_finite_strain=[
-                    grasp.name for grasp, model, _ in usable if finite and not model.small_strain_alone
+                    grasp.name
+                    for grasp, model, _ in usable
+                    if finite and confirmed and not model.small_strain_alone
                 ],
             )
         except FemFailure as failure:

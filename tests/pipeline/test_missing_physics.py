@@ -100,17 +100,36 @@ def test_what_was_found_stands_in_the_record(place):
     assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
 
 
-@pytest.mark.parametrize(("law", "holds"), [("linear", False), ("neo-hookean", True)])
-def test_the_screen_knows_whether_gradings_law_holds_large_deformation(place, law, holds):
+CONFIRMED = SimpleNamespace(effect="skin", spec=SimpleNamespace(holds_large_deformation=False))
+
+
+def corrected(model):
+    """A model with what finite strain adds."""
+    return replace(model, displacement_correction=np.zeros((1, *model.place_mm.shape)))
+
+
+@pytest.mark.parametrize(
+    ("law", "confirmed", "held"),
+    [("linear", (), 0), ("neo-hookean", (), 0), ("neo-hookean", (CONFIRMED,), 2)],
+)
+def test_finite_strain_is_left_to_the_screen_unless_effects_are_confirmed(
+    place, monkeypatch, law, confirmed, held
+):
     place.answers(SAID)
+    monkeypatch.setattr(stage, "in_the_model", lambda _: confirmed)
     place.task.settings = Settings(category="nectarine", poisson_ratio=0.45, flesh={"model": law})
-    stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
-    assert len(place.asked[0][1]["at_finite_strain"]) == (2 if holds else 0)
-    assert place.asked[0][1]["holds_large_deformation"] is False
+    found = graded(estimate(), estimate())
+    found.models = tuple(corrected(model) for model in found.models)
+    stage.screened_fruit(place.task, place.fruit, found, {})
+    (_, asked), *_ = place.asked
+    assert len(asked["at_finite_strain"]) == held
+    left = law == "neo-hookean" and not confirmed
+    assert [model.displacement_correction is None for model in asked["models"]] == [left, left]
 
 
-def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place):
+def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place, monkeypatch):
     place.answers(SAID)
+    monkeypatch.setattr(stage, "in_the_model", lambda _: (CONFIRMED,))
     found = graded(estimate(), estimate())
     found.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
     stage.screened_fruit(place.task, place.fruit, found, {})
