@@ -200,7 +200,7 @@ class _CheckedFruit:
         return self._doubted(path, one.findings)
 
     def _of_raw_grasp(self, path: Path) -> Iterator[Problem]:
-        """Why a raw grasp is of no use, or whose it may be."""
+        """Why a grasp that was not converted cannot be used, or to which fruit it may belong."""
         said: list[str] = []
 
         def read() -> list[Problem]:

@@ -32,7 +32,8 @@ MOST_EVIDENCE = 3.0
 MOST_OF_SHADOW = 0.5
 """The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
 CORRELATED = 0.6
-"""Share by which a pixel's evidence counts, as neighbours are alike; half as much of both next samples'."""
+"""Weight of a pixel's evidence, below one because neighbouring pixels correlate. The pixels of the two
+neighbouring samples count half as much."""
 EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
 """Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
 STEP_POOLING), and the step (Lab units) that counts so much."""

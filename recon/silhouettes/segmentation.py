@@ -62,7 +62,9 @@ class Bounds:
 
 @dataclass(frozen=True)
 class SegmentationScene:
-    """Undistorted photos of a fruit on z = 0, the box (mm) that it stands in, and the fruit model, if any."""
+    """Undistorted photos of a fruit on the plane z = 0, a box (mm) that contains it, and the fruit model, or
+    None.
+    """
 
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]]
     cameras: Sequence[Camera]

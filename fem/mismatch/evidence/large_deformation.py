@@ -24,11 +24,13 @@ fruit of simulators have 0.5 to 0.9 of this second-order response."""
 def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
     """What it adds to the unit response at the markers of every recording, mm MPa.
 
-    None where the plain model holds it already (`leave_large_deformation`); the failure where flesh is so
-    soft that the search from the linear answer does not settle.
+    None where the plain model holds it already (`leave_large_deformation`, or `leave_finite_strain` of all
+    recordings); the failure where flesh is so soft that the search from the linear answer does not settle.
     """
 
     def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure | None:
+        if at_finite_strain(forward) >= {recording.case.name for recording in forward.base.grasps}:
+            return None
         try:
             return stiffening_path(forward).at_markers(beyond_linear(forward, HARDLY_ANY))
         except FemFailure as failure:
@@ -50,7 +52,7 @@ def leave_finite_strain(forward: ForwardModel, recordings: Collection[str]) -> N
 
 
 def at_finite_strain(forward: ForwardModel) -> frozenset[str]:
-    """Names of recordings of which nothing is added."""
+    """Names of the recordings whose plain response is at finite strain already."""
     return forward.memoised(_FINITE, frozenset)
 
 

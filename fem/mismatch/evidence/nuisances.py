@@ -76,14 +76,14 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
             None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
-    grasps, held = forward.base.grasps, at_finite_strain(forward)
-    if all(recording.case.name in held for recording in grasps):
-        return columns
     beyond = beyond_small_strain(forward)
     if beyond is None:
         return columns + _turned(forward)
-    by_recording = zip(grasps, beyond, strict=True)
-    fields = [None if one.case.name in held else ObservationDelta(markers=own) for one, own in by_recording]
+    held = at_finite_strain(forward)
+    fields = [
+        None if recording.case.name in held else ObservationDelta(markers=added)
+        for recording, added in zip(forward.base.grasps, beyond, strict=True)
+    ]
     return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
 
 
@@ -101,13 +101,13 @@ def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 
 
 
 def turn_alone(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
-    """What the fruit's turn adds, mm, beside a law that holds large deformation; None without a turn."""
-    plain = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
-    columns = _turned(forward)
-    if not columns:
-        return None
-    (turned,) = columns
-    return [_at_markers(turn, own) for own, turn in zip(plain, turned.fields, strict=True)]
+    """Displacement of the markers, mm, by the fruit's turn, where the law of the flesh holds large
+    deformation; None without a turn.
+    """
+    for turned in _turned(forward):
+        plain = (recording.tracks.unit_displacement for recording in forward.base.grasps)
+        return [_at_markers(turn, own) for own, turn in zip(plain, turned.fields, strict=True)]
+    return None
 
 
 def _at_markers(
@@ -120,9 +120,6 @@ def stand_ins(forward: ForwardModel) -> list[Regressor]:
     """Those that stand in for a common one in models that hold part of it by a law of their own: the fruit's
     turn alone, for large deformation.
     """
-    held = at_finite_strain(forward)
-    if all(recording.case.name in held for recording in forward.base.grasps):
-        return []
     alone = _turned(forward) if isinstance(large_deformation(forward), list) else []
     return [replace(one, stands_in=True) for one in alone]
 
