@@ -7,16 +7,27 @@ from datetime import date
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from reduced_case import ReducedCase
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
+from scipy.stats import invgamma
 
+from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
+from fem.mismatch.evidence.model_error import FREEDOM, SIZE
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.selection.screening import LinearRound
 
+SCALES = np.geomspace(0.05, 20.0, 61)
+"""Grid of the scale of the error; fruit without mismatch have 0.25 to 3.4."""
+MOST_FREEDOM = 50
+"""Degrees of freedom that are tried: a larger one is a scale without spread."""
 LEAST_SHARE = 0.001
 """Smaller shares are left out of the file. Set by hand: a thousandth of an effect's prior changes nothing."""
 ORIGIN = """\
 # Apparent amount of each effect without mismatch, over its prior standard deviation and the compliance ratio:
-# root mean square over fruit (mean over the cases of a fruit first).
+# root mean square over fruit (mean over the cases of a fruit first). The scale of all of them in one case:
+# k^2 ~ freedom size^2 / chi-square(freedom), by the shares of the other fruit.
 # {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
 # Written by: {command}, {written:%Y-%m-%d}
 """
@@ -74,13 +85,62 @@ def model_error_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     }
 
 
-def file_text(rows: Sequence[Mapping[str, Any]], *, command: str, written: date) -> str:
+def scale_prior_of(cases: Mapping[str, ReducedCase], rows: Sequence[Mapping[str, Any]]) -> ScalePrior:
+    """The prior of the error's scale by cases without mismatch, with the shares of the other fruit.
+
+    ln p(b | k) of a fruit is the mean over its cases.
+    """
+    curves: dict[str, list[list[float]]] = {}
+    for name, case in cases.items():
+        fruit = fruit_of(name, case)
+        shares = model_error_of([row for row in rows if row["fruit"] != fruit])
+        draws = case.with_model_error(shares).linear().null_draws
+        curves.setdefault(fruit, []).append([log_density(draws, scale) for scale in SCALES])
+    return scale_prior(np.array([np.mean(each, axis=0) for each in curves.values()]))
+
+
+def scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
+    """The prior of k by ln p(b | k) of n fruit at SCALES; each has the likelihood
+
+        integral p(b | k) p(k) dk,      k^2 ~ freedom size^2 / chi-square(freedom).
+
+    Of all priors within a standard error of the likeliest (half a unit of ln likelihood) the lightest tail.
+    """
+
+    def loss(log_size: float, freedom: int) -> float:
+        squares = invgamma.logpdf(SCALES**2, freedom / 2, scale=freedom * np.exp(2 * log_size) / 2)
+        weights = squares + 2 * np.log(SCALES)  # of ln k, on whose grid the integral is
+        return -float(logsumexp(by_fruit + weights - logsumexp(weights), axis=1).sum())
+
+    bounds = np.log([SCALES[0], SCALES[-1]])
+    fits = {
+        freedom: minimize_scalar(loss, bounds=bounds, args=(freedom,), method="bounded")
+        for freedom in range(1, MOST_FREEDOM + 1)
+    }
+    least = min(fit.fun for fit in fits.values())
+    freedom = max(freedom for freedom, fit in fits.items() if fit.fun <= least + 0.5)
+    return ScalePrior(size=float(np.exp(fits[freedom].x)), freedom=float(freedom))
+
+
+def log_density(draws: NullDraws, scale: float) -> float:
+    """ln p(b | k) of recordings without mismatch, up to what k does not change. With S = diag(k error_sd):
+
+    u'A^-1 u / 2 - ln det(A) / 2,      u = S b,   A = I + S N S
+    """
+    sd = scale * draws.error_sd
+    u = sd * draws.bare.right
+    matrix = np.eye(len(sd)) + sd[:, None] * draws.bare.normal * sd
+    return float(u @ np.linalg.solve(matrix, u) - np.linalg.slogdet(matrix)[1]) / 2
+
+
+def file_text(rows: Sequence[Mapping[str, Any]], prior: ScalePrior, *, command: str, written: date) -> str:
     """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
     fruit = len({row["fruit"] for row in rows})
     with io.StringIO() as file:
         file.write(ORIGIN.format(cases=len(rows), fruit=fruit, command=command, written=written))
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(["effect", "share"])
+        lines.writerows([[SIZE, f"{prior.size:.3g}"], [FREEDOM, f"{prior.freedom:.3g}"]])
         lines.writerows(
             [effect, f"{size:.3g}"] for effect, size in model_error_of(rows).items() if size >= LEAST_SHARE
         )

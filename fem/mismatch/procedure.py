@@ -254,11 +254,23 @@ def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
     """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones."""
     p_value, each = p_values(
         linear.equations,
+        linear.null_draws,
         misfit=kept * linear.null.chi2 / linear.numbers,
         direct=_mean_direct_evidence(linear),
+        against=_against(linear),
         rng=np.random.default_rng(0),
     )
     return CaseDetection(p_value=p_value, p_values=each)
+
+
+def _against(linear: LinearRound) -> dict[str, list[float]]:
+    """What else is known of each signature that shows in the flesh's motion, where it speaks against it."""
+    against: dict[str, list[float]] = {}
+    for fit in linear.linear_fits:
+        of_effect = against.setdefault(fit.name, [])
+        if fit.columns:
+            of_effect.append(min(fit.auxiliary_log_likelihood, 0.0))
+    return against
 
 
 def _mean_direct_evidence(linear: LinearRound) -> float:

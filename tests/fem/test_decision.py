@@ -1,6 +1,7 @@
 """The finder's decision: Bayes factors against quadrature, p-values without a bank, verdict sets."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest, norm
 
+from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.result import NONE
 from fem.mismatch.selection import decision
@@ -32,6 +34,7 @@ def equations(rng: np.random.Generator, *, injected: float = 0.0) -> SignatureEq
         right=fields.T @ data,
         sd=np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0]),
         positive=np.array([False, True, False, False, True, False]),
+        least=np.zeros(6),
         ways={
             "skin": [(0,)],
             "slip": [(1,), (2,)],
@@ -63,37 +66,108 @@ def test_alternatives_of_one_effect_share_its_prior():
     both = case.log_bayes_factors(case.right[None])["slip"][0]
     alone = [
         SignatureEquations(
-            normal=case.normal, right=case.right, sd=case.sd, positive=case.positive, ways={"slip": [way]}
+            normal=case.normal,
+            right=case.right,
+            sd=case.sd,
+            positive=case.positive,
+            least=case.least,
+            ways={"slip": [way]},
         ).log_bayes_factors(case.right[None])["slip"][0]
         for way in case.ways["slip"]
     ]
     assert both == pytest.approx(np.log(np.mean(np.exp(alone))))
 
 
-def test_p_values_of_recordings_without_mismatch_are_even():
+HEAVY, SURE = ScalePrior(size=0.7, freedom=3.0), ScalePrior(size=1.0, freedom=1e6)
+
+
+def with_error(
+    rng: np.random.Generator, prior: ScalePrior, *, sd: float
+) -> tuple[SignatureEquations, NullDraws]:
+    """Data of noise and of the model's error of a drawn scale; the equations have its usual size integrated
+    out (GramMatrix.marginal).
+    """
+    bare = equations(rng)
+    amounts = prior.drawn(1, rng) * sd * rng.standard_normal(6)
+    bare = replace(bare, right=bare.right + bare.normal @ amounts)
+    taken = bare.normal @ np.linalg.inv(bare.normal + np.eye(6) / sd**2)
+    usual = replace(bare, normal=bare.normal - taken @ bare.normal, right=bare.right - taken @ bare.right)
+    return usual, NullDraws(bare=bare, error_sd=np.full(6, sd), prior=prior)
+
+
+def no_error(case: SignatureEquations) -> NullDraws:
+    return NullDraws(bare=case, error_sd=np.zeros(len(case.sd)), prior=SURE)
+
+
+def p_of(
+    case: SignatureEquations, rng: np.random.Generator, **statistics: float
+) -> tuple[float, dict[str, float]]:
+    return p_values(case, no_error(case), rng=rng, **statistics)
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.2])
+def test_p_values_of_recordings_without_mismatch_are_even(sd):
     """Both statistics drawn by their own distributions: 5 % below 0.05 within three standard deviations."""
     rng = np.random.default_rng(5)
-    p = np.array(
-        [
-            p_values(
-                equations(rng),
-                misfit=MISFIT * rng.chisquare(FREEDOM) / FREEDOM,
-                direct=0.0,
-                rng=rng,
-            )[0]
-            for _ in range(300)
-        ]
-    )
+    p = []
+    for _ in range(300):
+        usual, draws = with_error(rng, HEAVY, sd=max(sd, 1e-6))
+        misfit = MISFIT * rng.chisquare(FREEDOM) / FREEDOM
+        p.append(p_values(usual, draws, misfit=misfit, direct=0.0, rng=rng)[0])
     assert kstest(p, "uniform").pvalue > 0.01
-    assert abs((p < 0.05).mean() - 0.05) < 3 * np.sqrt(0.05 * 0.95 / len(p))
+    assert abs(np.mean(np.array(p) < 0.05) - 0.05) < 3 * np.sqrt(0.05 * 0.95 / len(p))
+
+
+def test_draws_of_a_sure_scale_have_the_covariance_of_the_equations():
+    """With the usual error integrated out, the covariance of b is N."""
+    rng = np.random.default_rng(8)
+    usual, draws = with_error(rng, SURE, sd=0.2)
+    covariance = np.cov(draws.drawn(100_000, rng).T)
+    np.testing.assert_allclose(covariance, usual.normal, atol=0.03 * np.diag(usual.normal).max())
+
+
+def test_a_scale_without_bounds_makes_large_errors_usual():
+    """An apparent amount of six usual errors is rare at a sure scale and not at the heavy one."""
+    rng = np.random.default_rng(9)
+    usual, sure = with_error(rng, SURE, sd=0.2)
+    odd = replace(usual, right=6 * 0.2 * usual.normal[:, 0])
+    p = [
+        p_values(odd, replace(sure, prior=prior), misfit=MISFIT, direct=0.0, rng=rng)[1]["effects"]
+        for prior in (SURE, HEAVY)
+    ]
+    assert p[0] < 0.002 < 0.01 < p[1]
+
+
+def test_what_speaks_against_an_effect_raises_p():
+    """Slip resembles the injected skin."""
+    case = equations(np.random.default_rng(10), injected=0.25)
+    doubted = {
+        name: [-20.0 if name in ("skin", "slip") else 0.0] * len(ways) for name, ways in case.ways.items()
+    }
+    p = [
+        p_of(case, np.random.default_rng(1), misfit=MISFIT, direct=0.0, against=against)[1]["effects"]
+        for against in (None, doubted)
+    ]
+    assert p[0] < 0.01 < p[1]
+
+
+def test_an_amount_without_meaning_gains_nothing():
+    case = equations(np.random.default_rng(11), injected=0.5)
+    column = SignatureEquations(
+        normal=case.normal, right=case.right, sd=case.sd, positive=np.ones(6, dtype=bool),
+        least=np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), ways={"skin": [(0,)]},
+    )  # fmt: skip
+    assert column.log_bayes_factors(case.right[None])["skin"][0] == 0.0
+    enough = replace(column, least=np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert enough.log_bayes_factors(case.right[None])["skin"][0] > 10.0
 
 
 def test_a_injected_effect_a_large_misfit_and_direct_marks_are_each_detected():
     rng = np.random.default_rng(6)
     usual = {"misfit": MISFIT, "direct": 0.0}
-    assert p_values(equations(rng, injected=0.5), **usual, rng=rng)[1]["effects"] < 0.005
-    assert p_values(equations(rng), misfit=3 * MISFIT, direct=0.0, rng=rng)[0] < 1e-4
-    p, each = p_values(equations(rng), misfit=MISFIT, direct=10.0, rng=rng)
+    assert p_of(equations(rng, injected=0.5), rng, **usual)[1]["effects"] < 0.005
+    assert p_of(equations(rng), rng, misfit=3 * MISFIT, direct=0.0)[0] < 1e-4
+    p, each = p_of(equations(rng), rng, misfit=MISFIT, direct=10.0)
     assert each["gel"] == pytest.approx(np.exp(-10.0))
     assert p == pytest.approx(3 * np.exp(-10.0), rel=1e-3)
 

@@ -33,6 +33,7 @@ def equations(columns: np.ndarray, data: np.ndarray) -> SignatureEquations:
         right=columns @ data,
         sd=np.full(len(columns), SD),
         positive=np.zeros(len(columns), dtype=bool),
+        least=np.zeros(len(columns)),
         ways={name: [(k,)] for k, name in enumerate(NAMES)},
     )
 

@@ -25,7 +25,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
-from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
@@ -316,6 +316,18 @@ def test_each_signature_is_the_slope_of_its_own_model(unaltered, effect, variant
                 unbalanced = (ahead.balance[number] - here.balance[number]) / step
                 off = np.linalg.norm(unbalanced - field.balance)
                 assert off <= tolerance * np.linalg.norm(field.balance)
+
+
+def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are():
+    forward, _ = plain_forward_model(injected_case(on_pad("left", gained(1.3)), noise=0.0))
+    left, right = sensor_gain.EFFECT.signatures(forward)
+    for number, recording in enumerate(forward.base.grasps):
+        recorded = balance_equations(forward, recording).measured
+        sums = [one.columns[0].fields[number].balance for one in (left, right)]
+        assert np.abs(recorded).max() > 0.01
+        np.testing.assert_allclose(sums[0] + sums[1], 0.0, atol=1e-9 * np.abs(recorded).max())
+        ahead = sensor_gain.EFFECT.respond(forward, {"gain": 1 + 1e-5}, left.variant).balance[number]
+        np.testing.assert_allclose(ahead / 1e-5, sums[0], atol=1e-3 * np.abs(sums[0]).max())
 
 
 def test_no_amount_of_any_of_them_changes_nothing(unaltered):

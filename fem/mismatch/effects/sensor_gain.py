@@ -64,9 +64,9 @@ class SensorGain:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """Minus the response to that pad's forces, and the imbalance that they leave (`respond`, to first order).
+        """Minus the response to that pad's forces, and the imbalance that they leave: the slope of `respond`.
 
-        The noise's scale belongs to it: gains of both pads alike leave the forces as balanced as they were.
+        The noise's scale belongs to it: equal gains of both pads leave the sums of forces as they are.
         """
         found = []
         for pad in pads_of(forward):

@@ -8,8 +8,8 @@ covariance: the full one of few fruit has directions in which errors cancel that
 
 `model_error.csv` has one share for each effect: the root mean square of its apparent amount over fruit
 without mismatch, over the prior standard deviation of the amount and the compliance ratio of flesh to gel,
-with which apparent amounts grow. `benchmarks/mismatch_scores.py` measures it. Nine fruit are few: expect
-larger errors on other fruit.
+with which apparent amounts grow. It also has how much larger or smaller the error of one case may be
+(fem.mismatch.evidence.error_scale). `benchmarks/mismatch_scores.py` measures both.
 """
 
 import csv
@@ -22,18 +22,32 @@ from importlib.resources import files
 import numpy as np
 
 from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.evidence.error_scale import ScalePrior
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.signature_variant import OfPad
 
 FILE = "model_error.csv"
 
 
+SIZE, FREEDOM = "size of the scale", "freedom of the scale"
+"""Rows of FILE that are no effect's."""
+
+
 @cache
-def model_error_shares() -> Mapping[str, float]:
-    """The shipped share of each effect."""
+def _rows() -> Mapping[str, float]:
     text = (files("fem.mismatch.evidence") / FILE).read_text("utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     return {row["effect"]: float(row["share"]) for row in rows}
+
+
+def model_error_shares() -> Mapping[str, float]:
+    """The shipped share of each effect."""
+    return {name: share for name, share in _rows().items() if name not in (SIZE, FREEDOM)}
+
+
+def scale_prior() -> ScalePrior:
+    """The shipped prior of the error's scale."""
+    return ScalePrior(size=_rows()[SIZE], freedom=_rows()[FREEDOM])
 
 
 def model_error_columns(

@@ -17,13 +17,15 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 @dataclass(frozen=True, kw_only=True)
 class SignatureEquations:
     """`columns`: those of the case's products, in order. `ways`: of every effect its alternative signatures,
-    each the numbers of its columns here. `sd`, `positive`: prior of each amount.
+    each the numbers of its columns here. `sd`, `positive`: prior of each amount; `least`: of one that is
+    positive, the least that has a meaning.
     """
 
     normal: Float[np.ndarray, "c c"]
     right: Float[np.ndarray, " c"]
     sd: Float[np.ndarray, " c"]
     positive: Bool[np.ndarray, " c"]
+    least: Float[np.ndarray, " c"]
     ways: Mapping[str, Sequence[Sequence[int]]]
     columns: tuple[int, ...] = ()
 
@@ -43,6 +45,7 @@ class SignatureEquations:
             right=right,
             sd=np.array([products.columns[j].sd for j in columns]),
             positive=np.array([products.columns[j].positive for j in columns], dtype=bool),
+            least=np.array([products.columns[j].least for j in columns]),
             columns=tuple(columns),
             ways={
                 name: [tuple(place[j] for j in own) for own in ways if len(own)]
@@ -56,14 +59,23 @@ class SignatureEquations:
         root = axes * np.sqrt(np.maximum(size, 0.0))
         return np.asarray(rng.standard_normal((count, len(size))) @ root.T)
 
-    def log_bayes_factors(self, right: Float[np.ndarray, "d c"]) -> dict[str, Float[np.ndarray, " d"]]:
-        """ln Bayes factor of each effect over none, the mean over its signatures, for d data b."""
-        found = {}
+    def log_bayes_factors(
+        self, right: Float[np.ndarray, "d c"], *, said: Mapping[str, Sequence[float]] | None = None
+    ) -> dict[str, Float[np.ndarray, " d"]]:
+        """ln Bayes factor of each effect over none, the mean over its signatures, for d data b.
+
+        `said`: ln likelihood of what else is known of each signature, by effect.
+        """
+        factors = {}
         for name, ways in self.ways.items():
             if len(ways):
-                each = [self.log_bayes_factor(own, right) for own in ways]
-                found[name] = np.asarray(logsumexp(each, axis=0) - np.log(len(ways)))
-        return found
+                known = [0.0] * len(ways) if said is None else said[name]
+                each = [
+                    self.log_bayes_factor(columns, right) + more
+                    for columns, more in zip(ways, known, strict=True)
+                ]
+                factors[name] = np.asarray(logsumexp(each, axis=0) - np.log(len(ways)))
+        return factors
 
     def numbers(self, columns: Sequence[int]) -> tuple[int, ...]:
         """Where these columns of the case's products are here."""
@@ -97,7 +109,8 @@ class SignatureEquations:
         self, own: Sequence[int], right: Float[np.ndarray, "d c"]
     ) -> Float[np.ndarray, " d"]:
         """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
-        ln 2 Phi(mean / sd) where the amount is positive.
+        ln 2 Phi(mean / sd) where the amount is positive. Below the least amount that has a meaning, none is
+        gained.
         """
         at = list(own)
         weight = self.sd[at] ** -2.0
@@ -108,4 +121,5 @@ class SignatureEquations:
         found = ((mine * amounts).sum(axis=1) - log_det) / 2
         if len(at) == 1 and self.positive[at[0]]:
             found = found + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
-        return np.asarray(found)
+        meaningless = (self.positive[at] & (amounts < self.least[at])).any(axis=1)
+        return np.where(meaningless, np.minimum(found, 0.0), found)

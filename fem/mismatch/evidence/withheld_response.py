@@ -24,9 +24,9 @@ fruits; 2.0 with edges of 1.7 mm within 5 mm. Chosen on that fruit alone, case 0
 WITHHELD = "withheld by the mesh"
 """Name of its column."""
 WITHHELD_SD = 0.5
-"""Standard deviation of its amount about one. A quarter is the share of the mesh's error that is left, 1.0 um of
-4.3. The noise of the forces is in it too: with markers of 4 um noise two fruit of an independent simulator show
-0.2 and 0.4 of it, two of the bank 0.7 and 1."""
+"""Standard deviation of its amount about one. A quarter is the share of the mesh's error that is left, 1.0 um
+of 4.3. The noise of the forces is in it too: with marker noise of 4 um, two fruit of an independent simulator
+show 0.2 and 0.4 of it, two of the bank 0.7 and 1."""
 
 
 def withheld_response(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:

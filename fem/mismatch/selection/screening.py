@@ -10,11 +10,12 @@ from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
+from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
-from fem.mismatch.evidence.model_error import model_error_columns
+from fem.mismatch.evidence.model_error import model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import GelFault
@@ -55,7 +56,8 @@ class LinearFit:
 class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `linear_fits`: every signature's.
 
-    `equations`: of all signatures, the nuisances integrated out. `without`: effects, one way of theirs to
+    `equations`: of all signatures, the nuisances integrated out; `null_draws`: their data without mismatch.
+    `without`: effects, one way of theirs to
     show, or large deformation, that could not be computed, and why. `gel_faults`: all those of the catalogue.
     `numbers`: how many numbers all recordings have.
     """
@@ -65,6 +67,7 @@ class LinearRound:
     null: Fit
     linear_fits: tuple[LinearFit, ...]
     equations: SignatureEquations
+    null_draws: NullDraws
     without: dict[str, str]
     gel_faults: tuple[GelFault, ...] = ()
     numbers: int
@@ -132,22 +135,32 @@ def linear_round(
     without: dict[str, str],
     gel_faults: tuple[GelFault, ...] = (),
     numbers: int,
+    prior: ScalePrior | None = None,
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
     `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: what else is
-    known of it at the amounts found.
+    known of it at the amounts found. `prior`: of the scale of the model's error, if not the shipped one.
     """
-    null = products.fit(nuisances)
     ways: dict[str, list[tuple[int, ...]]] = {}
     for effect, _, columns in signatures:
         ways.setdefault(effect.spec.name, []).append(columns)
+    errors = {j: same for j in nuisances if (same := products.columns[j].same_as) is not None}
+    equations = SignatureEquations.of(products, nuisances, ways)
+    bare = SignatureEquations.of(products, [j for j in nuisances if j not in errors], ways)
+    error_sd = {same: products.columns[j].sd for j, same in errors.items()}
+    null = products.fit(nuisances)
     return LinearRound(
         products=products,
         nuisances=nuisances,
         null=null,
         linear_fits=tuple(_linear_fit(products, nuisances, null, auxiliary, *own) for own in signatures),
-        equations=SignatureEquations.of(products, nuisances, ways),
+        equations=equations,
+        null_draws=NullDraws(
+            bare=bare,
+            error_sd=np.array([error_sd.get(j, 0.0) for j in bare.columns]),
+            prior=scale_prior() if prior is None else prior,
+        ),
         without=without,
         gel_faults=gel_faults,
         numbers=numbers,
