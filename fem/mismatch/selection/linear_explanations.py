@@ -76,8 +76,17 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> Line
             direct=best.direct,
         ),
         linear_fits=(best,),
-        modulus_change=best.modulus_change,
+        modulus_change=_mixture(fits),
     )
+
+
+def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
+    """Of `modulus_change` over the signatures, by their evidence: which pad has a gain may be unknown."""
+    gains = np.array([fit.gain for fit in fits])
+    share = np.exp(gains - logsumexp(gains))
+    changes, added = np.array([fit.modulus_change for fit in fits]).T
+    mean = float(share @ changes)
+    return mean, float(np.sqrt(share @ (added**2 + (changes - mean) ** 2)))
 
 
 def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: float) -> list[LinearExplanation]:
