@@ -122,4 +122,4 @@ class SignatureEquations:
         if len(at) == 1 and self.positive[at[0]]:
             found = found + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
         meaningless = (self.positive[at] & (amounts < self.least[at])).any(axis=1)
-        return np.where(meaningless, np.minimum(found, 0.0), found)
+        return np.asarray(np.where(meaningless, np.minimum(found, 0.0), found))
