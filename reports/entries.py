@@ -259,6 +259,9 @@ class BatchEntry:
     """Those of them of which the settings do not say whether they are shipped."""
     certainty: float = 0.9
     """The probability from which a class and a decision count as certain."""
+    mean_E_MPa: float | None = None
+    between_sd_MPa: float | None = None
+    """Mean of the graded fruit and standard deviation between them (n - 1); None for too few."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

@@ -105,6 +105,8 @@ def batch_entry(
         ships=None if settings.grading.shipped is None else _ships(settings.grading),
         ships_by_default=_ships(settings.grading, unsaid=True),
         certainty=settings.grading.certainty,
+        mean_E_MPa=float(np.mean(E)) if len(E) else None,
+        between_sd_MPa=float(np.std(E, ddof=1)) if len(E) > 1 else None,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
         faults=tuple(one.sentence for one in faults),
@@ -244,7 +246,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         yield "Surface", f"{mesh.faces} triangles from {mesh.source}"
         if mesh.scale_sd is not None:
             yield "Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"
-        yield from ((_label(name), _shown(value)) for name, value in mesh.quality.items())
+        yield from ((f"Shape: {_label(name)}", _shown(value)) for name, value in mesh.quality.items())
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         yield "Pit", f"{box} mm, from {pit.source}"
@@ -292,20 +294,43 @@ def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     ]
 
 
+_QUALITY = {
+    "views_given": "photos given",
+    "views_used": "photos used",
+    "reprojection_px": "error of camera positions (px)",
+    "silhouette_iou": "overlap of outlines with the mesh",
+    "outline_rms_mm": "distance of outlines from the mesh, rms (mm)",
+    "clear_outline_share": "share of the outlines that are clear",
+    "focal_px": "focal length (px)",
+    "focal_sd_px": "focal length, standard deviation (px)",
+    "k1": "lens distortion k1",
+    "widest_gap_deg": "widest gap between photos (degrees)",
+    "seen_share": "share of the skin that photos show",
+    "unseen_mm2": "skin that no photo shows (mm²)",
+    "decimation_rms_mm": "change by fewer triangles, rms (mm)",
+    "relief_share": "relief as a share of the size",
+    "flipped_views": "photos with a mirrored camera",
+    "offset_rms_mm": "correction of the surface, rms (mm)",
+    "offset_local_mm": "largest correction of the surface (mm)",
+    "offset_volume_share": "correction of the volume, share",
+    "ground_known_share": "share of the underside that is known",
+}
+"""What the measures of a mesh are called; another one by its own name."""
 _UNITS = {"px": "px", "mm": "mm", "mm2": "mm²", "deg": "degrees"}
 
 
 def _label(key: str) -> str:
+    if key in _QUALITY:
+        return _QUALITY[key]
     words, _, unit = key.rpartition("_")
     if unit not in _UNITS:
         words, unit = key, ""
-    words = words.replace("_", " ")
-    return words[:1].upper() + words[1:] + (f" ({_UNITS[unit]})" if unit else "")
+    return words.replace("_", " ") + (f" ({_UNITS[unit]})" if unit else "")
 
 
 def _shown(value: object) -> str:
     if not isinstance(value, float):
-        return str(value)
+        return _setting(value)
     return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
@@ -324,6 +349,18 @@ def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]
     for key, value in tree.items():
         if isinstance(value, dict):
             rows += _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            for place, part in enumerate(value, start=1):
+                rows += _flat(part, f"{prefix}{key} {place}: ")
         else:
-            rows.append((f"{prefix}{key}", str(value)))
+            rows.append((f"{prefix}{key}", _setting(value)))
     return rows
+
+
+def _setting(value: object) -> str:
+    """A setting as a reader writes it: yes or no, the parts of a list between commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return ", ".join(map(_setting, value)) or "none"
+    return str(value)
