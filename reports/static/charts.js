@@ -43,7 +43,7 @@ const charts = (function () {
         path(pen, ends);
         if (upright) return;
         pen.textAlign = "right";
-        pen.fillText(layer.names[k], box.left + box.width - 4 * px, Y(at) - 4 * px);
+        pen.fillText(layer.names[k], box.left + box.width - 4 * px, Y(at) - 6 * px);
       });
       pen.stroke();
     },
@@ -54,12 +54,14 @@ const charts = (function () {
     },
     marks(pen, layer, X, Y, box, px) {
       pen.globalAlpha = layer.faint ? 0.22 : 1;
-      const size = (layer.size || 3.6) * px;
+      const many = layer.x.length > 60, size = (many ? 2.4 : 3.6) * px, solid = pen.globalAlpha;
       layer.x.forEach((x, k) => {
+        pen.globalAlpha = many ? 0.4 * solid : solid;
         const [at, up] = [X(x), Y(layer.y[k])];
         if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
         if (layer.x_sd && layer.x_sd[k]) path(pen, [[X(x - layer.x_sd[k]), up], [X(x + layer.x_sd[k]), up]]);
         pen.stroke();
+        pen.globalAlpha = solid;
         pen.beginPath();
         if (layer.shape in SHAPES) path(pen, SHAPES[layer.shape].map(([right, below]) => [at + size * right, up + size * below]));
         else pen.arc(at, up, size, 0, 2 * Math.PI);

@@ -16,6 +16,8 @@ NODES = """() => {
   return count;
 }"""
 """Counts all nodes of the document: elements, text and comments."""
+PROCESSOR_S = "ProcessTime"
+"""Chromium's name for the processor time of the page's process, s."""
 LOADED_MS = "() => performance.getEntriesByType('navigation')[0].loadEventEnd"
 
 
@@ -31,3 +33,22 @@ def chromium():
             yield browser
         finally:
             browser.close()
+
+
+def reloaded(page):
+    """Loads the page again: seconds until it is loaded, and seconds of its process's processor time."""
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable")
+
+    def processor_s():
+        metrics = session.send("Performance.getMetrics")["metrics"]
+        return next(metric["value"] for metric in metrics if metric["name"] == PROCESSOR_S)
+
+    before_s = processor_s()
+    page.reload()
+    return page.evaluate(LOADED_MS) / 1000, processor_s() - before_s
+
+
+def busy():
+    """Whether more programs want to run than there are processors, so that times say little."""
+    return os.getloadavg()[0] > (os.cpu_count() or 1)

@@ -8,15 +8,15 @@ from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
-from browser import LOADED_MS, NODES, chromium
+from browser import NODES, busy, chromium, reloaded
 
 from reports.entries import FruitEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
 
 pytestmark = pytest.mark.slow
-MOST_NODES, MOST_LOAD_MS = 2000, 1500
-"""Of a report of 500 fruit: nodes at a time, and time until loaded."""
+MOST_NODES, MOST_LOAD_S = 2000, 1.5
+"""Of a report of 500 fruit: nodes at a time; seconds until loaded, by the clock and of the processor."""
 TIMEOUT_MS = 120_000
 """Of each step: on a busy machine a browser starts slowly."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
@@ -81,11 +81,10 @@ def state(page):
 
 def test_five_hundred_fruit_load_fast_and_are_few_nodes_wherever_a_reader_scrolls(shown):
     page, _ = shown(500)
-    times = [page.evaluate(LOADED_MS)]
-    for _ in range(2):  # the best of three: the machine may be busy
-        page.reload()
-        times.append(page.evaluate(LOADED_MS))
-    assert min(times) <= MOST_LOAD_MS
+    loads = [reloaded(page) for _ in range(3)]
+    assert 0.0 < min(processor_s for _, processor_s in loads) <= MOST_LOAD_S
+    if not busy():
+        assert min(loaded_s for loaded_s, _ in loads) <= MOST_LOAD_S
     page.locator("#card summary").click()
     counts = []
     for top in (0, 3000, 10**6):
