@@ -23,9 +23,9 @@
 
   // The state: q, list, class, from, to, zoom (the form), sort (a column, - before it: downwards), fruit
   function read() {
-    const hash = decodeURIComponent(location.hash.slice(1)), old = /^fruit-(\d+)$/.exec(hash);
+    const hash = location.hash.slice(1), old = /^fruit-(\d+)$/.exec(hash);
     if (old && rows[old[1] - 1]) return { ...state, fruit: rows[old[1] - 1].id };
-    return hash.includes("=") || !hash ? Object.fromEntries(new URLSearchParams(location.hash.slice(1))) : null;
+    return hash.includes("=") || !hash ? Object.fromEntries(new URLSearchParams(hash)) : null;
   }
   function change(changes, { step = false } = {}) {
     const next = Object.fromEntries(Object.entries({ ...state, ...changes }).filter(([, set]) => set !== "" && set !== undefined));
@@ -73,14 +73,14 @@
       if (k === column) head.setAttribute("aria-sort", state.sort.startsWith("-") ? "descending" : "ascending");
       else head.removeAttribute("aria-sort");
     });
-    window_(true);
+    fill(true);
     drawLot();
     open(rows.find((row) => row.id === state.fruit) || shown[0] || null);
   }
 
   // Only rows in view are in the page; a row above and one below stand for the others
   let first = -1;
-  function window_(anew, all = false) {
+  function fill(anew, all = false) {
     const from = all ? 0 : Math.max(0, 3 * Math.floor((box.scrollTop / height - EXTRA) / 3)), to = all ? shown.length : from + AT_ONCE;
     if (!anew && from === first) return;
     first = from;
@@ -203,8 +203,8 @@
     const { html, charts: specs } = JSON.parse(details[row.k]);
     card.innerHTML = html.replace(/>\s*\n\s*</g, "><");
     const holder = card.querySelector(".charts"), groups = {};
-    for (const spec of specs) { // charts of one recording below each other
-      const group = groups[spec.group || spec.title] ||= holder.appendChild(document.createElement("div"));
+    for (const spec of specs) { // those of a recording below each other, then the others
+      const group = groups[spec.group || ""] ||= holder.appendChild(document.createElement("div"));
       cardCharts.push(charts.chart(group.appendChild(document.createElement("figure")), spec));
     }
   }
@@ -240,7 +240,7 @@
     change({ q: "", list: "", class: "", from: "", to: "", zoom: "" });
   });
   tools.querySelector(".save").addEventListener("click", save);
-  box.addEventListener("scroll", () => window_(false), { passive: true });
+  box.addEventListener("scroll", () => fill(false), { passive: true });
   document.addEventListener("click", (event) => {
     const link = event.target.closest("a[href^='#fruit-']"), step = event.target.closest("button[data-step]"), alone = event.target.closest("button.alone");
     if (link && rows[link.hash.slice(7) - 1]) {
@@ -260,10 +260,10 @@
     if (next) follow(next);
     else history.replaceState(null, "", "#" + new URLSearchParams(state)); // the skip link has done its jump
   });
-  addEventListener("beforeprint", () => window_(true, true));
-  addEventListener("afterprint", () => window_(true));
+  addEventListener("beforeprint", () => fill(true, true));
+  addEventListener("afterprint", () => fill(true));
   follow(read() || {});
   const row = body.querySelector("tr:not(.space)");
   if (row) height = row.getBoundingClientRect().height || height;
-  window_(true);
+  fill(true);
 })();
