@@ -46,7 +46,8 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
     """Force against travel with the model's curve, and how far each frame is from it."""
     curves = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
     model = model_curve(curves)
-    x = {"label": say("travel since first touch (mm)"), "limits": padded(_travels(curves), from_zero=True)}
+    across = padded(_travels(curves), from_zero=True)
+    x = {"label": say("travel since first touch (mm)"), "limits": across}
     force = chain(*(curve.force_N for curve in curves))
     peaks = (f"{say('pad')} {curve.pad}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves)
     of_force: Chart = {
@@ -66,7 +67,7 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
     line = _shape("line", travel_mm, force_N, colour="ink", smooth=True, name=say("fitted model"))
     residuals = [residual_um(curve, travel_mm, force_N) for curve in curves]
     rms_um = math.sqrt(np.nanmean(np.square(np.concatenate(residuals))))
-    zero = _shape("line", x["limits"], (0.0, 0.0), colour="soft")
+    zero = _shape("line", across, (0.0, 0.0), colour="soft")
     caption = say(
         "marks: recording; line: travel of the fitted model under the same force; "
         "band: ± 2 standard deviations of E"
@@ -116,7 +117,8 @@ def residual_um(
     """Recorded travel less that of the model's curve at the same force, µm; NaN outside the curve."""
     recorded = np.array(curve.force_N, dtype=float)
     modelled = np.interp(recorded, force_N, travel_mm, left=np.nan, right=np.nan)
-    return 1e3 * (np.array(curve.travel_mm, dtype=float) - modelled)
+    missed_mm: np.ndarray = np.array(curve.travel_mm, dtype=float) - modelled
+    return 1e3 * missed_mm
 
 
 def _travels(curves: list[CurveRecord]) -> Iterable[float]:
@@ -153,10 +155,11 @@ def _frames(fruit: FruitEntry) -> Chart:
     layers = [_shape("area", *_band(fruit, across), colour="cx")]
     for k, (name, rows) in enumerate(by_recording.items()):
         for unloading in (False, True):
-            points = np.array([(row.travel_mm, row.E_MPa) for row in rows if row.unloading == unloading])
-            how = {"colour": f"pad{k % 4}", "shape": _SHAPES[k % 2], "faint": unloading}
-            named = {} if unloading else {"name": name}
-            layers.append(_shape("marks", *points.reshape(-1, 2).T, **how, **named))
+            shown = [row for row in rows if row.unloading == unloading]
+            how: Chart = {"colour": f"pad{k % 4}", "shape": _SHAPES[k % 2], "faint": unloading}
+            how |= {} if unloading else {"name": name}
+            places = [row.travel_mm for row in shown], [row.E_MPa for row in shown]
+            layers.append(_shape("marks", places[0], places[1], **how))
     ranges = (
         f"{name}: {number(min(row.E_MPa for row in rows))} to {number(max(row.E_MPa for row in rows))} MPa"
         for name, rows in by_recording.items()
