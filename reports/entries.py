@@ -182,6 +182,8 @@ class FruitEntry:
     """Those that gave a modulus, in their order."""
     smaller_error: str = ""
     """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
+    columns: Mapping[str, float | str] = field(default_factory=dict)
+    """Cells of the user's own columns, by name; empty ones are left out."""
     facts: tuple[tuple[str, str], ...] = ()
     """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -259,6 +261,8 @@ class BatchEntry:
     """Those of them of which the settings do not say whether they are shipped."""
     certainty: float = 0.9
     """The probability from which a class and a decision count as certain."""
+    columns: tuple[tuple[str, str], ...] = ()
+    """(name, unit or empty text) of the user's own columns."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

@@ -42,6 +42,10 @@ category = "{category}"              # {known}, or a file of your own
 # name = "two-finger gripper"
 # serial = "G-3"
 
+# [columns]                          # your own columns of fruits.csv, each with its unit
+# Brix = "°Brix"                     # with a unit it holds numbers
+# grower = ""                        # without a unit it holds text
+
 # [photos]
 # coin = "1 euro"                    # a coin beside the fruit gives the scale where there is no mat
 # coin_mm = 23.25                    # or its diameter, 10 to 50 mm

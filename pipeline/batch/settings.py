@@ -20,8 +20,10 @@ from pydantic import (
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.batch.fruits_table import COLUMNS, USER_COLUMN, canonical
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.safe_start import elsewhere
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
@@ -264,6 +266,8 @@ class Settings(Strict):
     rig: Name | None = None
     sensor: SensorSettings | None = None
     gripper: Device | None = None
+    columns: Annotated[dict[str, Annotated[str, Field(max_length=20)]], Field(max_length=50)] = {}
+    """The user's own columns of fruits.csv by name, with their units; without a unit they hold text."""
     pit: PitSettings = PitSettings()
     recon: Recon = Recon()
     photos: Photos = Photos()
@@ -272,6 +276,25 @@ class Settings(Strict):
     grading: Grading = Grading()
     reference: ReferenceSettings = ReferenceSettings()
     mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
+
+    @field_validator("columns")
+    @classmethod
+    def _free_names(cls, columns: dict[str, str]) -> dict[str, str]:
+        """Raises ValueError for a name that is drupe's own here or in its tables, or that is no name."""
+        with elsewhere():
+            from reports.tables import RANKING_COLUMNS
+        taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, "doubted", "revision")
+        for name in columns:
+            if not USER_COLUMN.fullmatch(name):
+                raise ValueError(
+                    f'"{name[:80]}" cannot name a column; start with a letter or digit, then use letters, '
+                    "digits, spaces and _ . % ° # ( ) / - (at most 60)"
+                )
+            if (own := canonical(name, taken)) in taken:
+                raise ValueError(f'"{name}" is the name of a column of drupe ({own}); choose another name')
+        if len({canonical(name, ()) for name in columns}) < len(columns):
+            raise ValueError(f"names must differ by more than capitals and spaces, found {list(columns)}")
+        return columns
 
 
 def settings_schema() -> dict[str, Any]:

@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import field
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -40,6 +41,8 @@ class StoredFruit:
     shore_oo: float | None = None
     penetrometer_N: float | None = None
     recordings: tuple[str, ...] = ()
+    columns: dict[str, float | str] = field(default_factory=dict)
+    """Cells of the user's own columns."""
 
     @property
     def fitted(self) -> bool:
@@ -177,6 +180,7 @@ def _fruit(record: FruitRecord, recordings: tuple[str, ...]) -> StoredFruit:
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
         recordings=recordings,
+        columns=given.columns,
     )
 
 
