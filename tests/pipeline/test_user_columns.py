@@ -57,8 +57,8 @@ def test_every_table_holds_what_pandas_reads_from_the_users_own(drupe, batch, re
     }
     for name, table in tables.items():
         assert list(table.columns[-2:]) == ["Brix", "grower"], name
-        columns = table.set_index("fruit_id")[["Brix", "grower"]]
-        pd.testing.assert_frame_equal(columns, written, check_dtype=False, check_index_type=False)
+        columns = table.set_index("fruit_id")[["Brix", "grower"]].astype(object)
+        assert columns.fillna("empty").to_dict() == written.astype(object).fillna("empty").to_dict(), name
     cells = {row["fruit_id"]: row for row in csv.DictReader((results / "ranking.csv").open(encoding="utf-8"))}
     assert (cells["A"]["Brix"], cells["A"]["grower"], cells["B"]["Brix"]) == ("12.5", "'=Huber", "")
     record = read_record(results / "fruits" / "A" / "record.json")
