@@ -59,7 +59,10 @@ def test_every_table_holds_what_pandas_reads_from_the_users_own(drupe, batch, re
         assert list(table.columns[-2:]) == ["Brix", "grower"], name
         columns = table.set_index("fruit_id")[["Brix", "grower"]].astype(object)
         assert columns.fillna("empty").to_dict() == written.astype(object).fillna("empty").to_dict(), name
-    cells = {row["fruit_id"]: row for row in csv.DictReader((results / "ranking.csv").open(encoding="utf-8"))}
+    cells = {
+        row["fruit_id"]: row
+        for row in csv.DictReader((results / "ranking.csv").read_text("utf-8").splitlines())
+    }
     assert (cells["A"]["Brix"], cells["A"]["grower"], cells["B"]["Brix"]) == ("12.5", "'=Huber", "")
     record = read_record(results / "fruits" / "A" / "record.json")
     assert record.given.columns == {"Brix": 12.5, "grower": "=Huber"}
