@@ -115,6 +115,19 @@ class ScreenEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class VerdictEntry:
+    """A person's class for a fruit, why, and E as it was then. `earlier`: it was graded again since."""
+
+    judged_class: str
+    by: str
+    why: str
+    at_utc: datetime
+    E_MPa: float | None
+    E_sd_MPa: float | None
+    earlier: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class FruitEntry:
     """All that a report says of one fruit, graded or not.
 
@@ -182,6 +195,8 @@ class FruitEntry:
     """Those that gave a modulus, in their order."""
     smaller_error: str = ""
     """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
+    verdicts: tuple[VerdictEntry, ...] = ()
+    """What people say of it, the latest last; E does not depend on them."""
     columns: Mapping[str, float | str] = field(default_factory=dict)
     """Cells of the user's own columns, by name; empty ones are left out."""
     facts: tuple[tuple[str, str], ...] = ()

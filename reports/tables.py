@@ -119,6 +119,7 @@ def _rows(
 
 def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
     """A fruit's cells by column. New columns are added at the end only: programs read by name and place."""
+    judged = fruit.verdicts[-1] if fruit.verdicts else None
     return {
         "rank": fruit.rank,
         "fruit_id": safe(fruit.fruit_id),
@@ -147,6 +148,12 @@ def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell
         "decision": fruit.decision or None,
         "decision_reason": safe(fruit.decision_reason.replace("\u00a0", " ")),
         "E_scale_sd_MPa": _significant(fruit.E_scale_sd_MPa, figures=3),
+        "judged_class": safe(judged.judged_class) if judged else None,
+        "judged_by": safe(judged.by) if judged else None,
+        "judged_why": safe(judged.why) if judged else None,
+        "judged_utc": judged.at_utc.strftime("%Y-%m-%dT%H:%M:%SZ") if judged else None,
+        "judged_E_MPa": _significant(judged.E_MPa, figures=4) if judged else None,
+        "judged_earlier": "true" if judged and judged.earlier else None,
     }
 
 

@@ -215,6 +215,12 @@ class FruitRecord(_Record):
         """Whether the fruit went all the way."""
         return self.outcome == "graded" and self.modulus is not None
 
+    @property
+    def ranked_modulus(self) -> tuple[float | None, float | None]:
+        """E and its standard deviation in MPa as the ranking has them; None of a fruit that is not graded."""
+        ranked = self.modulus if self.given.reference or self.reference is None else self.reference
+        return (ranked.E_MPa, ranked.E_sd_MPa) if self.graded and ranked is not None else (None, None)
+
 
 def write_record(path: Path, record: FruitRecord) -> None:
     """Writes the record as JSON, whole or not at all."""

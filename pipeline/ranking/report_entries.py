@@ -16,6 +16,7 @@ from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, PitFoundRecord
 from pipeline.batch.settings import Grading
+from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
@@ -34,6 +35,7 @@ from reports.entries import (
     ShoreCorrelation,
     Suspect,
     Unfinished,
+    VerdictEntry,
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
@@ -89,7 +91,7 @@ def batch_entry(
         rng=np.random.default_rng(RANKING_SEED),
     )
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
-    settings = batch.settings
+    settings, trail = batch.settings, read_trail(results.verdicts)
     return BatchEntry(
         name=batch.folder.root.resolve().name,
         category=batch.category,
@@ -108,12 +110,27 @@ def batch_entry(
         certainty=settings.grading.certainty,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
-        faults=tuple(one.sentence for one in faults),
+        faults=(*(one.sentence for one in faults), *([trail.fault] if trail.fault else [])),
         screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
         fruits=tuple(
-            _fruit_entry(r, place_of.get(r.fruit_id), results, settings.grading, shown) for r in records
+            replace(
+                _fruit_entry(record, place_of.get(record.fruit_id), results, settings.grading, shown),
+                verdicts=verdicts_on(record.fruit_id, record.key, trail),
+            )
+            for record in records
         ),
     )
+
+
+def verdicts_on(fruit_id: str, key: str, trail: Trail) -> tuple[VerdictEntry, ...]:
+    """What people say of the fruit whose result has this key, the latest last."""
+    return tuple(verdict_entry(verdict, key) for verdict in trail.of_fruit.get(fruit_id, ()))
+
+
+def verdict_entry(verdict: Verdict, key: str) -> VerdictEntry:
+    """The verdict as reports show it beside the result of this key."""
+    shown = {"judged_class", "by", "why", "at_utc", "E_MPa", "E_sd_MPa"}
+    return VerdictEntry(**verdict.model_dump(include=shown), earlier=verdict.key != key)
 
 
 def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
