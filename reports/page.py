@@ -35,6 +35,7 @@ from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_referen
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.language import decimals as with_comma
+from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark, element
 from reports.words import UNKNOWN as UNKNOWN_WORD
@@ -80,7 +81,7 @@ def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = 
     all inputs are listed; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(batch, provenance=provenance)
+        return _page(in_language(batch), provenance=provenance)
 
 
 def _page(batch: BatchEntry, *, provenance: bool) -> str:
