@@ -19,6 +19,7 @@ WHOLE = ("rank", "grasps", "rank_low", "rank_high")
 REAL = (
     "E_MPa", "E_sd_MPa", "E_scale_sd_MPa", "E_uncorrected_MPa", "maturity_probability", "p_softer_than_next",
     "rank_probability", "height_mm", "volume_mm3", "shore_oo", "screen_p", "judged_E_MPa",
+    "E_at_pulp_MPa", "E_at_pulp_sd_MPa",
 )  # fmt: skip
 COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()")
 """The command `drupe` of this installation; -P keeps the current folder off its path."""

@@ -182,6 +182,9 @@ class FruitEntry:
     """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
     E_uncorrected_MPa: float | None = None
     """E before it was divided by what the reference bodies say; None where it was not."""
+    E_at_pulp_MPa: float | None = None
+    E_at_pulp_sd_MPa: float | None = None
+    """E at the temperature at which the fruit was grasped; None where E is that."""
     warnings: tuple[str, ...] = ()
     """Beyond the doubts."""
     doubts: tuple[str, ...] = ()

@@ -154,6 +154,8 @@ def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell
         "judged_utc": judged.at_utc.strftime("%Y-%m-%dT%H:%M:%SZ") if judged else None,
         "judged_E_MPa": _significant(judged.E_MPa, figures=4) if judged else None,
         "judged_earlier": "true" if judged and judged.earlier else None,
+        "E_at_pulp_MPa": _significant(fruit.E_at_pulp_MPa, figures=4),
+        "E_at_pulp_sd_MPa": _significant(fruit.E_at_pulp_sd_MPa, figures=3),
     }
 
 

@@ -165,15 +165,15 @@ def _has_modulus(record: FruitRecord) -> bool:
 
 
 def _fruit(record: FruitRecord, recordings: tuple[str, ...]) -> StoredFruit:
-    """The fruit as ranked (divided by what reference bodies say, where it was); a body as it was measured."""
+    """The fruit as ranked (corrected by reference bodies and to a temperature); a body as it was measured."""
     given = record.given
-    modulus = record.modulus if given.reference or record.reference is None else record.reference
-    if modulus is None:
+    E_MPa, E_sd_MPa = record.ranked_modulus
+    if E_MPa is None or E_sd_MPa is None:
         raise ValueError(f"{record.fruit_id} has no modulus")
     return StoredFruit(
         fruit_id=record.fruit_id,
-        E_MPa=modulus.E_MPa,
-        E_sd_MPa=modulus.E_sd_MPa,
+        E_MPa=E_MPa,
+        E_sd_MPa=E_sd_MPa,
         doubted=bool(record.doubts),
         E_known_MPa=given.reference_E_MPa if given.reference else None,
         E_known_sd_MPa=given.reference_E_sd_MPa if given.reference else None,

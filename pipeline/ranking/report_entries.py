@@ -18,6 +18,7 @@ from pipeline.batch.records import FruitRecord, PitFoundRecord
 from pipeline.batch.settings import Grading
 from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault
+from pipeline.ranking.calibration_age import old_calibrations
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.maturity import Rank, agreement, standings
@@ -110,7 +111,11 @@ def batch_entry(
         certainty=settings.grading.certainty,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
-        faults=(*(one.sentence for one in faults), *([trail.fault] if trail.fault else [])),
+        faults=(
+            *(fault.sentence for fault in faults),
+            *old_calibrations(batch.folder.root, settings, graded_on=started.date()),
+            *([trail.fault] if trail.fault else []),
+        ),
         screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
         fruits=tuple(
             replace(
@@ -163,7 +168,7 @@ def _fruit_entry(
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
-    explained = _explained(record, files)
+    explained, temperature = _explained(record, files), record.temperature
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
     return FruitEntry(
@@ -187,6 +192,8 @@ def _fruit_entry(
         screen=_screen(record),
         reference=record.given.reference,
         E_uncorrected_MPa=_uncorrected_MPa(record),
+        E_at_pulp_MPa=temperature.E_at_pulp_MPa if temperature else None,
+        E_at_pulp_sd_MPa=temperature.E_at_pulp_sd_MPa if temperature else None,
         shore_oo=record.given.shore_oo,
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
@@ -253,6 +260,13 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
             f"divided by {reference.ratio:.3f} ± {reference.ratio_sd:.3f}, from {', '.join(reference.bodies)}"
         )
         yield "E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"
+    if (at := record.temperature) is not None:
+        measured = f"{at.E_at_pulp_MPa:.4g} ± {at.E_at_pulp_sd_MPa:.2g} MPa"
+        yield f"E at {at.pulp_C:g} °C, as measured", measured
+        yield (
+            "Reference temperature",
+            f"{at.reference_C:g} °C; E there is {at.factor:.3f} times E as measured",
+        )
     if place:
         span = f"{place.rank_low} to {place.rank_high}"
         yield "Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)
