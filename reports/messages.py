@@ -57,8 +57,8 @@ def _fruit(fruit: FruitEntry) -> FruitEntry:
             replace(suspect, short=message(suspect.short), advice=message(suspect.advice))
             for suspect in screen.suspects
         )
-        texts = {"why_not": message(screen.why_not), "note": message(screen.note)}
-        screen = replace(screen, suspects=suspects, **texts)
+        why_not, note = message(screen.why_not), message(screen.note)
+        screen = replace(screen, suspects=suspects, why_not=why_not, note=note)
     return replace(
         fruit,
         screen=screen,

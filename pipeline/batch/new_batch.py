@@ -157,7 +157,7 @@ def _write(
     folder = BatchFolder(batch)
     batch.mkdir()
     folder.settings.write_text(_settings(named, earlier), encoding="utf-8")
-    columns = COLUMNS
+    columns: tuple[str, ...] = COLUMNS
     if earlier is not None:
         earlier.copy_files(batch)
         columns = (*COLUMNS, *earlier.settings.columns)
@@ -185,8 +185,8 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
     text = TEMPLATE.format(category=named["category"], known=", ".join(known_categories()))
     for name in ("cultivar", "lot"):
         if name in named:
-            line = f"{name} = {toml_value(named[name])}\n"
-            text = re.sub(rf"^# {name} = .*\n", lambda _, line=line: line, text, count=1, flags=re.MULTILINE)
+            line = f"{name} = {toml_value(named[name])}\n".replace("\\", r"\\")
+            text = re.sub(rf"^# {name} = .*\n", line, text, count=1, flags=re.MULTILINE)
     return text
 
 

@@ -36,7 +36,7 @@ def new(
     """Create a batch from folders of photos: batch.toml with every key, fruits.csv, and a folder per fruit.
 
     --like takes the settings of an earlier batch, its mat and the files that they name (rig, pit, category),
-    and its own columns of fruits.csv. It leaves out what belongs to that day: lot, dates, pulp temperature,
+    and its own columns of fruits.csv. What belongs to that day stays behind: lot, dates, pulp temperature,
     notes and confirmed effects.
 
     The folder's name becomes the fruit's id. drupe copies photos, fruit.ply, pit.ply and recordings (*.h5,
