@@ -35,6 +35,7 @@ from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_referen
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, language_in_force, say, say_html, spoken
 from reports.language import decimals as with_comma
+from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark, element
 from reports.tables import ranking_csv
@@ -74,10 +75,11 @@ def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = 
     all inputs are listed; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(batch, provenance=provenance)
+        return _page(in_language(batch), ranking_csv(batch), provenance=provenance)
 
 
-def _page(batch: BatchEntry, *, provenance: bool) -> str:
+def _page(batch: BatchEntry, ranking: str, *, provenance: bool) -> str:
+    """`ranking`: ranking.csv, which has the same words in every language."""
     environment = page_environment()
     marks = class_marks(tuple(name for name, _ in batch.classes))
     environment.filters |= {
@@ -86,7 +88,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
-        "facts": _facts,
+        "facts": lambda fruit: _facts(fruit, batch.columns),
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "screened": _screened,
@@ -99,7 +101,9 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     names = (LIBRARY, *SCRIPTS, *(("scene.js",) if turned else ()))
     return environment.get_template("templates/page.html.j2").render(
         about=_about(batch),
+        any_at_pulp=any(fruit.E_at_pulp_MPa is not None for fruit in batch.fruits),
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
+        any_verdict=any(fruit.verdicts for fruit in batch.fruits),
         batch=batch,
         checksums=provenance,
         classes=_classes(batch, fruits),
@@ -111,7 +115,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         graded=sum(fruit.E_MPa is not None for fruit in alone),
         limits_drawn=any(limit is not None for _, limit in batch.classes),
         lists=decision_lists(batch, fruits),
-        lot=_json_lines([_lot(batch, fruits)]),
+        lot=_json_lines([_lot(batch, fruits, ranking)]),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
@@ -127,10 +131,10 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     )
 
 
-def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
+def _lot(batch: BatchEntry, fruits: list[Indexed], ranking: str) -> dict[str, object]:
     """What static/dashboard.js filters and draws: figures of all fruit in the table's order, and words."""
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    header, *lines = ranking_csv(batch).splitlines()
+    header, *lines = ranking.splitlines()
     return {
         "name": batch.name,
         "language": language_in_force(),
@@ -238,8 +242,11 @@ def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
     return classes
 
 
-def _facts(fruit: FruitEntry) -> list[tuple[str, list[tuple[str, str]]]]:
-    """(label, words) of a fruit's details by heading: of "Error bar: pit size" the part before the colon."""
+def _facts(fruit: FruitEntry, columns: Iterable[tuple[str, str]]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """(label, words) of a fruit's details by heading: of "Error bar: pit size" the part before the colon.
+
+    `columns`: the user's own, whose cells have a heading of their own.
+    """
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
         facts.append((say("Height"), f"{number(fruit.height_mm)} mm"))
@@ -255,7 +262,12 @@ def _facts(fruit: FruitEntry) -> list[tuple[str, list[tuple[str, str]]]]:
     for label, words in facts:
         heading, _, rest = label.rpartition(": ")
         parts.setdefault(heading, []).append((rest, words))
-    return list(parts.items())
+    given = [
+        (name, f"{number(cell)} {unit}" if not isinstance(cell, str) else cell)
+        for name, unit in columns
+        if (cell := fruit.columns.get(name)) is not None
+    ]
+    return [*parts.items(), *([(say("Your own columns"), given)] if given else [])]
 
 
 def _image(picture: Picture, alt: str) -> Markup:

@@ -12,7 +12,8 @@ COLUMNS = (
     "measured_on", "category", "cultivar", "lot", "fruit_id", "E_MPa", "E_sd_MPa", "doubted",
     "reference_E_MPa", "shore_oo", "penetrometer_N",
 )  # fmt: skip
-"""Of every table; a conversion adds SCALE_predicted, SCALE_low, SCALE_high (90 %) and SCALE_version."""
+"""Of every table; a conversion adds SCALE_predicted, SCALE_low, SCALE_high (90 %) and SCALE_version. The
+user's own columns are last."""
 
 
 def history_csv(
@@ -21,10 +22,16 @@ def history_csv(
     """The table, oldest day first. `conversions`: by scale and group, those that were asked for."""
     scales = sorted({scale for scale, _ in conversions})
     added = [f"{scale}_{part}" for scale in scales for part in ("predicted", "low", "high", "version")]
+    every = (name for batch in batches for fruit in batch.fruit for name in fruit.columns)
+    added += dict.fromkeys(name for name in every if name not in (*COLUMNS, *added))
     rows = []
     for batch in batches:
         for fruit in batch.fruit:
             row: dict[str, object] = {
+                name: safe_cell(cell) if isinstance(cell, str) else cell
+                for name, cell in fruit.columns.items()
+            }
+            row |= {
                 "measured_on": batch.measured.isoformat(),
                 **{name: safe_cell(getattr(batch, name)) for name in ("category", "cultivar", "lot")},
                 "fruit_id": safe_cell(fruit.fruit_id),

@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import field
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -40,6 +41,8 @@ class StoredFruit:
     shore_oo: float | None = None
     penetrometer_N: float | None = None
     recordings: tuple[str, ...] = ()
+    columns: dict[str, float | str] = field(default_factory=dict)
+    """Cells of the user's own columns."""
 
     @property
     def fitted(self) -> bool:
@@ -162,21 +165,22 @@ def _has_modulus(record: FruitRecord) -> bool:
 
 
 def _fruit(record: FruitRecord, recordings: tuple[str, ...]) -> StoredFruit:
-    """The fruit as ranked (divided by what reference bodies say, where it was); a body as it was measured."""
+    """The fruit as ranked (corrected by reference bodies and to a temperature); a body as it was measured."""
     given = record.given
-    modulus = record.modulus if given.reference or record.reference is None else record.reference
-    if modulus is None:
+    E_MPa, E_sd_MPa = record.ranked_modulus
+    if E_MPa is None or E_sd_MPa is None:
         raise ValueError(f"{record.fruit_id} has no modulus")
     return StoredFruit(
         fruit_id=record.fruit_id,
-        E_MPa=modulus.E_MPa,
-        E_sd_MPa=modulus.E_sd_MPa,
+        E_MPa=E_MPa,
+        E_sd_MPa=E_sd_MPa,
         doubted=bool(record.doubts),
         E_known_MPa=given.reference_E_MPa if given.reference else None,
         E_known_sd_MPa=given.reference_E_sd_MPa if given.reference else None,
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
         recordings=recordings,
+        columns=given.columns,
     )
 
 
