@@ -41,6 +41,7 @@ Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
+Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
@@ -220,6 +221,9 @@ class SensorSettings(Device):
     gel_kn_MPa_per_mm: Stiffness | None = None
     gel_kt_MPa_per_mm: Stiffness | None = None
     gel_stiffness_sd: Relative = 0.05
+    calibration: Name | None = None
+    calibrated_on: Day | None = None
+    """Name and day of the calibration, for `drupe history`."""
 
     @property
     def gel_stiffness(self) -> dict[str, tuple[float, float]]:
@@ -250,12 +254,10 @@ class Settings(Strict):
     category: Name
     cultivar: Words | None = None
     lot: Words | None = None
-    harvest_date: (
-        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
-    ) = None
-    measured_on: (
-        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
-    ) = None
+    orchard: Words | None = None
+    operator: Words | None = None
+    harvest_date: Day | None = None
+    measured_on: Day | None = None
     """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None

@@ -19,7 +19,9 @@ from recon.cameras.printed_mat import Mat
 from recon.learned.onnx_file import model_files
 from recon.pit.priors import PitBody, PitPrior
 
-IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "measured_on", "notes", "reference"}
+IN_THE_REPORT_ALONE = {
+    "grading", "cultivar", "lot", "orchard", "operator", "harvest_date", "measured_on", "notes", "reference",
+}  # fmt: skip
 """Settings that change no fruit's result."""
 
 
