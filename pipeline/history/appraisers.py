@@ -63,7 +63,7 @@ def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
 
 
 def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
-    """The study of everything that each gripper (or sensor) measured in several grasps; else why there is none.
+    """The study of all that each gripper (or sensor) measured in several grasps; else why there is none.
 
     Fruit with one id, lot and day are taken for the same fruit, reference bodies with one id for the same
     body.
@@ -81,9 +81,9 @@ def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
     ]
     if len(names) < 2 or len(parts) < 2:
         return (
-            f"--gauge {kind}: found {len(names)} {kind}s and {len(parts)} fruit or reference bodies that each "
-            f"of them measured at least twice; expected two of each. Grasp the same fruit with every {kind} "
-            "at least twice on one day, under the same ids and lot"
+            f"--gauge {kind}: found {len(names)} {kind}s, and {len(parts)} fruit or reference bodies that "
+            f"each measured at least twice; expected two of both. Grasp the same fruit with every {kind} at least "
+            "twice on one day, under the same ids and lot"
         )
     trials = min(len(part[appraiser]) for part in parts for appraiser in names)
     readings = np.array([[part[appraiser][:trials] for appraiser in names] for part in parts])

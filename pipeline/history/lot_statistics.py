@@ -78,7 +78,7 @@ def class_ranges(
     [('ready', 0.0, 0.5), ('firm', 0.5, None)]
     """
     lower = [0.0, *(limit for _, limit in limits[:-1] if limit is not None)]
-    return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=True)]
+    return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=False)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,9 @@
 
 Lot i has its own start a_i and rate k_i, normal with a covariance of their own; t is days since the lot's
 first day. Fitted by restricted maximum likelihood (statsmodels MixedLM; Lindstrom and Bates, J. Am. Stat.
-Assoc. 83, 1988, 1014). The rate of a lot is its best linear unbiased prediction.
+Assoc. 83, 1988, 1014). With b_i the least squares of lot i alone, X_i its design and D the covariance between
+lots, S_i = s^2 (X_i' X_i)^-1, the fixed effects b have the covariance (sum (D + S_i)^-1)^-1. A lot's rate is
+its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold where D is singular.
 """
 
 import math
@@ -39,32 +41,35 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
         return None
     from statsmodels.regression.mixed_linear_model import MixedLM
 
-    rows = [
-        (name, day, math.log(E))
-        for name, by_day in lots.items()
-        for day, fruit in by_day.items()
-        for E in fruit
-    ]
-    design = np.array([(1.0, -day) for _, day, _ in rows])
+    designs, logs = {}, {}
+    for name, by_day in lots.items():
+        rows = [(1.0, -day, math.log(E)) for day, fruit in by_day.items() for E in fruit]
+        designs[name], logs[name] = np.array(rows)[:, :2], np.array(rows)[:, 2]
+    design = np.concatenate(list(designs.values()))
+    groups = np.repeat(list(lots), [len(ln_E) for ln_E in logs.values()])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a spread of zero lies on the border, and is a right answer
+        model = MixedLM(np.concatenate(list(logs.values())), design, groups=groups, exog_re=design)
         try:
-            fit = MixedLM(
-                np.array([ln_E for *_, ln_E in rows]),
-                design,
-                groups=np.array([name for name, *_ in rows]),
-                exog_re=design,
-            ).fit(reml=True)
+            fit = model.fit(reml=True)
         except np.linalg.LinAlgError:
             return None
-    rate, rate_sd = float(fit.fe_params[1]), float(fit.bse_fe[1])
-    if not fit.converged or not math.isfinite(rate_sd):
+    if not fit.converged:
         return None
-    half = float(norm.ppf(0.5 + COVERAGE / 2)) * rate_sd
+    between, coefficients = np.asarray(fit.cov_re), np.asarray(fit.fe_params)
+    within = {name: fit.scale * np.linalg.inv(X.T @ X) for name, X in designs.items()}
+    covariance = np.linalg.inv(sum(np.linalg.inv(between + of_lot) for of_lot in within.values()))
+    single = {name: np.linalg.lstsq(X, logs[name], rcond=None)[0] for name, X in designs.items()}
+    predicted = {
+        name: coefficients + between @ np.linalg.solve(between + within[name], single[name] - coefficients)
+        for name in lots
+    }
+    rate = float(coefficients[1])
+    half = float(norm.ppf(0.5 + COVERAGE / 2)) * math.sqrt(covariance[1, 1])
     return LotsSoftening(
         rate=rate,
         low=rate - half,
         high=rate + half,
-        lot_sd=math.sqrt(max(float(np.asarray(fit.cov_re)[1, 1]), 0.0)),
-        rates={name: rate + float(np.asarray(fit.random_effects[name])[1]) for name in lots},
+        lot_sd=math.sqrt(max(float(between[1, 1]), 0.0)),
+        rates={name: float(of_lot[1]) for name, of_lot in predicted.items()},
     )

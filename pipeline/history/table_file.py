@@ -40,7 +40,7 @@ def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
     safe = table.map(lambda cell: safe_cell(cell) if isinstance(cell, str) else cell)
     if ending == ".csv":
         return safe.to_csv(index=False, lineterminator="\n", na_rep="").encode()
-    safe.to_excel(whole, index=False, sheet_name="drupe history", freeze_panes=(1, 0))
+    safe.to_excel(whole, index=False, engine="openpyxl", sheet_name="drupe history", freeze_panes=(1, 0))
     return whole.getvalue()
 
 
@@ -48,7 +48,7 @@ def starts_with(path: Path, columns: Sequence[str]) -> bool:
     """Whether a table of drupe history stands at `path`: its first columns are these."""
     readers = {
         ".csv": lambda: pd.read_csv(path, nrows=0),
-        ".xlsx": lambda: pd.read_excel(path, nrows=0),
+        ".xlsx": lambda: pd.read_excel(path, nrows=0, engine="openpyxl"),
         ".parquet": lambda: pd.read_parquet(path),
         ".json": lambda: pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))),
     }
