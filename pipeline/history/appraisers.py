@@ -82,8 +82,8 @@ def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
     if len(names) < 2 or len(parts) < 2:
         return (
             f"--gauge {kind}: found {len(names)} {kind}s, and {len(parts)} fruit or reference bodies that "
-            f"each measured at least twice; expected two of both. Grasp the same fruit with every {kind} at least "
-            "twice on one day, under the same ids and lot"
+            f"each measured at least twice; expected two of both. Grasp the same fruit with every {kind} at "
+            "least twice on one day, under the same ids and lot"
         )
     trials = min(len(part[appraiser]) for part in parts for appraiser in names)
     readings = np.array([[part[appraiser][:trials] for appraiser in names] for part in parts])
