@@ -69,8 +69,3 @@ def test_where_it_is_left_out_there_is_no_column():
     leave_withheld(forward, forward.base.grasps[0])
     assert withheld_response(forward, forward.base.grasps[0]) is None
     assert WITHHELD not in [own.name for own in common_nuisances(forward)]
-
-
-def test_where_the_markers_noise_hides_it_there_is_no_column():
-    forward = forward_on(finders_mesh, noise=1.0)
-    assert WITHHELD not in [own.name for own in common_nuisances(forward)]

@@ -64,12 +64,20 @@ class SensorGain:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """Minus the response to that pad's forces, and the imbalance that they leave."""
+        """Minus the response to that pad's forces, and the imbalance that they leave (`respond`, to first order).
+
+        The noise's scale belongs to it: gains of both pads alike leave the forces as balanced as they were.
+        """
         found = []
         for pad in pads_of(forward):
             fields = [
-                ObservationDelta(markers=-forward.compliance * alone, balance=balance)
-                for alone, balance in _of_pad(forward, pad)
+                ObservationDelta(
+                    markers=-forward.compliance * alone,
+                    balance=balance - _imbalance_share(forward, recording, pad),
+                )
+                for recording, (alone, balance) in zip(
+                    forward.base.grasps, _of_pad(forward, pad), strict=True
+                )
             ]
             columns = (
                 Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=OfSomeForces(_of(pad))),
@@ -122,6 +130,14 @@ def _balance(
     if equations is None:
         return taken_N
     return np.asarray(equations.measured - scale * (equations.measured - taken_N))
+
+
+def _imbalance_share(forward: ForwardModel, recording: GraspResponse, pad: str) -> Float[np.ndarray, "f 6"]:
+    """The recorded sums times d ln(_noise_scale) / d gain: a pad's share of the markers."""
+    equations = balance_equations(forward, recording)
+    if equations is None or pad not in recording.pad_names:
+        return np.zeros((len(recording.force_N), 6))
+    return np.asarray(own_markers(recording, recording.pad_names.index(pad)).mean() * equations.measured)
 
 
 def _noise_scale(recording: GraspResponse, pad: str, gain: float) -> float:

@@ -209,12 +209,6 @@ def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, 
     return np.asarray((matrices @ columns.reshape(len(matrices), 4, -1)).reshape(columns.shape))
 
 
-def noise_share(tracks: MarkerTracks, compliance: float) -> float:
-    """A marker's noise (the median) over the root mean square of the response; infinite where none is."""
-    motion_mm = compliance * _root_mean_square(tracks)
-    return float(np.median(tracks.sd_mm) / motion_mm) if motion_mm > 0 else np.inf
-
-
 def _root_mean_square(tracks: MarkerTracks) -> float:
     """Of a component of the unit response about its mean over a contact, where markers touch, mm MPa."""
     about = about_episode_mean(tracks.unit_displacement, tracks.episode)
