@@ -106,7 +106,7 @@ def lots_chart(group: GroupEntry, *, width_px: int) -> Markup:
     last = "; ".join(f"{lot.name}: {number(lot.days[-1].E_MPa)} MPa on {lot.days[-1].day}" for lot in series)
     return drawing(
         *parts,
-        _date_axis(first, plot, at_most=max(2, width_px // 110)),
+        _date_axis(first, plot, at_most=max(2, width_px // 150)),
         width=float(width_px),
         height=plot.bottom + 30.0,
         title=f"Lots of {group.name} over days",

@@ -42,6 +42,7 @@ Shift = Annotated[float, Field(ge=1e-3, le=20)]
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
 Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
+"""A day of a batch. Set by hand: no tactile gripper is older, and a later day is a slip of the pen."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")

@@ -16,7 +16,7 @@ from reports.history_entries import GaugeEntry
 FEWEST_DAYS = 3
 """Lots and days in common from which two grippers or sensors are compared: Student's t of two is 6.3, wider
 than any difference that matters. Set by hand."""
-Named = Callable[[StoredBatch], str]
+NameOf = Callable[[StoredBatch], str]
 
 
 def gripper_of(batch: StoredBatch) -> str:
@@ -30,7 +30,7 @@ def sensor_of(batch: StoredBatch) -> str:
     return " ".join(filter(None, (batch.sensor, batch.sensor_serial, batch.calibration, on)))
 
 
-APPRAISERS: dict[str, Named] = {"gripper": gripper_of, "sensor": sensor_of}
+APPRAISERS: dict[str, NameOf] = {"gripper": gripper_of, "sensor": sensor_of}
 
 
 def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:

@@ -8,16 +8,26 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Table, delete, insert, select
+from sqlalchemy import Connection, TableClause, delete, insert, select
 
 from pipeline.history.history_store import DamagedRow, HistoryStore
-from pipeline.history.lot_tables import CONVERSION, FRUIT, GRASP, GRIPPER, LOT, REVISION, SENSOR, WHOLE
+from pipeline.history.lot_tables import (
+    CONVERSION,
+    CONVERSION_KEY,
+    FRUIT,
+    GRASP,
+    GRIPPER,
+    KEY,
+    LOT,
+    REVISION,
+    SENSOR,
+    WHOLE,
+)
 from pipeline.history.revisions import KeptBatch, KeptRow, canonical
 from pipeline.history.scale_conversion import ScaleConversion
 
 JSON_COLUMNS = ("limits", "listed", "columns")
 DESCRIBED = (LOT, GRIPPER, SENSOR)
-KEY = ("batch", "fruit_id", "revision")
 _NOT_CONTENT = {
     "batch",
     "revision",
@@ -86,7 +96,9 @@ def write_store(connection: Connection, stored: HistoryStore) -> None:
             connection.execute(delete(table).where(*named))
     for key in sorted(wanted.keys() - known, key=lambda key: (key[2], key[0], key[1])):
         _add_row(connection, key[0], wanted[key])
-    fitted = {tuple(line) for line in connection.execute(select(*CONVERSION.primary_key))}
+    fitted = {
+        tuple(line) for line in connection.execute(select(*(CONVERSION.c[name] for name in CONVERSION_KEY)))
+    }
     for key, fit in stored.fitted.items():
         if key not in fitted:
             cells = asdict(fit)
@@ -156,7 +168,7 @@ def _add_row(connection: Connection, batch: str, row: KeptRow) -> None:
         connection.execute(insert(GRASP).values({**key, "position": position, **grasp}))
 
 
-def _described_id(connection: Connection, table: Table, fields: Mapping[str, Any]) -> int | None:
+def _described_id(connection: Connection, table: TableClause, fields: Mapping[str, Any]) -> int | None:
     """Of the table's row that says the same, made where there is none; None where nothing is said."""
     cells = {column.name: fields.get(column.name, "") for column in table.c if column.name != "id"}
     if not any(cells.values()):
@@ -164,11 +176,11 @@ def _described_id(connection: Connection, table: Table, fields: Mapping[str, Any
     known = select(table.c.id).where(*(table.c[name] == cell for name, cell in cells.items()))
     if (found_id := connection.execute(known).scalar()) is not None:
         return int(found_id)
-    return int(connection.execute(insert(table).values(cells)).inserted_primary_key[0])
+    return int(connection.execute(insert(table).values(cells)).lastrowid)
 
 
 def _conversion_digest(cells: Mapping[str, Any]) -> str:
-    key = [cells[name] for name in ("scale", "group", "version")]
+    key = [cells[name] for name in CONVERSION_KEY]
     return digest("conversion", *key, canonical(dict(cells)))
 
 

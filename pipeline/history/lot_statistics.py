@@ -18,6 +18,7 @@ from scipy.stats import t as student
 from pipeline.history.softening import COVERAGE
 
 PERCENTILES = (10, 25, 50, 75, 90)
+"""Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
 MOST_FRUIT = 10_000
 """Beyond which no number of fruit is stated: it says that the precision is out of reach."""
 

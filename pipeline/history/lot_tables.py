@@ -1,86 +1,51 @@
-"""The tables of a store: lots, grippers and sensors, and every revision of batches, fruit and their grasps.
+"""The tables of a store as queries name them: lots, grippers and sensors, and every revision of batches,
+fruit and their grasps. The steps in `migrations/versions` define them; a new column needs a step there.
 
 `revision`, `fruit` and `conversion` have the SHA-256 of all that a row says, rows that it refers to included;
 `whole` has the SHA-256 of all those, by which a lost row is noticed. Days are ISO 8601 text, as SQLite has
-them. Columns in JSON: `limits`, `listed` and `columns`. A change here needs a step in `migrations/versions`.
+them. Columns in JSON: `limits`, `listed` and `columns`.
 """
 
-from sqlalchemy import (
-    Boolean,
-    Column,
-    Float,
-    ForeignKey,
-    ForeignKeyConstraint,
-    Integer,
-    MetaData,
-    String,
-    Table,
-    UniqueConstraint,
-)
+from sqlalchemy import Boolean, TableClause, column, table
 
-TABLES = MetaData()
+KEY = ("batch", "fruit_id", "revision")
+"""Of fruit; a batch has no `fruit_id`."""
+CONVERSION_KEY = ("scale", "group", "version")
 
 
-def _described(name: str, *columns: str) -> Table:
-    """A table of what batches have in common, each row once."""
-    texts = [Column(column, String, nullable=False) for column in columns]
-    return Table(name, TABLES, Column("id", Integer, primary_key=True), *texts, UniqueConstraint(*columns))
+def _table(name: str, *columns: str, logical: str = "") -> TableClause:
+    """`logical`: a column of true and false."""
+    added = [column(logical, Boolean)] if logical else []
+    return table(name, *map(column, columns), *added)
 
 
-LOT = _described("lot", "category", "cultivar", "lot", "orchard")
-GRIPPER = _described("gripper", "gripper", "gripper_serial")
-SENSOR = _described("sensor", "sensor", "sensor_serial", "calibration", "calibrated_on")
-REVISION = Table(
-    "revision",
-    TABLES,
-    Column("batch", String, primary_key=True),
-    Column("revision", Integer, primary_key=True),
-    Column("graded_utc", String, nullable=False),
-    *(Column(f"{table.name}_id", ForeignKey(table.c.id)) for table in (LOT, GRIPPER, SENSOR)),
-    *(Column(name, String) for name in ("folder", "measured", "harvest", "operator", "limits", "listed")),
-    Column("dated", Boolean),
-    Column("temperature_C", Float),
-    Column("sha256", String, nullable=False),
-)
-"""A batch as it was after each revision."""
-FRUIT = Table(
-    "fruit",
-    TABLES,
-    Column("batch", String, primary_key=True),
-    Column("fruit_id", String, primary_key=True),
-    Column("revision", Integer, primary_key=True),
-    Column("graded_utc", String, nullable=False),
-    *(Column(name, Float) for name in ("E_MPa", "E_sd_MPa", "E_known_MPa", "E_known_sd_MPa")),
-    *(Column(name, Float) for name in ("shore_oo", "penetrometer_N")),
-    Column("doubted", Boolean),
-    Column("columns", String),
-    Column("sha256", String, nullable=False),
-    ForeignKeyConstraint(["batch", "revision"], ["revision.batch", "revision.revision"]),
-)
-"""Results of fruit; `E_MPa` is null of a fruit that was not graded."""
-GRASP = Table(
-    "grasp",
-    TABLES,
-    Column("batch", String, primary_key=True),
-    Column("fruit_id", String, primary_key=True),
-    Column("revision", Integer, primary_key=True),
-    Column("position", Integer, primary_key=True),
-    *(Column(name, String) for name in ("grasp", "recording")),
-    *(Column(name, Float) for name in ("E_MPa", "E_sd_MPa", "peak_force_N")),
-    ForeignKeyConstraint(
-        ["batch", "fruit_id", "revision"], ["fruit.batch", "fruit.fruit_id", "fruit.revision"]
+LOT = _table("lot", "id", "category", "cultivar", "lot", "orchard")
+GRIPPER = _table("gripper", "id", "gripper", "gripper_serial")
+SENSOR = _table("sensor", "id", "sensor", "sensor_serial", "calibration", "calibrated_on")
+REVISION = _table(
+    *(
+        "revision",
+        "batch",
+        "revision",
+        "graded_utc",
+        "lot_id",
+        "gripper_id",
+        "sensor_id",
+        "folder",
+        "measured",
     ),
+    *("harvest", "operator", "limits", "listed", "temperature_C", "sha256"),
+    logical="dated",
 )
-CONVERSION = Table(
-    "conversion",
-    TABLES,
-    Column("scale", String, primary_key=True),
-    Column("group", String, primary_key=True),
-    Column("version", Integer, primary_key=True),
-    Column("fitted_utc", String),
-    Column("fruit", Integer),
-    *(Column(name, Float) for name in ("intercept", "slope", "slope_sd", "residual_sd", "mean_ln_E")),
-    *(Column(name, Float) for name in ("squares", "E_low_MPa", "E_high_MPa")),
-    Column("sha256", String, nullable=False),
+FRUIT = _table(
+    *("fruit", *KEY, "graded_utc", "E_MPa", "E_sd_MPa", "E_known_MPa", "E_known_sd_MPa", "shore_oo"),
+    *("penetrometer_N", "columns", "sha256"),
+    logical="doubted",
 )
-WHOLE = Table("whole", TABLES, Column("sha256", String, nullable=False))
+GRASP = _table("grasp", *KEY, "position", "grasp", "recording", "E_MPa", "E_sd_MPa", "peak_force_N")
+CONVERSION = _table(
+    *("conversion", *CONVERSION_KEY, "fitted_utc", "fruit", "intercept", "slope", "slope_sd", "residual_sd"),
+    *("mean_ln_E", "squares", "E_low_MPa", "E_high_MPa", "sha256"),
+)
+WHOLE = _table("whole", "sha256")
+TABLES = (LOT, GRIPPER, SENSOR, REVISION, FRUIT, GRASP, CONVERSION, WHOLE)

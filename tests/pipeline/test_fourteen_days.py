@@ -87,22 +87,22 @@ make = graded
 def season(tmp_path_factory):
     """The store after all that happened, the last history made of it, the truth, and tables."""
     root = tmp_path_factory.mktemp("season")
-    store, told = root / "lots.sqlite", Season(root)
+    store, harvest = root / "lots.sqlite", Season(root)
     made = {ending: root / f"fruit{ending}" for ending in (".csv", ".xlsx", ".parquet", ".json")}
     for day in range(DAYS):
         lot = "X" if day == 9 else None  # the label of G2 on this day was wrong
-        outs = [told.grade(day, "G1"), told.grade(day, "G2", lot=lot)]
+        outs = [harvest.grade(day, "G1"), harvest.grade(day, "G2", lot=lot)]
         make_history(outs, HistoryWanted(store=store), now=NOW)
-    again = [told.grade(5, gripper, factor=1.1, graded=15) for gripper in GRIPPERS]
-    again += [told.grade(7, "G1", factor=0.95, scale="b", calibration="C2", graded=16)]
-    again += [told.grade(9, "G2", factor=1.0, graded=17)]
+    again = [harvest.grade(5, gripper, factor=1.1, graded=15) for gripper in GRIPPERS]
+    again += [harvest.grade(7, "G1", factor=0.95, scale="b", calibration="C2", graded=16)]
+    again += [harvest.grade(9, "G2", factor=1.0, graded=17)]
     last = make_history(again, HistoryWanted(store=store, gauge=("gripper",)), now=NOW)
     for path in made.values():
         wanted = HistoryWanted(
             store=store, export=path, statistics=root / f"lots{path.suffix}", precision=0.1
         )
         make_history((), wanted, now=NOW)
-    return SimpleNamespace(root=root, store=store, last=last, truth=told.truth, made=made)
+    return SimpleNamespace(root=root, store=store, last=last, truth=harvest.truth, made=made)
 
 
 def queried(season, sql):

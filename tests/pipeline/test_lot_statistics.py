@@ -44,7 +44,7 @@ def test_the_manuals_example_has_the_manuals_components():
     assert study.categories == 4
 
 
-def test_an_interaction_that_is_planted_is_its_own_component():
+def test_an_interaction_that_is_simulated_is_its_own_component():
     rng = np.random.default_rng(3)
     part, both = rng.normal(0, 2, (400, 1, 1)), rng.normal(0, 0.7, (400, 3, 1))
     study = gauge_study(part + both + rng.normal(0, 0.3, (400, 3, 2)))
@@ -109,7 +109,7 @@ def test_a_tenth_of_the_fruit_is_there_as_many_spreads_before_the_mean():
     assert reached(law, 0.5, share=0.1)[1] == pytest.approx(tenth, abs=0.1)
 
 
-def planted_lots(rng, *, lots, days=(0.0, 3.0, 6.0, 9.0), fruit=10):
+def simulated_lots(rng, *, lots, days=(0.0, 3.0, 6.0, 9.0), fruit=10):
     rates = rng.normal(0.10, 0.03, lots)
     return {
         f"{i}": {t: list(np.exp(-rate * t + rng.normal(0, 0.1, fruit))) for t in days}
@@ -119,7 +119,7 @@ def planted_lots(rng, *, lots, days=(0.0, 3.0, 6.0, 9.0), fruit=10):
 
 def test_the_rate_of_balanced_lots_is_the_mean_of_their_own_slopes():
     """Generalised and ordinary least squares agree, and the error is the slopes' spread."""
-    lots = planted_lots(np.random.default_rng(7), lots=8)
+    lots = simulated_lots(np.random.default_rng(7), lots=8)
     slopes = [
         -np.polyfit(np.repeat(list(days), 10), np.log(np.concatenate(list(days.values()))), 1)[0]
         for days in lots.values()
@@ -131,4 +131,4 @@ def test_the_rate_of_balanced_lots_is_the_mean_of_their_own_slopes():
 
 
 def test_two_lots_have_no_common_rate():
-    assert lots_softening(planted_lots(np.random.default_rng(1), lots=2)) is None
+    assert lots_softening(simulated_lots(np.random.default_rng(1), lots=2)) is None
