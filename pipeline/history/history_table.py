@@ -121,8 +121,8 @@ def statistics_table(batches: Sequence[StoredBatch], *, precision: float) -> pd.
             "precision": precision,
         }
         newest = max(on_day, key=lambda batch: batch.graded_utc)
-        for name, lower, upper in class_ranges(newest.limits) or [(None, 0.0, None)]:
+        for name, lower, upper in class_ranges(newest.limits) or [("", 0.0, None)]:
             share, low, high = share_outside(E_MPa, above_MPa=lower, up_to_MPa=upper)
             shares = {"share_outside": share, "share_outside_low": low, "share_outside_high": high}
-            rows.append({**row, "maturity": name, **(shares if name else {})})
+            rows.append({**row, "maturity": name or None, **(shares if name else {})})
     return pd.DataFrame(rows, columns=list(STATISTICS_COLUMNS), dtype=object)

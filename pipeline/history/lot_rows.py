@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, TableClause, delete, insert, select
+from sqlalchemy import Connection, FromClause, TableClause, delete, insert, select
 
 from pipeline.history.history_store import DamagedRow, HistoryStore
 from pipeline.history.lot_tables import (
@@ -91,16 +91,16 @@ def write_store(connection: Connection, stored: HistoryStore) -> None:
     known = {tuple(cells.get(name, "") for name in KEY) for cells, _ in _rows(connection)}
     for batch, fruit_id, revision in known - wanted.keys():
         for table in (GRASP, FRUIT) if fruit_id else (REVISION,):
-            key = dict(zip(KEY, (batch, fruit_id, revision), strict=True))
-            named = [table.c[name] == key[name] for name in KEY if name in table.c]
+            cells = dict(zip(KEY, (batch, fruit_id, revision), strict=True))
+            named = [table.c[name] == cells[name] for name in KEY if name in table.c]
             connection.execute(delete(table).where(*named))
     for key in sorted(wanted.keys() - known, key=lambda key: (key[2], key[0], key[1])):
         _add_row(connection, key[0], wanted[key])
     fitted = {
         tuple(line) for line in connection.execute(select(*(CONVERSION.c[name] for name in CONVERSION_KEY)))
     }
-    for key, fit in stored.fitted.items():
-        if key not in fitted:
+    for fit_key, fit in stored.fitted.items():
+        if fit_key not in fitted:
             cells = asdict(fit)
             connection.execute(insert(CONVERSION).values({**cells, "sha256": _conversion_digest(cells)}))
     for table in DESCRIBED:
@@ -115,7 +115,7 @@ def write_store(connection: Connection, stored: HistoryStore) -> None:
 
 def _rows(connection: Connection) -> list[tuple[Cells, list[Cells]]]:
     """Rows of revisions with what describes them, then of fruit with their grasps."""
-    described = REVISION
+    described: FromClause = REVISION
     for table in DESCRIBED:
         described = described.outerjoin(table, REVISION.c[f"{table.name}_id"] == table.c.id)
     columns = [*REVISION.c, *(column for table in DESCRIBED for column in table.c if column.name != "id")]

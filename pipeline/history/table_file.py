@@ -31,13 +31,14 @@ def require_format(path: Path, option: str) -> None:
 def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
     """The file's content. Spreadsheets get text that they do not run; Parquet and JSON get text as it is."""
     if ending == ".json":
-        rows = table.where(table.notna(), None).to_dict("records")
-        return (json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        records = table.where(table.notna(), None).to_dict("records")
+        return (json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
     whole = io.BytesIO()
     if ending == ".parquet":
         table.convert_dtypes().to_parquet(whole, index=False)
         return whole.getvalue()
-    safe = table.map(lambda cell: safe_cell(cell) if isinstance(cell, str) else cell)
+    rows = [[safe_cell(cell) if isinstance(cell, str) else cell for cell in row] for row in table.to_numpy()]
+    safe = pd.DataFrame(rows, columns=table.columns, dtype=object)
     if ending == ".csv":
         return safe.to_csv(index=False, lineterminator="\n", na_rep="").encode()
     safe.to_excel(whole, index=False, engine="openpyxl", sheet_name="drupe history", freeze_panes=(1, 0))
