@@ -7,6 +7,8 @@ TEMPLATE = """\
 category = "{category}"              # {known}, or a file of your own
 # cultivar = "Big Top"               # for the report and `drupe history`
 # lot = "H-07"
+# orchard = "north slope"
+# operator = "A. Meier"
 # harvest_date = 2026-08-14
 # measured_on = 2026-08-15           # day of the grasps; default: of the first grading
 # pulp_temperature_C = 20.0          # at the grasps, -5 to 50
@@ -43,7 +45,8 @@ category = "{category}"              # {known}, or a file of your own
 # gel_kn_MPa_per_mm = 0.22           # known stiffness of the gel, which recordings are compared with
 # gel_kt_MPa_per_mm = 0.055
 # gel_stiffness_sd = 0.05            # relative standard deviation of both
-# calibrated_on = 2026-06-01
+# calibration = "C-2026-06"          # for `drupe history`
+# calibrated_on = 2026-06-01         # for `drupe history` and calibration_days
 
 # [gripper]
 # name = "two-finger gripper"

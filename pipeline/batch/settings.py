@@ -45,6 +45,11 @@ Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
 Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
 """Of a harvest, of grasps or of a calibration. Set by hand: another year is a slip of the pen."""
+HISTORY_COLUMNS = (
+    "batch", "calibrated_on", "calibration", "doubted", "graded_utc", "gripper_serial", "revision",
+    "sensor_serial", "temperature_C",
+)  # fmt: skip
+"""Columns of the tables of `drupe history` that are no settings and no columns of other tables."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
@@ -224,7 +229,9 @@ class SensorSettings(Device):
     gel_kn_MPa_per_mm: Stiffness | None = None
     gel_kt_MPa_per_mm: Stiffness | None = None
     gel_stiffness_sd: Relative = 0.05
+    calibration: Name | None = None
     calibrated_on: Day | None = None
+    """Name and day of the calibration."""
 
     @property
     def gel_stiffness(self) -> dict[str, tuple[float, float]]:
@@ -265,6 +272,8 @@ class Settings(Strict):
     category: Name
     cultivar: Words | None = None
     lot: Words | None = None
+    orchard: Words | None = None
+    operator: Words | None = None
     harvest_date: Day | None = None
     measured_on: Day | None = None
     """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""
@@ -315,7 +324,7 @@ class Settings(Strict):
         """Raises ValueError for a name that is drupe's own here or in its tables, or that is no name."""
         with elsewhere():
             from reports.tables import RANKING_COLUMNS
-        taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, "doubted", "revision")
+        taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, *HISTORY_COLUMNS)
         for name in columns:
             if not USER_COLUMN.fullmatch(name):
                 raise ValueError(

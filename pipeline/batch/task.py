@@ -22,12 +22,14 @@ from recon.pit.priors import PitBody, PitPrior
 
 IN_THE_REPORT_ALONE = {
     "calibration_days", "columns", "cultivar", "grading", "harvest_date", "lot", "measured_on", "notes",
-    "pulp_temperature_C", "reference", "temperature",
+    "operator", "orchard", "pulp_temperature_C", "reference", "temperature",
 }  # fmt: skip
 """Settings that change no fruit's result."""
 NOT_IN_THE_KEY: dict[str, Any] = {
-    **dict.fromkeys(IN_THE_REPORT_ALONE, True), "sensor": {"calibrated_on"}, "mismatch": True
-}  # fmt: skip
+    **dict.fromkeys(IN_THE_REPORT_ALONE, True),
+    "sensor": {"calibration", "calibrated_on"},
+    "mismatch": True,
+}
 """Those, and the confirmed effects, which are a part of the key of their own."""
 
 

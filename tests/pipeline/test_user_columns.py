@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import sqlite3
+from contextlib import closing
 
 import pandas as pd
 import pytest
@@ -14,8 +16,9 @@ from pipeline.batch.fruits_table import read_fruits
 from pipeline.batch.opening import survey
 from pipeline.batch.records import read_record
 from pipeline.batch.settings import read_settings
-from pipeline.history.history_table import history_csv
+from pipeline.history.history_table import COLUMNS, MORE_COLUMNS, fruit_table
 from pipeline.history.stored_batch import stored_batch
+from pipeline.history.table_file import table_bytes
 from pipeline.problem import BatchRefused
 
 SETTINGS = 'category = "nectarine"\n[columns]\nBrix = "°Brix"\ngrower = ""\n'
@@ -66,11 +69,45 @@ def test_every_table_holds_what_pandas_reads_from_the_users_own(drupe, batch, re
     assert (cells["A"]["Brix"], cells["A"]["grower"], cells["B"]["Brix"]) == ("12.5", "'=Huber", "")
     record = read_record(results / "fruits" / "A" / "record.json")
     assert record.given.columns == {"Brix": 12.5, "grower": "=Huber"}
-    rows = csv.DictReader(io.StringIO(history_csv([stored_batch(results)], {})))
+    rows = csv.DictReader(io.StringIO(table_bytes(fruit_table([stored_batch(results)], {}), ".csv").decode()))
     assert [(row["Brix"], row["grower"]) for row in rows] == [("12.5", "'=Huber"), ("", "Mayr")]
     page = (results / "report.html").read_text(encoding="utf-8")
     assert '<th scope="col" class="n">Brix (°Brix)</th><th scope="col">grower</th>' in page
     assert '<td class="n" data-value="12.5">12.5</td><td>=Huber</td>' in page
+
+
+def test_the_store_holds_users_columns_through_revisions_and_exports_them(drupe, batch, results, tmp_path):
+    written = pd.read_csv(batch / "fruits.csv").set_index("fruit_id")[["Brix", "grower"]]
+    exports = {
+        ".csv": pd.read_csv,
+        ".xlsx": pd.read_excel,
+        ".parquet": pd.read_parquet,
+        ".json": pd.read_json,
+    }
+    store = tmp_path / "s"
+    drupe("report", results)
+    for ending, read in exports.items():
+        assert drupe("history", results, "--store", store, "--export", tmp_path / f"t{ending}").status == 0
+        table = read(tmp_path / f"t{ending}")
+        assert list(table.columns[-2:]) == ["Brix", "grower"], ending
+        cells = table.set_index("fruit_id")[["Brix", "grower"]].astype(object)
+        safe = {".csv", ".xlsx"} & {ending}
+        expected = written.replace("=Huber", "'=Huber") if safe else written
+        assert cells.fillna("empty").to_dict() == expected.astype(object).fillna("empty").to_dict(), ending
+    (batch / "fruits.csv").write_text(TABLE.replace("12.5", "14"))
+    drupe("report", results)
+    assert drupe("history", results, "--store", store).status == 0
+    with closing(sqlite3.connect(store)) as connection:
+        rows = connection.execute(
+            "SELECT fruit_id, revision, json_extract(columns, '$.Brix'), json_extract(columns, '$.grower') "
+            "FROM fruit ORDER BY fruit_id, revision"
+        ).fetchall()
+    assert rows == [("A", 0, 12.5, "=Huber"), ("A", 1, 14.0, "=Huber"), ("B", 0, None, "Mayr")]
+
+
+@pytest.mark.parametrize("name", [*COLUMNS, *MORE_COLUMNS])
+def test_no_column_of_the_table_of_history_can_be_a_users_own(tmp_path, name):
+    assert "is the name of a column of drupe" in settings_refusal(tmp_path, f'"{name}" = ""')
 
 
 def test_a_note_or_column_edited_after_grading_is_in_the_next_report(drupe, batch, results):
