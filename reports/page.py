@@ -75,16 +75,16 @@ def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = 
     all inputs are listed; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(in_language(batch), ranking_csv(batch), provenance=provenance)
+        return _page(in_language(batch), provenance=provenance)
 
 
-def _page(batch: BatchEntry, ranking: str, *, provenance: bool) -> str:
-    """`ranking`: ranking.csv, which has the same words in every language."""
+def _page(batch: BatchEntry, *, provenance: bool) -> str:
     environment = page_environment()
     marks = class_marks(tuple(name for name, _ in batch.classes))
     environment.filters |= {
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "image": _image,
+        "as_given": _as_given,
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
@@ -115,7 +115,7 @@ def _page(batch: BatchEntry, ranking: str, *, provenance: bool) -> str:
         graded=sum(fruit.E_MPa is not None for fruit in alone),
         limits_drawn=any(limit is not None for _, limit in batch.classes),
         lists=decision_lists(batch, fruits),
-        lot=_json_lines([_lot(batch, fruits, ranking)]),
+        lot=_json_lines([_lot(batch, fruits)]),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
@@ -131,10 +131,10 @@ def _page(batch: BatchEntry, ranking: str, *, provenance: bool) -> str:
     )
 
 
-def _lot(batch: BatchEntry, fruits: list[Indexed], ranking: str) -> dict[str, object]:
+def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
     """What static/dashboard.js filters and draws: figures of all fruit in the table's order, and words."""
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    header, *lines = ranking.splitlines()
+    header, *lines = ranking_csv(batch).splitlines()
     return {
         "name": batch.name,
         "language": language_in_force(),
@@ -263,11 +263,18 @@ def _facts(fruit: FruitEntry, columns: Iterable[tuple[str, str]]) -> list[tuple[
         heading, _, rest = label.rpartition(": ")
         parts.setdefault(heading, []).append((rest, words))
     given = [
-        (name, f"{number(cell)} {unit}" if not isinstance(cell, str) else cell)
+        (name, f"{_as_given(fruit.columns[name])} {unit}".strip())
         for name, unit in columns
-        if (cell := fruit.columns.get(name)) is not None
+        if name in fruit.columns
     ]
     return [*parts.items(), *([(say("Your own columns"), given)] if given else [])]
+
+
+def _as_given(cell: float | str | None) -> str:
+    """A cell of a user's own column with all its digits."""
+    if cell is None:
+        return UNKNOWN_WORD
+    return cell if isinstance(cell, str) else with_comma(f"{cell:.12g}")
 
 
 def _image(picture: Picture, alt: str) -> Markup:

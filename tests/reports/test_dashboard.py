@@ -4,13 +4,14 @@ import csv
 import io
 import re
 from dataclasses import replace
+from datetime import UTC, datetime
 from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
 from browser import NODES, busy, chromium, reloaded
 
-from reports.entries import FruitEntry
+from reports.entries import FruitEntry, VerdictEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
 
@@ -93,6 +94,49 @@ def test_five_hundred_fruit_load_fast_and_are_few_nodes_wherever_a_reader_scroll
         counts.append(page.evaluate(NODES))
     assert max(counts) <= MOST_NODES
     assert page.locator("table.fruit tbody tr:not(.space) th").last.inner_text() == "lost"
+
+
+def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp_path, awkward_batch, graded):
+    batch = lot(graded, awkward_batch, 3)
+    first, *others = batch.fruits
+    at_utc = datetime(2026, 11, 28, 9, 30, tzinfo=UTC)
+    judged = VerdictEntry(
+        judged_class="firm", by="A. Huber", why="hard at the suture", at_utc=at_utc, E_MPa=0.2, E_sd_MPa=0.01
+    )
+    first = replace(
+        first,
+        verdicts=(judged,),
+        E_at_pulp_MPa=0.231,
+        E_at_pulp_sd_MPa=0.012,
+        columns={"Brix": 12.5625, "grower": "Mayr"},
+    )
+    batch = replace(batch, fruits=(first, *others), columns=(("Brix", "°Brix"), ("grower", "")))
+    path = tmp_path / "report.html"
+    path.write_text(report_html(batch), encoding="utf-8")
+    page = browser.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(path.as_uri())
+    heads = page.locator("table.fruit thead th").all_inner_texts()
+    rows = page.locator("table.fruit tbody tr:not(.space)")
+    cells = [rows.nth(k).locator("th, td").all_inner_texts() for k in range(2)]
+    expected = {
+        "A person's verdict": ("A. Huber: firm", "–"),
+        "E at the grasp's temperature (MPa)": ("0.231 ± 0.012", "–"),
+        "Brix (°Brix)": ("12.5625", "–"),
+        "grower": ("Mayr", "–"),
+    }
+    shown = {name: tuple(row[heads.index(name)] for row in cells) for name in expected}
+    assert shown == expected
+    rows.first.locator("th a").click()
+    said = page.locator("#card").inner_text().replace("\u00a0", " ")
+    assert (
+        "A person's verdict: A. Huber judged it firm on 2026-11-28 09:30 UTC (E = 0.200 ± 0.010 MPa)" in said
+    )
+    assert "At the temperature of the grasp E is 0.231 ± 0.012 MPa" in said
+    page.locator("#card summary").click()
+    facts = page.locator("#card dl.facts dt, #card dl.facts dd").all_text_contents()
+    assert facts[-4:] == ["Brix", "12.5625 °Brix", "grower", "Mayr"]
+    page.close()
 
 
 def test_without_scripts_there_is_a_table_of_all_fruit(shown):
