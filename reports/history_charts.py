@@ -96,12 +96,12 @@ def lots_chart(group: GroupEntry, *, width_px: int) -> Markup:
         colour, shape = marks[lot.name]
         places = [(plot.x(float((day.day - first).days)), plot.y(day.E_MPa)) for day in lot.days]
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-        line = element("polyline", points=points, stroke=colour, stroke_width="1.6", fill="none")
-        means = [marker(shape, x, y, size=4.0, fill=colour) for x, y in places]
+        line = element("polyline", points=points, class_=f"lot {colour}")
+        means = [marker(shape, x, y, size=4.0, class_=colour) for x, y in places]
         parts.append(element("g", element("title", lot.name), line, *means))
         across, down = k % max(1, width_px // 150), k // max(1, width_px // 150)
         x, y = 12.0 + 150.0 * across, 12.0 + 18.0 * down
-        parts += [marker(shape, x, y, size=4.0, fill=colour)]
+        parts += [marker(shape, x, y, size=4.0, class_=colour)]
         parts += [label((lot.lot or "without a lot")[:_LEGEND], x + 10, y + 4, class_="tick")]
     last = "; ".join(f"{lot.name}: {number(lot.days[-1].E_MPa)} MPa on {lot.days[-1].day}" for lot in series)
     return drawing(
