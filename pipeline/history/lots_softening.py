@@ -22,6 +22,9 @@ from pipeline.history.softening import COVERAGE
 FEWEST_LOTS = 3
 """With at least two days each: two lots say next to nothing of the spread between lots. Set by hand."""
 
+METHOD = "powell"
+"""Of the optimiser. A spread of zero lies on the border, where methods by gradients do not converge."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LotsSoftening:
@@ -41,9 +44,10 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
         return None
     from statsmodels.regression.mixed_linear_model import MixedLM
 
+    span = max(day for by_day in lots.values() for day in by_day)  # the optimiser needs numbers of like size
     designs, logs = {}, {}
     for name, by_day in lots.items():
-        rows = [(1.0, -day, math.log(E)) for day, fruit in by_day.items() for E in fruit]
+        rows = [(1.0, -day / span, math.log(E)) for day, fruit in by_day.items() for E in fruit]
         designs[name], logs[name] = np.array(rows)[:, :2], np.array(rows)[:, 2]
     design = np.concatenate(list(designs.values()))
     groups = np.repeat(list(lots), [len(ln_E) for ln_E in logs.values()])
@@ -51,7 +55,7 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
         warnings.simplefilter("ignore")  # a spread of zero lies on the border, and is a right answer
         model = MixedLM(np.concatenate(list(logs.values())), design, groups=groups, exog_re=design)
         try:
-            fit = model.fit(reml=True)
+            fit = model.fit(reml=True, method=METHOD)
         except np.linalg.LinAlgError:
             return None
     if not fit.converged:
@@ -64,12 +68,12 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
         name: coefficients + between @ np.linalg.solve(between + within[name], single[name] - coefficients)
         for name in lots
     }
-    rate = float(coefficients[1])
-    half = float(norm.ppf(0.5 + COVERAGE / 2)) * math.sqrt(covariance[1, 1])
+    rate = float(coefficients[1]) / span
+    half = float(norm.ppf(0.5 + COVERAGE / 2)) * math.sqrt(covariance[1, 1]) / span
     return LotsSoftening(
         rate=rate,
         low=rate - half,
         high=rate + half,
-        lot_sd=math.sqrt(max(float(between[1, 1]), 0.0)),
-        rates={name: float(of_lot[1]) for name, of_lot in predicted.items()},
+        lot_sd=math.sqrt(max(float(between[1, 1]), 0.0)) / span,
+        rates={name: float(of_lot[1]) / span for name, of_lot in predicted.items()},
     )

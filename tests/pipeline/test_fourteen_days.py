@@ -19,6 +19,8 @@ from pipeline.history.keeping import HistoryWanted, make_history
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import history_entry
 from reports.grasp_record import GraspRecord
+from reports.history_page import history_html
+from reports.palette import class_marks
 
 NOW = datetime(2026, 8, 30, 12, tzinfo=UTC)
 CLASSES = {
@@ -205,9 +207,20 @@ def test_the_second_gripper_reads_more_by_the_paired_test_of_another_library(sea
     assert any(one.startswith(said) for one in season.last.entry.comparisons)
 
 
+def test_the_page_has_a_line_and_a_mark_per_day_for_every_lot_in_colours_of_the_palette(season):
+    page = history_html(season.last.entry)
+    chart = page.partition("Lots of nectarine Big Top over days")[2].partition("</svg>")[0]
+    days = season.truth.groupby("lot")["measured_on"].nunique()
+    for count, (colour, shape) in zip(days, class_marks(("A", "B", "C")).values(), strict=True):
+        assert chart.count(f'class="lot {colour}"') == 1
+        assert chart.count(f'class="mark {colour}"') == count + 1  # and in the legend
+        assert f".lot.{colour} {{ stroke: var(--{colour}); }}" in page, shape
+
+
 def test_the_order_of_days_in_the_store_changes_nothing(season):
     with history_store(season.store) as stored:
         batches = stored.batches()
     forth, back = (history_entry(one, conversions=(), now=NOW) for one in (batches, batches[::-1]))
     assert [lot.softening.words for lot in forth.series] == [lot.softening.words for lot in back.series]
+    assert sorted(forth.groups[0].rates) == ["A", "B", "C"]
     assert forth.groups[0].rates == pytest.approx(back.groups[0].rates, rel=1e-4)

@@ -44,7 +44,7 @@ def rows(results):
 
 
 def page_of(results):
-    return (results / "report.html").read_text("utf-8").replace("\u00a0", " ")
+    return (results / "report.html").read_text("utf-8").replace("\u00a0", " ").replace("\\u003c", "<")
 
 
 def trail(results):
@@ -72,7 +72,7 @@ def test_a_verdict_is_beside_e_in_ranking_and_report_and_changes_no_other_cell(j
     assert '<html lang="de">' in page
     day = f"{time_utc[:10]} {time_utc[11:16]} UTC"
     assert f"{BY} hat sie am {day} als firm beurteilt (E = 0,300 ± 0,015 MPa): {WHY}." in page
-    assert f'<span class="soft">{BY}: firm</span></td>' in page
+    assert f"<td>{BY}: firm</td>" in page
 
 
 def test_the_trail_says_who_when_what_why_and_lines_are_only_added(judge, results):
@@ -89,7 +89,7 @@ def test_the_trail_says_who_when_what_why_and_lines_are_only_added(judge, result
     chain = [hashlib.sha256("".join(both[:k]).encode()).hexdigest() for k in range(2)]
     assert [one["after"] for one in said] == chain
     assert rows(results)["A"]["judged_by"] == "C. Roth"
-    assert page_of(results).count("Urteil einer Person") == 2
+    assert page_of(results).count("<b>Urteil einer Person:</b>") == 2
 
 
 @pytest.mark.parametrize(
