@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 
 import pytest
 from graded_results import graded, results_of
@@ -163,4 +164,9 @@ def test_a_verdict_stays_when_all_results_are_removed(drupe, judge, results):
 def test_a_formula_or_markup_in_a_verdict_runs_nowhere(judge, results):
     judge(by="=cmd|' /C calc'!A0", why="<script>alert(1)</script>")
     assert rows(results)["A"]["judged_by"] == "'=cmd|' /C calc'!A0"
-    assert "<script>alert(1)" not in page_of(results)
+    text = (results / "report.html").read_text("utf-8")
+    assert "<script>alert(1)" not in text
+    details = re.search(r'<script type="application/json" id="details">(.*?)</script>', text, re.DOTALL)[1]
+    opened = json.loads(details.splitlines()[0])["html"]
+    assert "<script" not in opened
+    assert "&lt;script&gt;alert(1)" in opened
