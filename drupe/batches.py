@@ -18,7 +18,8 @@ from reports.tables import RANKING_COLUMNS
 WHOLE = ("rank", "grasps", "rank_low", "rank_high")
 REAL = (
     "E_MPa", "E_sd_MPa", "E_scale_sd_MPa", "E_uncorrected_MPa", "maturity_probability", "p_softer_than_next",
-    "rank_probability", "height_mm", "volume_mm3", "shore_oo", "screen_p",
+    "rank_probability", "height_mm", "volume_mm3", "shore_oo", "screen_p", "judged_E_MPa",
+    "E_at_pulp_MPa", "E_at_pulp_sd_MPa",
 )  # fmt: skip
 COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()")
 """The command `drupe` of this installation; -P keeps the current folder off its path."""
@@ -29,7 +30,8 @@ class GradedBatch:
     """Results of `drupe grade` in `folder`.
 
     `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole
-    numbers are Int64, others Float64, `reference` is bool, texts are string; unknown values are missing.
+    numbers are Int64, others Float64, `reference` is bool, texts are string; unknown values are missing. The
+    user's own columns are last.
     `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
     """
 
@@ -60,11 +62,13 @@ def read(out: str | Path) -> GradedBatch:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         advice = f"run `drupe report {out}`"
         raise DrupeError(f"{results.ranking_json}: found no readable table, expected the ranking; {advice}")
-    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
+    added = [name for name in (rows[0] if rows else {}) if name not in RANKING_COLUMNS]
+    table = pd.DataFrame(rows, columns=[*RANKING_COLUMNS, *added], dtype=object)
     kinds = {name: "string" for name in RANKING_COLUMNS if name != "reference"}
     kinds |= dict.fromkeys(WHOLE, "Int64") | dict.fromkeys(REAL, "Float64")
     try:
         ranking = table.assign(reference=table["reference"] == "true").astype(kinds)
+        ranking[added] = table[added].convert_dtypes()
     except (TypeError, ValueError) as error:
         found = f"found a value of another kind ({error}), expected those of drupe grade"
         raise DrupeError(f"{results.ranking_json}: {found}; run `drupe report {out}`") from None

@@ -25,6 +25,7 @@ from pipeline.commands.doctor import doctor
 from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
 from pipeline.commands.history import history
+from pipeline.commands.judge import judge
 from pipeline.commands.mat import mat
 from pipeline.commands.new import new
 from pipeline.commands.report import report
@@ -83,6 +84,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     check: "Check a batch for problems without computing.",
     explain: "Find physics that the model misses in a fruit's recordings.",
     report: "Rebuild ranking and report from stored results.",
+    judge: "Record a person's verdict on a fruit, next to its E.",
     history: "Show how lots soften over days and when they are ready.",
     convert: "Convert gel frames, tables or other formats to a recording.",
     calibrate: "Calibrate a sensor, or measure a rig's compliance.",

@@ -25,6 +25,8 @@ REASONS = (
 """What such reasons begin with; each is in the words files."""
 MOST_LISTED = 120
 """Fruit of one list that are named on a printed certificate: more do not fit on its page."""
+MOST_LINKED = 12
+"""Fruit of one list that have a link on the screen; of more the table has all."""
 
 
 class DecisionList(NamedTuple):

@@ -1,161 +1,19 @@
-"""Charts of a whole batch: the ranking, and the moduli against Shore readings."""
+"""The control chart of a reference body, and what the Shore readings of a batch say in words."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 from markupsafe import Markup
 
-from reports.entries import (
-    BatchEntry,
-    FruitEntry,
-    ReferenceBodyEntry,
-    ShoreCorrelation,
-    ranked,
-    without_references,
-)
-from reports.language import decimals as with_comma
+from reports.entries import ReferenceBodyEntry, ShoreCorrelation
 from reports.language import say
-from reports.palette import UNKNOWN, class_marks
-from reports.svg import Plot, drawing, element, error_bar, label, marker, padded, polyline, rule, ticks
-from reports.words import NO_BREAK, number, percent, with_sd
+from reports.svg import Plot, drawing, element, label, marker, padded, polyline, rule
+from reports.words import NO_BREAK
 
-_ROW_PX = 24.0
-"""Height of a fruit's row, px: a line of text of 12 px and as much air."""
-_BARS = 40
-"""Most bars of a distribution: 20 px each on a desk, 8 px on a phone."""
 _MOST_POINTS = 60
 """Of a control chart: beyond it the marks run together."""
 UNKNOWN_LOT = "unknown"
-
-
-def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
-    """Modulus of every graded fruit, softest on top, whiskers of one standard deviation, limits as lines.
-
-    The mark's colour and shape are the class. ``width_px`` is the width at which text has its natural
-    size (about 340 for a phone, 860 for a desk).
-    """
-    graded = [fruit for fruit in ranked(without_references(batch.fruits)) if fruit.E_MPa is not None]
-    wide = width_px >= 600
-    ends = [fruit.E_MPa + (fruit.E_sd_MPa or 0.0) for fruit in graded if fruit.E_MPa is not None]
-    lowest, highest = padded([*ends, *_near_limits(batch, ends)], from_zero=True)
-    rows = max(len(graded), 1)
-    plot = Plot(
-        x_limits=(max(lowest, 0.0), highest),
-        y_limits=(rows, 0.0),
-        left=gutter([fruit.fruit_id for fruit in graded], most_px=0.3 * width_px),
-        right=width_px - (130.0 if wide else 12.0),
-        top=14.0,
-        bottom=14.0 + _ROW_PX * rows,
-    )
-    marks = class_marks(tuple(name for name, _ in batch.classes))
-    parts = [
-        plot.axis_x(say("E, modulus of the flesh (MPa)"), at_most=9 if wide else 5),
-        *_limit_lines(batch, plot),
-        *(_ranking_row(fruit, plot, k + 0.5, wide=wide, marks=marks) for k, fruit in enumerate(graded)),
-    ]
-    each = "; ".join(f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded)
-    return drawing(
-        *parts,
-        width=float(width_px),
-        height=plot.bottom + 44,
-        title=say("Ranking, softest first"),
-        description=each or say("No fruit has a modulus"),
-    )
-
-
-def distribution_chart(batch: BatchEntry, *, width_px: int) -> Markup:
-    """How many fruit have which modulus: bars over E, coloured by the class that their middle falls in.
-
-    Dashed lines are the limits of classes. ``width_px`` as of `ranking_chart`.
-    """
-    E_MPa = [fruit.E_MPa for fruit in without_references(batch.fruits) if fruit.E_MPa is not None]
-    marks = class_marks(tuple(name for name, _ in batch.classes))
-    highest = max([*E_MPa, *_near_limits(batch, E_MPa)])
-    edges = ticks(0.0, 1.05 * highest, at_most=_BARS)
-    step = edges[1] - edges[0]
-    counts = np.bincount((np.array(E_MPa) / step).astype(int)).tolist()
-    plot = Plot(
-        x_limits=(0.0, max(len(counts) * step, 1.02 * highest)),
-        y_limits=(0.0, 1.05 * max(counts)),
-        left=44.0,
-        right=width_px - 12.0,
-        top=30.0,
-        bottom=230.0,
-    )
-    parts = [
-        plot.axis_x(say("E, modulus of the flesh (MPa)"), at_most=width_px // 80),
-        plot.axis_y("fruits"),
-    ]
-    for k, count in enumerate(counts):
-        middle = (k + 0.5) * step
-        name = next((name for name, limit in batch.classes if limit is None or middle <= limit), "")
-        colour, _ = marks.get(name, UNKNOWN)
-        title = element("title", f"{k * step:g} to {(k + 1) * step:g} MPa: {count} fruits")
-        left, right, y = plot.x(k * step) + 0.5, plot.x((k + 1) * step) - 0.5, plot.y(count)
-        size = {"width": right - left, "height": plot.bottom - y}
-        parts.append(element("rect", title, x=left, y=y, **size, fill=colour))
-    return drawing(
-        *parts,
-        *_limit_lines(batch, plot),
-        width=float(width_px),
-        height=plot.bottom + 44,
-        title=say("Distribution of moduli"),
-        description="; ".join(
-            f"{k * step:g} to {(k + 1) * step:g} MPa: {count}" for k, count in enumerate(counts) if count
-        ),
-    )
-
-
-def _near_limits(batch: BatchEntry, E_MPa: list[float]) -> list[float]:
-    """Limits of classes that the moduli come near; all where there is no modulus."""
-    limits = [limit for _, limit in batch.classes if limit is not None]
-    return [limit for limit in limits if not E_MPa or limit < 1.4 * max(E_MPa)]
-
-
-def _limit_lines(batch: BatchEntry, plot: Plot) -> list[Markup]:
-    """A dashed line at each limit in the plot."""
-    return [
-        rule(
-            plot.x(limit),
-            plot.x(limit),
-            plot.top - 8,
-            plot.bottom,
-            class_="limit",
-            title=f"{say('up to {limit} MPa', limit=with_comma(f'{limit:g}'))}: {name}",
-        )
-        for name, limit in batch.classes
-        if limit is not None and limit <= plot.x.highest
-    ]
-
-
-def gutter(names: list[str], *, most_px: float) -> float:
-    """Room for names at the left, px."""
-    return min(max([len(name) for name in names] + [4]) * 7.4 + 14, most_px)
-
-
-def _ranking_row(
-    fruit: FruitEntry, plot: Plot, row: float, *, wide: bool, marks: dict[str, tuple[str, str]]
-) -> Markup:
-    """One fruit's line of the ranking: its name, E with its error bar, and its class's mark."""
-    E_MPa, y = fruit.E_MPa or 0.0, plot.y(row)
-    colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
-    value = with_sd(E_MPa, fruit.E_sd_MPa)
-    words = f"{fruit.fruit_id}: {value} MPa"
-    if fruit.maturity:
-        words += f", {fruit.maturity} ({percent(fruit.maturity_probability)})"
-    elif fruit.class_withheld:
-        words += ", class withheld: E is in doubt"
-    parts = [
-        element("title", words),
-        label(shortened(fruit.fruit_id, px=plot.left - 12), 0.0, y + 4.5),
-        error_bar(plot.x, E_MPa, fruit.E_sd_MPa, y),
-        marker(shape, plot.x(E_MPa), y, fill=colour),
-    ]
-    if wide:
-        parts.append(label(value, plot.right + 124, y + 4.5, anchor="end", class_="value"))
-    return element("g", *parts)
 
 
 def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
@@ -169,38 +27,6 @@ def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
         return text
     tail = (room - 1) // 2
     return f"{text[: room - 1 - tail]}…{text[len(text) - tail :]}"
-
-
-def shore_chart(batch: BatchEntry) -> Markup:
-    """Modulus against the Shore OO reading of the same fruit; a mark per fruit, coloured by its class."""
-    pairs = [
-        (fruit, fruit.E_MPa, fruit.shore_oo)
-        for fruit in ranked(without_references(batch.fruits))
-        if fruit.E_MPa is not None and fruit.shore_oo is not None
-    ]
-    marks = class_marks(tuple(name for name, _ in batch.classes))
-    plot = Plot(
-        x_limits=padded(shore for _, _, shore in pairs),
-        y_limits=padded((E_MPa + (fruit.E_sd_MPa or 0.0) for fruit, E_MPa, _ in pairs), from_zero=True),
-        left=48.0,
-        right=348.0,
-        top=34.0,
-        bottom=270.0,
-    )
-    parts = [plot.axis_x("Shore OO"), plot.axis_y("E (MPa)")]
-    for fruit, E_MPa, shore in pairs:
-        colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
-        words = f"{fruit.fruit_id}: Shore OO {number(shore)}, E {with_sd(E_MPa, fruit.E_sd_MPa)} MPa"
-        bar = error_bar(plot.y, E_MPa, fruit.E_sd_MPa, plot.x(shore), upright=True)
-        mark = marker(shape, plot.x(shore), plot.y(E_MPa), fill=colour)
-        parts.append(element("g", element("title", words), bar, mark))
-    return drawing(
-        *parts,
-        width=360.0,
-        height=314.0,
-        title=say("Modulus against Shore OO reading"),
-        description=correlation_words(batch.shore) if batch.shore else f"{len(pairs)} fruits with both",
-    )
 
 
 def control_chart(body: ReferenceBodyEntry) -> Markup:

@@ -1,113 +1,180 @@
-"""Charts of one fruit: force against travel of a grasp, and the modulus each grasp gave."""
+"""Charts of one fruit as layers over axes, which static/charts.js draws: marks, lines, areas and error bars.
+
+Colours are names in static/palette.css. Two charts of the same `group` zoom along x together.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from itertools import chain
+from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from jaxtyping import Float
 
-from reports.charts_batch import gutter, shortened
 from reports.entries import FruitEntry
-from reports.grasp_record import CurveRecord, GraspRecord, ModelCurveRecord
+from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
-from reports.svg import Plot, drawing, element, error_bar, label, marker, padded, rule
+from reports.svg import padded
 from reports.words import number, with_sd
 
+Chart = dict[str, Any]
+"""A chart for static/charts.js: title, description, caption, axes and layers."""
 _MOST_POINTS = 80
-"""Marks of one pad's curve: on a drawing 360 px wide more would lie less than 4 px apart."""
-_MOST_OF_LINE = 24
-"""Points of a model's line: it is smooth."""
+"""Marks of one pad: on a drawing 360 px wide more would lie less than 4 px apart."""
+_MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
+"""Points of the model's curve, and frames of which each is the mean. Set by hand: frames scatter."""
 LEAST_CERTAIN = 0.2
 """Relative error of a frame's modulus from which it does not set the chart's scale."""
-_PAD_MARKS = ("circle", "square", "circle", "square")
-_PAD_DOTS = ("round", "cornered")
+_SHAPES = ("circle", "square")
 
 
-def force_chart(recording: GraspRecord) -> Markup:
-    """Force against travel of a recording's pads: marks as recorded, a line for the fitted model."""
-    known = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
-    travels = [curve.travel_mm for curve in known]
-    travels += [curve.model.travel_mm for curve in known if curve.model is not None]
-    plot = _over_travel(
-        travel_mm=chain(*travels),
-        up=padded((value for curve in known for value in curve.force_N), from_zero=True),
-    )
-    parts = [plot.axis_x(say("travel since first touch (mm)")), plot.axis_y(say("force (N)"))]
-    for k, curve in enumerate(known):
-        parts += [_pad(curve, k, plot), _legend_item(f"{say('pad')} {curve.pad}", k, count=len(known))]
-    peaks = (f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known)
-    return drawing(
-        *parts,
-        width=360.0,
-        height=258.0,
-        title=f"{say('Force against travel')}, {recording.grasp}",
-        description="; ".join(peaks) or say("No frames in contact"),
-    )
-
-
-def _over_travel(*, travel_mm: Iterable[float], up: tuple[float, float]) -> Plot:
-    """A plot over travel, with room for a legend above."""
-    across = padded(travel_mm, from_zero=True)
-    return Plot(x_limits=across, y_limits=up, left=44.0, right=348.0, top=52.0, bottom=216.0)
-
-
-def _pad(curve: CurveRecord, k: int, plot: Plot) -> Markup:
-    """One pad's points of force over travel, and a line through them or of the model."""
-    every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
-    travel, force = curve.travel_mm[::every], curve.force_N[::every]
-    if curve.model is not None:
-        parts = _model(curve.model, k, plot)
-    else:
-        parts = _lines(plot, np.array(travel), np.array(force), class_=f"joined pad{k % 4}")
-    dots = plot.dots(zip(travel, force, strict=True))
-    parts.append(element("path", d=dots, class_=f"dots {_PAD_DOTS[k % 2]} pad{k % 4}"))
-    return element("g", element("title", f"pad {curve.pad}"), *parts)
-
-
-def _model(line: ModelCurveRecord, k: int, plot: Plot) -> list[Markup]:
-    """The model's line in the order of the frames, over its band of two standard deviations of E."""
-    every = max(1, math.ceil(len(line.travel_mm) / _MOST_OF_LINE))
-    chosen = np.unique(np.r_[0 : len(line.travel_mm) : every, len(line.travel_mm) - 1])
-    travel, force, sd = (np.array(numbers)[chosen] for numbers in (line.travel_mm, line.force_N, line.sd_mm))
-    edges = zip(np.r_[travel - 2 * sd, (travel + 2 * sd)[::-1]], np.r_[force, force[::-1]], strict=True)
-    band = " ".join(f"{plot.x(float(across)):.1f},{plot.y(float(up)):.1f}" for across, up in edges)
-    return [
-        element("polygon", points=band, class_=f"spread pad{k % 4}"),
-        *_lines(plot, travel, force, class_=f"model pad{k % 4}"),
+def fruit_charts(fruit: FruitEntry) -> list[Chart]:
+    """All charts of a fruit: of each recording force and residual, then E by grasp and by frame."""
+    charts = [
+        chart for recording in fruit.recordings if recording.curves for chart in _of_recording(recording)
     ]
+    if fruit.recordings:
+        charts.append(_grasps(fruit))
+    if any(recording.frames for recording in fruit.recordings):
+        charts.append(_frames(fruit))
+    return charts
 
 
-def frames_chart(fruit: FruitEntry) -> Markup:
+def _of_recording(recording: GraspRecord) -> list[Chart]:
+    """Force against travel with the model's curve, and how far each frame is from it."""
+    curves = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
+    model = model_curve(curves)
+    across = padded(_travels(curves), from_zero=True)
+    x = {"label": say("travel since first touch (mm)"), "limits": across}
+    force = chain(*(curve.force_N for curve in curves))
+    peaks = (f"{say('pad')} {curve.pad}: {number(float(np.nanmax(curve.force_N)))} N" for curve in curves)
+    of_force: Chart = {
+        "title": f"{say('Force against travel')}, {recording.grasp}",
+        "description": "; ".join(peaks) or say("No frames in contact"),
+        "caption": say("recorded force"),
+        "x": x,
+        "y": {"label": say("force (N)"), "limits": padded(force, from_zero=True)},
+        "layers": [_pad_marks(curve, curve.force_N, k) for k, curve in enumerate(curves)],
+        "group": recording.grasp,
+    }
+    if model is None:
+        return [of_force]
+    travel_mm, force_N, sd_mm = model
+    edges = np.r_[travel_mm - 2 * sd_mm, (travel_mm + 2 * sd_mm)[::-1]], np.r_[force_N, force_N[::-1]]
+    band = _shape("area", *edges, colour="cx")
+    line = _shape("line", travel_mm, force_N, colour="ink", smooth=True, name=say("fitted model"))
+    residuals = [residual_um(curve, travel_mm, force_N) for curve in curves]
+    rms_um = math.sqrt(np.nanmean(np.square(np.concatenate(residuals))))
+    zero = _shape("line", across, (0.0, 0.0), colour="soft")
+    caption = say(
+        "marks: recording; line: travel of the fitted model under the same force; "
+        "band: ± 2 standard deviations of E"
+    )
+    of_residuals: Chart = {
+        "title": f"{say('Residual')}, {recording.grasp}",
+        "description": f"{say('root mean square')} {number(rms_um)} µm",
+        "caption": say(
+            "recorded travel less the travel of the model's curve at the same force. "
+            "A pattern shows physics that the model misses"
+        ),
+        "x": x,
+        "y": {"label": say("residual (µm)"), "limits": padded([0.0, *chain(*residuals)])},
+        "layers": [
+            zero,
+            *(_pad_marks(*pair, k) for k, pair in enumerate(zip(curves, residuals, strict=True))),
+        ],
+        "group": recording.grasp,
+        "low": True,
+    }
+    return [of_force | {"caption": caption, "layers": [band, *of_force["layers"], line]}, of_residuals]
+
+
+def model_curve(
+    curves: list[CurveRecord],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]] | None:
+    """Travel (mm), force (N) and the travel's standard deviation (mm) of the fitted model, by rising force.
+
+    All pads' frames, sorted by force; each point is the mean of neighbouring ones. None without a model.
+    """
+    models = [curve.model for curve in curves if curve.model is not None]
+    points = np.array(
+        [point for m in models for point in zip(m.force_N, m.travel_mm, m.sd_mm, strict=True)], dtype=float
+    ).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return None
+    points = points[np.argsort(points[:, 0], kind="stable")]
+    count = max(min(_MOST_OF_CURVE, len(points) // _LEAST_OF_MEAN), 1)
+    force_N, travel_mm, sd_mm = np.array([part.mean(axis=0) for part in np.array_split(points, count)]).T
+    return np.maximum.accumulate(travel_mm), force_N, sd_mm
+
+
+def residual_um(
+    curve: CurveRecord, travel_mm: Float[np.ndarray, " m"], force_N: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " f"]:
+    """Recorded travel less that of the model's curve at the same force, µm; NaN outside the curve."""
+    recorded = np.array(curve.force_N, dtype=float)
+    modelled = np.interp(recorded, force_N, travel_mm, left=np.nan, right=np.nan)
+    missed_mm: np.ndarray = np.array(curve.travel_mm, dtype=float) - modelled
+    return 1e3 * missed_mm
+
+
+def _travels(curves: list[CurveRecord]) -> Iterable[float]:
+    """All travels, recorded and of the model."""
+    yield from chain(*(curve.travel_mm for curve in curves))
+    yield from chain(*(curve.model.travel_mm for curve in curves if curve.model is not None))
+
+
+def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
+    """A pad's marks over travel, those that are finite, at most _MOST_POINTS."""
+    points = np.column_stack([curve.travel_mm, list(up)])
+    points = points[np.isfinite(points).all(axis=1)]
+    points = points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
+    how = {"name": f"{say('pad')} {curve.pad}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
+    return _shape("marks", points[:, 0], points[:, 1], **how)
+
+
+def _shape(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
+    """A layer of a chart."""
+    return {"kind": kind, "x": _rounded(x), "y": _rounded(y), **how}
+
+
+def _rounded(values: Iterable[float]) -> list[float]:
+    """To five significant digits: a pixel is a thousandth of the chart."""
+    return [float(f"{value:.5g}") for value in values]
+
+
+def _frames(fruit: FruitEntry) -> Chart:
     """Modulus by each frame alone against travel, all grasps; band: the fruit's own value ± one sd."""
     by_recording = {recording.grasp: recording.frames for recording in fruit.recordings if recording.frames}
-    rows = [frame for frames in by_recording.values() for frame in frames]
-    sure = [row.E_MPa for row in rows if row.E_sd_MPa < LEAST_CERTAIN * row.E_MPa]
-    low, high = padded([*sure, *_spread(fruit)])
-    plot = _over_travel(travel_mm=(row.travel_mm for row in rows), up=(low, high))
-    parts = []
-    if ends := _spread(fruit):
-        top, bottom = plot.y(min(ends[1], high)), plot.y(max(ends[0], low))
-        parts.append(element("rect", x=plot.left, y=top, width=304.0, height=bottom - top, class_="band"))
-    parts += [plot.axis_x(say("travel since first touch (mm)")), plot.axis_y("E (MPa)")]
-    for k, (name, frames) in enumerate(by_recording.items()):
-        for unloading, faint in ((False, ""), (True, " faint")):
-            shown = [row for row in frames if low <= row.E_MPa <= high and row.unloading == unloading]
-            if dots := plot.dots((row.travel_mm, row.E_MPa) for row in shown):
-                shape = _PAD_DOTS[k % 2]
-                parts.append(element("path", d=dots, class_=f"dots {shape} pad{k % 4}{faint}"))
-        parts.append(_legend_item(name, k, count=len(by_recording)))
-    return drawing(
-        *parts,
-        width=360.0,
-        height=258.0,
-        title=say("Modulus by frame"),
-        description="; ".join(
-            f"{name}: " + _range([frame.E_MPa for frame in frames]) for name, frames in by_recording.items()
-        ),
+    frames = [frame for rows in by_recording.values() for frame in rows]
+    sure = [frame.E_MPa for frame in frames if frame.E_sd_MPa < LEAST_CERTAIN * frame.E_MPa]
+    across = padded((frame.travel_mm for frame in frames), from_zero=True)
+    layers = [_shape("area", *_band(fruit, across), colour="cx")]
+    for k, (name, rows) in enumerate(by_recording.items()):
+        for unloading in (False, True):
+            shown = [row for row in rows if row.unloading == unloading]
+            how: Chart = {"colour": f"pad{k % 4}", "shape": _SHAPES[k % 2], "faint": unloading}
+            how |= {} if unloading else {"name": name}
+            places = [row.travel_mm for row in shown], [row.E_MPa for row in shown]
+            layers.append(_shape("marks", places[0], places[1], **how))
+    ranges = (
+        f"{name}: {number(min(row.E_MPa for row in rows))} to {number(max(row.E_MPa for row in rows))} MPa"
+        for name, rows in by_recording.items()
     )
+    return {
+        "title": say("Modulus by frame"),
+        "description": "; ".join(ranges),
+        "caption": say(
+            "E from each single frame (faint: during opening). A trend up to the largest travel shows "
+            "physics that the model misses. Grey: the fruit's value ± its standard deviation"
+        ),
+        "x": {"label": say("travel since first touch (mm)"), "limits": across},
+        "y": {"label": "E (MPa)", "limits": padded([*sure, *_spread(fruit)])},
+        "layers": layers,
+    }
 
 
 def _spread(fruit: FruitEntry) -> list[float]:
@@ -116,85 +183,45 @@ def _spread(fruit: FruitEntry) -> list[float]:
     return [] if fruit.E_MPa is None else [fruit.E_MPa - sd, fruit.E_MPa + sd]
 
 
-def _range(values: list[float]) -> str:
-    return f"{number(min(values))} to {number(max(values))} MPa in {len(values)} frames"
+def _band(fruit: FruitEntry, across: tuple[float, float]) -> tuple[list[float], list[float]]:
+    """Corners of the fruit's own value ± one standard deviation: along the other axis, and E."""
+    low, high = _spread(fruit) or (math.nan, math.nan)
+    return ([*across, *across[::-1]], [low, low, high, high]) if math.isfinite(low) else ([], [])
 
 
-def _lines(plot: Plot, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
-    """Polylines through the finite stretches."""
-    finite = np.isfinite(travel) & np.isfinite(force)
-    breaks = np.flatnonzero(np.diff(finite.astype(int))) + 1
-    return [
-        plot.line(travel[run], force[run], class_=class_)
-        for run in np.split(np.arange(len(travel)), breaks)
-        if len(run) > 1 and finite[run[0]]
-    ]
-
-
-def _legend_item(words: str, k: int, *, count: int) -> Markup:
-    step = 300.0 / max(count, 1)
-    at = 52.0 + step * k
-    mark = marker(_PAD_MARKS[k % len(_PAD_MARKS)], at, 14.0, size=3.4, class_=f"pad{k % 4}")
-    return element("g", mark, label(shortened(words, px=step - 14), at + 10, 18.0))
-
-
-def grasps_chart(fruit: FruitEntry) -> Markup:
+def _grasps(fruit: FruitEntry) -> Chart:
     """Modulus by both methods, grasp by grasp; band: the fruit's own value ± one sd."""
     rows = fruit.recordings
-    known = [(value, sd or 0.0) for row in rows for value, sd in _methods(row) if value is not None]
-    ends = [value + way * sd for value, sd in known for way in (-1, 1)]
-    lowest, highest = padded([*ends, *_spread(fruit)])
-    count = max(len(rows), 1)
-    plot = Plot(
-        x_limits=(lowest, highest),
-        y_limits=(count, 0.0),
-        left=gutter([row.grasp for row in rows], most_px=120.0),
-        right=348.0,
-        top=36.0,
-        bottom=36.0 + 34.0 * count,
-    )
-    top, bottom, x = plot.top, plot.bottom, plot.x
-    parts = []
-    if fruit.E_MPa is not None:
-        below, above = _spread(fruit)
-        low, high, at = x(max(below, lowest)), x(min(above, highest)), x(fruit.E_MPa)
-        parts += [
-            element("rect", x=low, y=top, width=high - low, height=bottom - top, class_="band"),
-            rule(at, at, top, bottom, class_="centre"),
+    methods = {
+        say("energy ratio"): [(row.E_energy_MPa, row.E_energy_sd_MPa) for row in rows],
+        say("least squares"): [(row.E_least_squares_MPa, row.E_least_squares_sd_MPa) for row in rows],
+    }
+    ends, down = _spread(fruit), (-0.5, len(rows) - 0.5)
+    layers = [_shape("area", *_band(fruit, down)[::-1], colour="cx")]
+    for k, (name, of_rows) in enumerate(methods.items()):
+        known = [
+            (E, sd or 0.0, at) for at, (E, sd) in enumerate(of_rows) if E is not None and math.isfinite(E)
         ]
-    parts += [
-        plot.axis_x("E (MPa)", at_most=5),
-        element(
-            "g",
-            marker("circle", 10.0, 14.0, size=4.5, class_="energy"),
-            label(say("energy ratio"), 20.0, 18.5),
-            marker("square", 134.0, 14.0, size=4.5, class_="squares"),
-            label(say("least squares"), 144.0, 18.5),
-        ),
-    ]
-    for k, row in enumerate(rows):
-        middle = plot.y(k + 0.5)
-        parts.append(label(shortened(row.grasp, px=plot.left - 12), 0.0, middle + 4.5))
-        shown = zip(_methods(row), ("circle", "square"), ("energy", "squares"), (-6.0, 6.0), strict=True)
-        for (value, sd), shape, class_, shift in shown:
-            if value is not None and math.isfinite(value):
-                parts.append(error_bar(x, value, sd, middle + shift, class_=class_))
-                parts.append(marker(shape, x(value), middle + shift, size=4.5, class_=class_))
-    return drawing(
-        *parts,
-        width=360.0,
-        height=bottom + 42,
-        title=say("Modulus by grasp and method"),
-        description="; ".join(
-            f"{row.grasp}: energy ratio {with_sd(row.E_energy_MPa, row.E_energy_sd_MPa)} MPa, "
-            f"least squares {with_sd(row.E_least_squares_MPa, row.E_least_squares_sd_MPa)} MPa"
-            for row in rows
-        ),
+        ends += [E + way * sd for E, sd, _ in known for way in (-1, 1)]
+        how = {
+            "name": name,
+            "colour": f"pad{k}",
+            "shape": _SHAPES[k],
+            "x_sd": _rounded(sd for _, sd, _ in known),
+        }
+        places = [at + 0.3 * k - 0.15 for _, _, at in known]
+        layers.append(_shape("marks", [E for E, _, _ in known], places, **how))
+    each = (
+        f"{row.grasp}: {with_sd(row.E_energy_MPa, row.E_energy_sd_MPa)} MPa, "
+        f"{with_sd(row.E_least_squares_MPa, row.E_least_squares_sd_MPa)} MPa"
+        for row in rows
     )
-
-
-def _methods(row: GraspRecord) -> tuple[tuple[float | None, float | None], ...]:
-    return (
-        (row.E_energy_MPa, row.E_energy_sd_MPa),
-        (row.E_least_squares_MPa, row.E_least_squares_sd_MPa),
-    )
+    return {
+        "title": say("Modulus by grasp and method"),
+        "description": "; ".join(each),
+        "caption": say("E from each grasp by both methods. Grey: the fruit's value ± its standard deviation"),
+        "x": {"label": "E (MPa)", "limits": padded(ends)},
+        "y": {"names": [row.grasp for row in rows], "limits": down},
+        "layers": layers,
+        "low": True,
+    }

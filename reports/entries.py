@@ -115,6 +115,19 @@ class ScreenEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class VerdictEntry:
+    """A person's class for a fruit, why, and E as it was then. `earlier`: it was graded again since."""
+
+    judged_class: str
+    by: str
+    why: str
+    at_utc: datetime
+    E_MPa: float | None
+    E_sd_MPa: float | None
+    earlier: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class FruitEntry:
     """All that a report says of one fruit, graded or not.
 
@@ -169,6 +182,9 @@ class FruitEntry:
     """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
     E_uncorrected_MPa: float | None = None
     """E before it was divided by what the reference bodies say; None where it was not."""
+    E_at_pulp_MPa: float | None = None
+    E_at_pulp_sd_MPa: float | None = None
+    """E at the temperature at which the fruit was grasped; None where E is that."""
     warnings: tuple[str, ...] = ()
     """Beyond the doubts."""
     doubts: tuple[str, ...] = ()
@@ -182,6 +198,10 @@ class FruitEntry:
     """Those that gave a modulus, in their order."""
     smaller_error: str = ""
     """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
+    verdicts: tuple[VerdictEntry, ...] = ()
+    """What people say of it, the latest last; E does not depend on them."""
+    columns: Mapping[str, float | str] = field(default_factory=dict)
+    """Cells of the user's own columns, by name; empty ones are left out."""
     facts: tuple[tuple[str, str], ...] = ()
     """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -259,6 +279,11 @@ class BatchEntry:
     """Those of them of which the settings do not say whether they are shipped."""
     certainty: float = 0.9
     """The probability from which a class and a decision count as certain."""
+    mean_E_MPa: float | None = None
+    between_sd_MPa: float | None = None
+    """Mean of the graded fruit and standard deviation between them (n - 1); None for too few."""
+    columns: tuple[tuple[str, str], ...] = ()
+    """(name, unit or empty text) of the user's own columns."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

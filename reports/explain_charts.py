@@ -114,7 +114,7 @@ def _cells_chart(
         k = pads.index(cell.pad)
         if limits[0] <= cell.E_MPa <= limits[1]:
             at, pad = x(cell.time_s), f"pad{k % 4}"
-            parts.append(error_bar(y, cell.E_MPa, cell.E_sd_MPa, at, upright=True, class_=f"thin {pad}"))
+            parts.append(error_bar(y, cell.E_MPa, cell.E_sd_MPa, at, class_=f"thin {pad}"))
             parts.append(marker(_MARKS[k % 4], at, y(cell.E_MPa), size=3.0, class_=pad))
     mean = {pad: np.mean([c.E_MPa for c in cells if c.pad == pad] or [np.nan]) for pad in pads}
     return _finished(

@@ -7,12 +7,15 @@ from datetime import date, timedelta
 import numpy as np
 from markupsafe import Markup
 
-from reports.history_entries import SeriesEntry
+from reports.history_entries import GroupEntry, SeriesEntry
+from reports.palette import class_marks
 from reports.svg import Plot, drawing, element, label, marker, padded, rule, ticks
 from reports.words import number
 
 _MOST_SINGLE = 400
 """Fruit of a day that are drawn one by one: beyond it marks run together."""
+_LEGEND = 20
+"""Characters of a lot's name in a legend: 130 px."""
 
 
 def softening_chart(series: SeriesEntry, *, width_px: int) -> Markup:
@@ -67,6 +70,47 @@ def softening_chart(series: SeriesEntry, *, width_px: int) -> Markup:
         height=plot.bottom + 30.0,
         title=f"Modulus over days, {series.name}",
         description=f"Means of the last days: {said}",
+    )
+
+
+def lots_chart(group: GroupEntry, *, width_px: int) -> Markup:
+    """The days' means of every lot of a cultivar, joined, each lot with its colour and shape."""
+    series = group.series
+    first = min(lot.days[0].day for lot in series)
+    values = [day.E_MPa for lot in series for day in lot.days]
+    spans = [(day.day - first).days for lot in series for day in lot.days]
+    air = max(0.04 * max(spans), 0.5)
+    low, high = padded(values, from_zero=True)
+    rows = 1 + (len(series) - 1) // max(1, width_px // 150)
+    plot = Plot(
+        x_limits=(min(spans) - air, max(spans) + air),
+        y_limits=(max(low, 0.0), high),
+        left=52.0,
+        right=width_px - 14.0,
+        top=34.0 + 18.0 * rows,
+        bottom=260.0 + 18.0 * rows,
+    )
+    parts = [plot.axis_y("E, mean of each day (MPa)")]
+    marks = class_marks(tuple(lot.name for lot in series))
+    for k, lot in enumerate(series):
+        colour, shape = marks[lot.name]
+        places = [(plot.x(float((day.day - first).days)), plot.y(day.E_MPa)) for day in lot.days]
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        line = element("polyline", points=points, class_=f"lot {colour}")
+        means = [marker(shape, x, y, size=4.0, class_=colour) for x, y in places]
+        parts.append(element("g", element("title", lot.name), line, *means))
+        across, down = k % max(1, width_px // 150), k // max(1, width_px // 150)
+        x, y = 12.0 + 150.0 * across, 12.0 + 18.0 * down
+        parts += [marker(shape, x, y, size=4.0, class_=colour)]
+        parts += [label((lot.lot or "without a lot")[:_LEGEND], x + 10, y + 4, class_="tick")]
+    last = "; ".join(f"{lot.name}: {number(lot.days[-1].E_MPa)} MPa on {lot.days[-1].day}" for lot in series)
+    return drawing(
+        *parts,
+        _date_axis(first, plot, at_most=max(2, width_px // 150)),
+        width=float(width_px),
+        height=plot.bottom + 30.0,
+        title=f"Lots of {group.name} over days",
+        description=f"Means of the last days: {last}",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date, datetime
 
@@ -24,16 +25,26 @@ class DayEntry:
     E_high_MPa: float
     single_E_MPa: tuple[float, ...] = ()
     temperature_C: float | None = None
+    mean_MPa: float | None = None
+    sd_MPa: float | None = None
+    percentiles_MPa: tuple[float, ...] = ()
+    """10, 25, 50, 75 and 90 %."""
+    needed: int | None = None
+    """Fruit that the mean needs for the stated precision."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitEntry:
-    """When the lot's mean falls to a class's limit: a sentence, and the share of fruit below it now."""
+    """When the lot's mean, and a tenth of its fruit, fall to a class's limit: sentences; the share of fruit
+    below it now, and the share outside the class with its interval (90 %).
+    """
 
     name: str
     E_max_MPa: float
     words: str
+    tenth_words: str
     share_below: float
+    outside: tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,8 +92,45 @@ class ConversionEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DifferenceEntry:
+    """Two lots of a cultivar on their last days: mean E of the first minus that of the second, MPa."""
+
+    first: str
+    second: str
+    difference_MPa: float
+    low_MPa: float
+    high_MPa: float
+    p: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupEntry:
+    """Lots of one cultivar together; `words` and `rates`: how fast ln E falls a day, by the mixed model."""
+
+    name: str
+    series: tuple[SeriesEntry, ...]
+    words: str
+    rates: Mapping[str, float]
+    differences: tuple[DifferenceEntry, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaugeEntry:
+    """A gauge study of grippers or sensors: `components` by name, in % of E and in % of the total variation;
+    `biases` of each gripper or sensor against their mean, in % of E.
+    """
+
+    kind: str
+    words: str
+    components: tuple[tuple[str, float, float], ...]
+    biases: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class HistoryEntry:
-    """The whole page. `alarms`: what reference bodies say of the gripper that calls for somebody."""
+    """The whole page. `alarms`: what reference bodies say of the gripper that calls for somebody.
+    `comparisons`: sentences on grippers and sensors. `precision`: of the mean, by which fruit are counted.
+    """
 
     made_utc: datetime
     batches: int
@@ -90,3 +138,7 @@ class HistoryEntry:
     bodies: tuple[ReferenceBodyEntry, ...] = ()
     alarms: tuple[str, ...] = ()
     conversions: tuple[ConversionEntry, ...] = ()
+    groups: tuple[GroupEntry, ...] = ()
+    comparisons: tuple[str, ...] = ()
+    gauges: tuple[GaugeEntry, ...] = ()
+    precision: float = 0.05

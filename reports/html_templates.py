@@ -11,7 +11,7 @@ from jinja2.bccache import Bucket
 from markupsafe import Markup
 
 from reports.language import language_in_force, say, say_html
-from reports.words import duration, effect_name, number, percent, with_sd
+from reports.words import duration, effect_name, number, percent, verdict_words, with_sd
 
 
 class _Compiled(BytecodeCache):
@@ -49,6 +49,7 @@ def page_environment() -> Environment:
         "effect": effect_name,
         "number": number,
         "percent": percent,
+        "verdict_words": verdict_words,
         "with_sd": with_sd,
     }
     environment.globals |= {"language": language_in_force(), "say": say, "say_html": say_html}

@@ -12,6 +12,7 @@ from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
+from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark
 from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, suspect_words
@@ -56,7 +57,7 @@ def kiosk_html(entry: KioskEntry, *, language: str = ENGLISH) -> str:
 
 def _page(entry: KioskEntry) -> str:
     environment = page_environment()
-    batch = entry.batch
+    batch = None if entry.batch is None else in_language(entry.batch)
     marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
     by_id = {} if batch is None else {fruit.fruit_id: fruit for fruit in batch.fruits}
     recent = [by_id[name] for name in entry.recent if name in by_id]

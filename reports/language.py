@@ -1,7 +1,7 @@
 """The language of a page: sentences from one words file each, and decimals as they are written there.
 
 Pages are written in English; `say` looks each sentence up in reports/words/NAME.toml of the language in
-force. What other rooms say of a fruit (warnings, doubts, why it was not graded) comes as it is, in English.
+force. What other packages say of a fruit (warnings, doubts, why it was not graded) is in reports/messages.py.
 """
 
 from __future__ import annotations

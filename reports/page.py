@@ -1,20 +1,26 @@
 """The report of a batch: one HTML file that shows all it holds, with no network.
 
-Its one script sorts and searches the table of fruit and is named in the page's content policy by its hash;
-without scripts the page shows the same.
+Its scripts are named in the page's content policy by their hashes. They draw the charts and the rows in
+view, and show one fruit at a time from JSON in the page. Without scripts the page has the summary and a table
+of all fruit.
 """
 
 from __future__ import annotations
 
 import base64
+import json
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import NamedTuple
 from urllib.parse import quote
 
+from jinja2 import Environment
 from markupsafe import Markup
 
 from reports.batch_overview import (
+    MOST_LINKED,
     MOST_LISTED,
+    Indexed,
     class_counts,
     class_words,
     decision_lists,
@@ -23,22 +29,18 @@ from reports.batch_overview import (
     reason_words,
     share_words,
 )
-from reports.charts_batch import (
-    control_chart,
-    correlation_words,
-    distribution_chart,
-    ranking_chart,
-    shore_chart,
-)
-from reports.charts_fruit import force_chart, frames_chart, grasps_chart
+from reports.charts_batch import control_chart, correlation_words
+from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
-from reports.language import ENGLISH, say, spoken
+from reports.language import ENGLISH, language_in_force, say, say_html, spoken
 from reports.language import decimals as with_comma
+from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import class_mark, element
-from reports.words import UNKNOWN as UNKNOWN_WORD
+from reports.tables import ranking_csv
 from reports.words import (
+    NO_BREAK,
     advice,
     duration,
     effect_name,
@@ -47,6 +49,7 @@ from reports.words import (
     remarks,
     verdict,
 )
+from reports.words import UNKNOWN as UNKNOWN_WORD
 
 _EXIT_STATUS = {
     0: "all graded",
@@ -58,18 +61,10 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
-_FILTERS = (
-    *(advice, class_words, p_words, reason_words, remarks, share_words),
-    *(control_chart, force_chart, frames_chart, grasps_chart),
-)
+_FILTERS = (advice, class_words, control_chart, p_words, reason_words, remarks, share_words)
 """Functions that the template calls by their names."""
-MOST_ROWS = 40
-"""Fruit up to which the ranking's chart has a row for each; beyond it the distribution is drawn."""
-
-
-MOST_IN_FULL = 500
-"""Fruit up to which the facts of each are a table; beyond it they are lines of text, which browsers lay out
-in a tenth of the time, and the charts of E by grasp and by frame are left out."""
+LIBRARY, SCRIPTS = "uplot.js", ("charts.js", "dashboard.js")
+"""In static: the library of the charts (uPlot, MIT, 51 kB), and this package's scripts."""
 
 
 def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = ENGLISH) -> str:
@@ -80,19 +75,20 @@ def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = 
     all inputs are listed; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(batch, provenance=provenance)
+        return _page(in_language(batch), provenance=provenance)
 
 
 def _page(batch: BatchEntry, *, provenance: bool) -> str:
-    marks = class_marks(tuple(name for name, _ in batch.classes))
     environment = page_environment()
+    marks = class_marks(tuple(name for name, _ in batch.classes))
     environment.filters |= {
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "image": _image,
+        "as_given": _as_given,
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
-        "facts": _facts,
+        "facts": lambda fruit: _facts(fruit, batch.columns),
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "screened": _screened,
@@ -101,43 +97,91 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
     environment.filters |= {words.__name__: words for words in _FILTERS}
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
-    script, script_hash = own_script("table.js")
-    viewer, viewer_hash = own_script("scene.js")
-    many = sum(fruit.E_MPa is not None for fruit in alone) > MOST_ROWS
-    both = [fruit for fruit in alone if fruit.E_MPa is not None and fruit.shore_oo is not None]
+    turned = any(fruit.pictures.scene for fruit in batch.fruits)
+    names = (LIBRARY, *SCRIPTS, *(("scene.js",) if turned else ()))
     return environment.get_template("templates/page.html.j2").render(
         about=_about(batch),
+        any_at_pulp=any(fruit.E_at_pulp_MPa is not None for fruit in batch.fruits),
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
+        any_verdict=any(fruit.verdicts for fruit in batch.fruits),
         batch=batch,
-        brief=len(fruits) > MOST_IN_FULL,
-        classes=_legend(batch, marks),
-        counts=class_counts(batch, fruits),
+        checksums=provenance,
+        classes=_classes(batch, fruits),
+        details=_json_lines(_details(environment, fruits)),
+        doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         failed=failures(fruits),
         failed_count=sum(not fruit.ok for fruit in alone),
-        lists=decision_lists(batch, fruits),
-        many=many,
-        most_listed=MOST_LISTED,
-        script=script,
-        script_hash=script_hash,
-        viewer=viewer,
-        viewer_hash=viewer_hash,
-        turned=any(fruit.pictures.scene for fruit in batch.fruits),
-        doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
-        graded=any(fruit.E_MPa is not None for fruit in alone),
+        graded=sum(fruit.E_MPa is not None for fruit in alone),
         limits_drawn=any(limit is not None for _, limit in batch.classes),
-        provenance=_provenance(batch, inputs=provenance),
-        ranking_narrow=(distribution_chart if many else ranking_chart)(batch, width_px=360),
-        ranking_wide=(distribution_chart if many else ranking_chart)(batch, width_px=900),
-        shore_chart=shore_chart(batch) if len(both) > 1 else None,
+        lists=decision_lists(batch, fruits),
+        lot=_json_lines([_lot(batch, fruits)]),
+        most_linked=MOST_LINKED,
+        most_listed=MOST_LISTED,
+        provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
+        scripts=[own_script(name) for name in names if fruits],
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
+        turned=turned,
         verdict=verdict(
             alone, waiting=batch.unfinished.total - batch.unfinished.done if batch.unfinished else 0
         ),
         version=dict(batch.versions).get("drupe", ""),
     )
+
+
+def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
+    """What static/dashboard.js filters and draws: figures of all fruit in the table's order, and words."""
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    header, *lines = ranking_csv(batch).splitlines()
+    return {
+        "name": batch.name,
+        "language": language_in_force(),
+        "classes": [
+            {"name": name, "limit": limit, "colour": marks[name][0], "shape": marks[name][1]}
+            for name, limit in batch.classes
+        ],
+        "unclassed": {"name": "", "colour": UNKNOWN[0], "shape": UNKNOWN[1]},
+        "header": header,
+        "fruits": [
+            {
+                "id": fruit.fruit_id,
+                "E": fruit.E_MPa,
+                "sd": fruit.E_sd_MPa,
+                "rank": fruit.rank,
+                "shore": fruit.shore_oo,
+                "csv": line,
+            }
+            for (_, fruit), line in zip(fruits, lines, strict=True)
+        ],
+        "words": {
+            "all": say("{count} fruit", count="#"),
+            "some": say("{count} of {total} fruit", count="#", total="##"),
+            "sorts": say("a click on the name of a column sorts by it"),
+            "histogram": say("Distribution of moduli"),
+            "ranking": say("E by rank"),
+            "shore": say("Modulus against Shore OO reading"),
+            "E": say("E, modulus of the flesh (MPa)"),
+            "rank": say("Rank"),
+            "per": say("fruit per {width} MPa", width="#"),
+            "mean": say("mean {mean} MPa, standard deviation {sd} MPa", mean="#", sd="##"),
+        },
+    }
+
+
+def _details(environment: Environment, fruits: list[Indexed]) -> Iterator[dict[str, object]]:
+    """What the page shows of each fruit when a reader opens it: its HTML, and its charts."""
+    part = environment.get_template("templates/fruit.html.j2").make_module({})
+    fruit_part = part.fruit_part  # type: ignore[attr-defined]
+    for _, fruit in fruits:
+        yield {"html": str(fruit_part(fruit, say, say_html)), "charts": fruit_charts(fruit)}
+
+
+def _json_lines(objects: Iterable[object]) -> Markup:
+    """Each as JSON on a line of its own, for a script element that no text of it can end."""
+    lines = (json.dumps(each, ensure_ascii=False, separators=(",", ":"), allow_nan=False) for each in objects)
+    return Markup("\n".join(lines).replace("<", "\\u003c"))
 
 
 def _screened(fruit: FruitEntry) -> str:
@@ -165,16 +209,22 @@ def _about(batch: BatchEntry) -> list[tuple[str, str]]:
     return [(label, value) for label, value in known if value]
 
 
-class _ClassLimits(NamedTuple):
+class _ClassOfLot(NamedTuple):
     mark: Markup
     name: str
     limits: str
+    share: str
+    fruit: int
+    unsure: int
 
 
-def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[_ClassLimits]:
-    """Mark, name and limits of each class; those of the batch's own limits, softest first."""
+def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
+    """Mark, name, limits and fruit of each class; those of the batch's own limits, softest first."""
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    counts = {name: (count, unsure) for name, count, unsure in class_counts(batch, fruits)}
+    graded = sum(fruit.E_MPa is not None for fruit in without_references(batch.fruits))
     below: float | None = None
-    items: list[_ClassLimits] = []
+    classes: list[_ClassOfLot] = []
     for name, limit in batch.classes:
         words = ""
         if limit is not None:
@@ -185,13 +235,18 @@ def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[_Class
                 words = say("{lower} to {upper} MPa", lower=with_comma(f"{below:g}"), upper=upper)
         elif below is not None:
             words = say("above {limit} MPa", limit=with_comma(f"{below:g}"))
-        items.append(_ClassLimits(mark=class_mark(*marks[name]), name=name, limits=words))
+        count, unsure = counts[name]
+        share = f"{100 * count / graded:.0f}{NO_BREAK}%" if graded else UNKNOWN_WORD
+        classes.append(_ClassOfLot(class_mark(*marks[name]), name, words, share, count, unsure))
         below = limit
-    return items
+    return classes
 
 
-def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
-    """(label, value) of a fruit's details, with times and memory."""
+def _facts(fruit: FruitEntry, columns: Iterable[tuple[str, str]]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """(label, words) of a fruit's details by heading: of "Error bar: pit size" the part before the colon.
+
+    `columns`: the user's own, whose cells have a heading of their own.
+    """
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
         facts.append((say("Height"), f"{number(fruit.height_mm)} mm"))
@@ -200,24 +255,26 @@ def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
     if fruit.shore_oo is not None:
         facts.append((say("Shore OO reading"), number(fruit.shore_oo)))
     facts.extend(fruit.facts)
-    facts.extend((f"{say('Time')}, {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
+    facts.extend((f"{say('Time')}: {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
     if fruit.peak_memory_MiB is not None:
-        facts.append((say("Peak memory"), f"{fruit.peak_memory_MiB:.0f} MiB"))
-    return facts
+        facts.append((f"{say('Time')}: {say('Peak memory')}", f"{fruit.peak_memory_MiB:.0f} MiB"))
+    parts: dict[str, list[tuple[str, str]]] = {}
+    for label, words in facts:
+        heading, _, rest = label.rpartition(": ")
+        parts.setdefault(heading, []).append((rest, words))
+    given = [
+        (name, f"{_as_given(fruit.columns[name])} {unit}".strip())
+        for name, unit in columns
+        if name in fruit.columns
+    ]
+    return [*parts.items(), *([(say("Your own columns"), given)] if given else [])]
 
 
-def _provenance(batch: BatchEntry, *, inputs: bool) -> list[tuple[str, tuple[tuple[str, str], ...], bool]]:
-    """(summary, rows, whether the cells are hashes) of each part that is not empty."""
-    parts = (
-        (say("Settings in force"), batch.settings, False),
-        (say("Versions"), batch.versions, False),
-        (
-            say("Inputs: {count} files and their SHA-256", count=len(batch.inputs)),
-            batch.inputs if inputs else (),
-            True,
-        ),
-    )
-    return [part for part in parts if part[1]]
+def _as_given(cell: float | str | None) -> str:
+    """A cell of a user's own column with all its digits."""
+    if cell is None:
+        return UNKNOWN_WORD
+    return cell if isinstance(cell, str) else with_comma(f"{cell:.12g}")
 
 
 def _image(picture: Picture, alt: str) -> Markup:

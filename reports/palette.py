@@ -1,14 +1,15 @@
 """Colour and shape of each maturity class: apart in hue, in lightness and in shape.
 
-The colours run from dark red (softest) to dark blue (firmest). Their lightness is at least 3:1 against
-white (WCAG 2.2, 1.4.11, non-text contrast), and none rests on telling red from green.
+Colours are names in static/palette.css, which has them for light and dark pages. They run from red (softest)
+to blue (firmest), at least 3:1 against the page (WCAG 2.2, 1.4.11, non-text contrast). None rests on telling
+red from green.
 """
 
 from __future__ import annotations
 
-_SOFT_TO_FIRM = ("#9d0b3f", "#d1495b", "#b87400", "#3c8dbc", "#1d4e89")
+_SOFT_TO_FIRM = ("c0", "c1", "c2", "c3", "c4")
 _SHAPES = ("circle", "diamond", "square", "triangle", "down")
-UNKNOWN = ("#5c6470", "circle")
+UNKNOWN = ("cx", "circle")
 """Colour and shape of a fruit without a class."""
 
 
@@ -16,7 +17,7 @@ def class_marks(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
     """Colour and shape of each class, named softest first; more than five classes share neighbours' colours.
 
     >>> class_marks(("ripe", "firm"))
-    {'ripe': ('#9d0b3f', 'circle'), 'firm': ('#1d4e89', 'diamond')}
+    {'ripe': ('c0', 'circle'), 'firm': ('c4', 'diamond')}
     """
     last = max(len(names) - 1, 1)
     return {

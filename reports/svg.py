@@ -137,14 +137,6 @@ class Plot:
         finite = np.isfinite(across) & np.isfinite(up)
         return polyline([*map(self.x, across[finite])], [*map(self.y, up[finite])], class_=class_)
 
-    def dots(self, points: Iterable[tuple[float, float]]) -> str:
-        """The path of the finite points. A stroke without length is a dot, for a tenth of the bytes."""
-        return "".join(
-            f"M{self.x(across):.1f} {self.y(up):.1f}h0"
-            for across, up in points
-            if math.isfinite(across) and math.isfinite(up)
-        )
-
 
 def label(words: str, x: float, y: float, *, anchor: str = "", class_: str = "label") -> Markup:
     """Text at a place; `anchor`: "start", "middle" or "end"."""
@@ -158,9 +150,9 @@ def rule(x1: float, x2: float, y1: float, y2: float, *, class_: str, title: str 
     return element("line", *said, x1=x1, x2=x2, y1=y1, y2=y2, class_=class_)
 
 
-def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "", fill: str = "") -> Markup:
+def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "") -> Markup:
     """A mark of one of the shapes circle, square, diamond, triangle, down, centred on (x, y)."""
-    paint = {"class_": f"mark {class_}".strip()} | ({"fill": fill} if fill else {})
+    paint = {"class_": f"mark {class_}".strip()}
     if shape == "circle":
         return element("circle", cx=x, cy=y, r=size, **paint)
     corners = {
@@ -175,21 +167,16 @@ def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "
 
 def class_mark(colour: str, shape: str) -> Markup:
     """The mark of a class in a line of text."""
-    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
+    mark = marker(shape, 7.0, 7.0, size=4.6, class_=colour)
     return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
 
 
-def error_bar(
-    scale: AxisScale, value: float, sd: float | None, at: float, *, upright: bool = False, class_: str = ""
-) -> Markup:
-    """Whiskers of one standard deviation each way, along x at the height `at` or upright at x, if known."""
+def error_bar(scale: AxisScale, value: float, sd: float | None, at: float, *, class_: str = "") -> Markup:
+    """Whiskers of one standard deviation each way, upright at x, if known."""
     if sd is None or not math.isfinite(sd):
         return Markup("")
     low, high = scale(max(value - sd, scale.lowest)), scale(min(value + sd, scale.highest))
-    if upright:
-        path = f"M{at - 4:.1f},{low:.1f}h8M{at:.1f},{low:.1f}V{high:.1f}M{at - 4:.1f},{high:.1f}h8"
-    else:
-        path = f"M{low:.1f},{at - 4:.1f}v8M{low:.1f},{at:.1f}H{high:.1f}M{high:.1f},{at - 4:.1f}v8"
+    path = f"M{at - 4:.1f},{low:.1f}h8M{at:.1f},{low:.1f}V{high:.1f}M{at - 4:.1f},{high:.1f}h8"
     return element("path", d=path, class_=f"whisker {class_}".strip())
 
 

@@ -34,7 +34,7 @@ def ranking_json(batch: BatchEntry) -> str:
     """The same table for programs: a list of one object per fruit, keys as the columns, unknown values null,
     text as it is (no apostrophe before what a spreadsheet would run).
     """
-    rows = [_row(fruit, safe=_plain) for fruit in ranked(batch.fruits)]
+    rows, _ = _rows(batch, safe=_plain)
     return json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -45,8 +45,8 @@ def ranking_csv(batch: BatchEntry) -> str:
     cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
     apostrophe, which spreadsheets take as "this is text"; line breaks in text become spaces.
     """
-    rows = [_row(fruit) for fruit in ranked(batch.fruits)]
-    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
+    rows, columns = _rows(batch)
+    table = pd.DataFrame(rows, columns=columns, dtype=object)
     return table.to_csv(index=False, lineterminator="\n", na_rep="")
 
 
@@ -55,16 +55,16 @@ def ranking_excel(batch: BatchEntry, *, dialect: str) -> str:
     decimals what that country's has (EXCEL_DIALECTS), lines ended by CR LF.
     """
     separator, point = EXCEL_DIALECTS[dialect]
-    rows = [_row(fruit) for fruit in ranked(batch.fruits)]
+    rows, columns = _rows(batch)
     cells = [{name: _with_point(cell, point) for name, cell in row.items()} for row in rows]
-    table = pd.DataFrame(cells, columns=list(RANKING_COLUMNS), dtype=object)
+    table = pd.DataFrame(cells, columns=columns, dtype=object)
     return BYTE_ORDER_MARK + table.to_csv(index=False, sep=separator, lineterminator="\r\n", na_rep="")
 
 
 def ranking_parquet(batch: BatchEntry) -> bytes:
     """The same table as Apache Parquet: numbers, text as it is, unknown values null. Needs pyarrow."""
-    rows = [_row(fruit, safe=_plain) for fruit in ranked(batch.fruits)]
-    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS)).convert_dtypes()
+    rows, columns = _rows(batch, safe=_plain)
+    table = pd.DataFrame(rows, columns=columns).convert_dtypes()
     whole = io.BytesIO()
     table.to_parquet(whole, index=False)
     return whole.getvalue()
@@ -104,8 +104,22 @@ def _plain(text: str | None) -> str | None:
     return " ".join(text.replace("\x00", "").splitlines()) if text else None
 
 
+def _rows(
+    batch: BatchEntry, safe: Callable[[str | None], str | None] = safe_cell
+) -> tuple[list[dict[str, object]], list[str]]:
+    """A row per fruit in their order, and the columns: drupe's, then the user's own."""
+    names = [name for name, _ in batch.columns]
+    rows = []
+    for fruit in ranked(batch.fruits):
+        cells = {name: fruit.columns.get(name) for name in names}
+        added = {name: safe(cell) if isinstance(cell, str) else cell for name, cell in cells.items()}
+        rows.append(_row(fruit, safe) | added)
+    return rows, [*RANKING_COLUMNS, *names]
+
+
 def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
     """A fruit's cells by column. New columns are added at the end only: programs read by name and place."""
+    judged = fruit.verdicts[-1] if fruit.verdicts else None
     return {
         "rank": fruit.rank,
         "fruit_id": safe(fruit.fruit_id),
@@ -134,6 +148,14 @@ def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell
         "decision": fruit.decision or None,
         "decision_reason": safe(fruit.decision_reason.replace("\u00a0", " ")),
         "E_scale_sd_MPa": _significant(fruit.E_scale_sd_MPa, figures=3),
+        "judged_class": safe(judged.judged_class) if judged else None,
+        "judged_by": safe(judged.by) if judged else None,
+        "judged_why": safe(judged.why) if judged else None,
+        "judged_utc": judged.at_utc.strftime("%Y-%m-%dT%H:%M:%SZ") if judged else None,
+        "judged_E_MPa": _significant(judged.E_MPa, figures=4) if judged else None,
+        "judged_earlier": "true" if judged and judged.earlier else None,
+        "E_at_pulp_MPa": _significant(fruit.E_at_pulp_MPa, figures=4),
+        "E_at_pulp_sd_MPa": _significant(fruit.E_at_pulp_sd_MPa, figures=3),
     }
 
 

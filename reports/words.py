@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from datetime import UTC
 
-from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, Suspicion, ranked
+from reports.entries import OR, FruitEntry, ScreenEntry, Suspect, Suspicion, VerdictEntry, ranked
 from reports.language import decimals as with_comma
 from reports.language import say
 
@@ -80,6 +81,24 @@ def remarks(fruit: FruitEntry) -> str:
         count = len(fruit.warnings)
         found.append(say("1 warning") if count == 1 else say("{count} warnings", count=count))
     return ", ".join(found)
+
+
+def verdict_words(verdict: VerdictEntry) -> str:
+    """A person's verdict as a sentence without its end, with E as it was then."""
+    E_then = f"{with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa is not None else UNKNOWN
+    said = say(
+        "{by} judged it {judged} on {day} (E = {modulus}): {why}",
+        by=verdict.by,
+        judged=verdict.judged_class,
+        day=verdict.at_utc.astimezone(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        modulus=E_then.replace(" ", NO_BREAK),
+        why=verdict.why.rstrip("."),
+    )
+    return (
+        f"{said}. {say('The verdict is about an earlier revision of this result')}"
+        if verdict.earlier
+        else said
+    )
 
 
 def screen_words(screen: ScreenEntry) -> str:

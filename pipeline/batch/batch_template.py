@@ -7,13 +7,21 @@ TEMPLATE = """\
 category = "{category}"              # {known}, or a file of your own
 # cultivar = "Big Top"               # for the report and `drupe history`
 # lot = "H-07"
+# orchard = "north slope"
+# operator = "A. Meier"
 # harvest_date = 2026-08-14
 # measured_on = 2026-08-15           # day of the grasps; default: of the first grading
-# pulp_temperature_C = 20.0          # -5 to 50
+# pulp_temperature_C = 20.0          # at the grasps, -5 to 50
 # notes = "north rows"
 # poisson_ratio = 0.45               # of the flesh, 0.1 to 0.4999; default: the category's
 # poisson_ratio_sd = 0.02
+# calibration_days = 90              # warn of an older calibration of sensor or rig
 # rig = "rig.toml"                   # machine compliance of the jaws, from `drupe calibrate --rigid`
+
+# [temperature]                      # E as it would be at another temperature than pulp_temperature_C
+# reference_C = 20.0
+# E_per_C = -0.012                   # your own relative change of E per degree, d ln E / dT
+# E_per_C_sd = 0.004                 # its standard deviation, which widens the error bar
 
 # [grading]
 # certainty = 0.9                    # probability from which ship, hold and a class count as certain
@@ -37,10 +45,16 @@ category = "{category}"              # {known}, or a file of your own
 # gel_kn_MPa_per_mm = 0.22           # known stiffness of the gel, which recordings are compared with
 # gel_kt_MPa_per_mm = 0.055
 # gel_stiffness_sd = 0.05            # relative standard deviation of both
+# calibration = "C-2026-06"          # for `drupe history`
+# calibrated_on = 2026-06-01         # for `drupe history` and calibration_days
 
 # [gripper]
 # name = "two-finger gripper"
 # serial = "G-3"
+
+# [columns]                          # your own columns of fruits.csv, each with its unit
+# Brix = "°Brix"                     # with a unit it holds numbers
+# grower = ""                        # without a unit it holds text
 
 # [photos]
 # coin = "1 euro"                    # a coin beside the fruit gives the scale where there is no mat

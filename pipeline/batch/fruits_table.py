@@ -36,6 +36,8 @@ than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
 NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
+USER_COLUMN = re.compile(r"[^\W_][\w .%°#()/-]{0,59}")
+"""A name that a user may give to a column: no spreadsheet takes it for a formula or for two cells."""
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t])"?[ ,;\t]*', re.IGNORECASE)
 SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
@@ -60,6 +62,8 @@ class Given(BaseModel):
     pit_share: float | None = None
     """Diameter of its pit over its own."""
     notes: str = ""
+    columns: dict[str, float | str] = {}
+    """Cells of the user's own columns (Settings.columns), without the empty ones."""
     reference: bool = False
     """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
     reference_E_MPa: float | None = None
@@ -84,24 +88,27 @@ def given_of(row: FruitRow) -> Given:
     return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
-def read_fruits(path: Path, *, may_be_empty: bool = False) -> tuple[tuple[FruitRow, ...], list[Problem]]:
+def read_fruits(
+    path: Path, *, units: Mapping[str, str] | None = None, may_be_empty: bool = False
+) -> tuple[tuple[FruitRow, ...], list[Problem]]:
     """The fruit that can be told from the table, each once, and every fault of it; a table without rows is
-    one unless it `may_be_empty`.
+    one unless it `may_be_empty`. `units`: the user's own columns with their units (Settings.columns).
 
     Raises BatchRefused where it is no table, or has no ids.
     """
     problems: list[Problem] = []
     columns, records = _table(path, problems)
+    known = (*COLUMNS, *(units or {}))
     problems += [
-        Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column)}.')
+        Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column, known)}')
         for column in columns
-        if column not in COLUMNS
+        if column not in known
     ]
     if "fruit_id" not in columns:
-        if not any(_plainly(column) == "fruit_id" for column in columns):
+        if not any(canonical(column) == "fruit_id" for column in columns):
             problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)
-    rows = [_row(path, line, record, problems) for line, record in records]
+    rows = [_row(path, line, record, units or {}, problems) for line, record in records]
     lines: dict[str, list[int]] = {}
     for (line, _), row in zip(records, rows, strict=True):
         lines.setdefault(row.fruit_id, []).append(line)
@@ -128,21 +135,25 @@ def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
     return [FruitRow(fruit_id=name) for name in new]
 
 
-def _known_column(found: str) -> str:
-    """What a column that is not known was likely meant to be."""
-    if (plain := _plainly(found)) in COLUMNS:
-        return f"write {plain}"
-    near = difflib.get_close_matches(plain, COLUMNS, n=1, cutoff=0.75)
+def _known_column(written: str, known: Sequence[str]) -> str:
+    """What a column that is not known was likely meant to be, and how a user's own is made known."""
+    if (plain := canonical(written, known)) in known:
+        return f"write {plain}."
+    declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
+    lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(plain, lower, n=1, cutoff=0.75)
     if not near:
-        return f"known columns: {', '.join(COLUMNS)}"
-    unit = re.search(r"_(mm|g|N|MPa)$", near[0])
-    return f"if you mean it, write {near[0]}" + (f", with its values in {unit[1]}" if unit else "")
+        return f"known columns: {', '.join(known)}. {declare}"
+    likely = lower[near[0]]
+    unit = re.search(r"_(mm|g|N|MPa)$", likely)
+    meant_unit = f", with its values in {unit[1]}" if unit and likely in COLUMNS else ""
+    return f"if you mean it, write {likely}{meant_unit}. {declare}"
 
 
-def _plainly(column: str) -> str:
-    """A column's name in the way that they are written here."""
+def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:
+    """The known column that a name is, but for capitals, spaces and dashes; else the name, spelt so."""
     plain = re.sub(r"[\s_-]+", "_", column.strip().lower())
-    return next((name for name in COLUMNS if name.lower() == plain), plain)
+    return next((name for name in known if re.sub(r"[\s_-]+", "_", name.lower()) == plain), plain)
 
 
 Record = tuple[int, dict[str, str]]
@@ -265,7 +276,9 @@ def _misread(text: str) -> str:
     return ""
 
 
-def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
+def _row(
+    path: Path, line: int, record: dict[str, str], units: Mapping[str, str], problems: list[Problem]
+) -> FruitRow:
     """One row of fruits.csv; what is wrong in it is added to `problems`."""
     cells = {name: (record.get(name) or "").strip() for name in COLUMNS}
     fruit_id = unicodedata.normalize("NFC", cells["fruit_id"])
@@ -291,8 +304,28 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             unreadable.append(name)
     known |= _pressed(cells, wrong)
     known |= _reference(cells, wrong)
+    known["columns"] = _user_cells(record, units, wrong)
     notes = printable(record.get("notes") or "").strip()
     return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+
+
+def _user_cells(
+    record: Mapping[str, str], units: Mapping[str, str], wrong: Callable[[str], None]
+) -> dict[str, float | str]:
+    """The user's own cells: numbers in columns with a unit, text in the others; `wrong` is told of faults."""
+    cells: dict[str, float | str] = {}
+    for name, unit in units.items():
+        text = printable(record.get(name) or "").strip()
+        if not unit and text:
+            cells[name] = text
+        elif text and (number := decimal_number(text)) is not None:
+            cells[name] = number
+        elif text:
+            wrong(
+                f'{name} is "{text[:40]}"; expected a number, because [columns] in batch.toml gives its unit '
+                f"({unit}), or an empty cell{meant(text)}."
+            )
+    return cells
 
 
 def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:

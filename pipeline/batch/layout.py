@@ -305,6 +305,8 @@ class Results:
     """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
     provenance = ResultPath("batch.json")
+    verdicts = ResultPath("verdicts.jsonl")
+    """What people say of fruit (pipeline.batch.verdicts); no command removes it."""
     run = ResultPath(".run.json")
     """The fruit of the last run (pipeline.batch.batch_fruits)."""
     lock = ResultPath(".lock")

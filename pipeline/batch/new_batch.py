@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import shutil
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -9,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.batch.batch_template import TEMPLATE
+from pipeline.batch.earlier_batch import EarlierBatch, earlier_batch
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
 from pipeline.batch.scratch import moved_in, scratch
 from pipeline.files.plain_file import not_plain
+from pipeline.files.toml_text import toml_value
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem
 from recon.cameras.photos import photo_paths
@@ -21,6 +24,8 @@ from recon.pit.priors import known_categories
 
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""
+DEFAULT = "nectarine"
+"""The category where none is named."""
 FEW = 12
 """Photos below which a fruit is asked for more: half of what the guide asks for."""
 SHOWN = 5
@@ -48,8 +53,17 @@ class NewBatch:
     missing: tuple[str, ...]
 
 
-def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatch:
-    """Writes the batch; photos and recordings are copied, and nothing is changed where they lie.
+def make_batch(
+    root: Path,
+    folders: Sequence[Path],
+    *,
+    category: str | None = None,
+    lot: str | None = None,
+    cultivar: str | None = None,
+    like: Path | None = None,
+) -> NewBatch:
+    """Writes the batch; photos and recordings are copied, and nothing is changed where they lie. `like`: an
+    earlier batch, whose settings it takes but for those of the day.
 
     A folder is one fruit where it holds photos, fruit.ply, grasps/ or recordings, or a photos/ of its own;
     else each folder in it is one. `root` must not be there yet, or be empty. Raises BatchRefused with every
@@ -57,6 +71,10 @@ def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatc
     """
     known = known_categories()
     problems = []
+    earlier = None if like is None else earlier_batch(like)
+    if earlier is None and not folders:
+        problems.append(Problem("drupe new", "needs --photos FOLDER, --like BATCH, or both."))
+    category = category or (DEFAULT if earlier is None else earlier.settings.category)
     if category not in known and not category.endswith(".toml"):
         said = (
             f'drupe knows no category "{category}"; known: {", ".join(known)}. You can also name '
@@ -96,11 +114,14 @@ def make_batch(root: Path, folders: Sequence[Path], *, category: str) -> NewBatc
     target = root.resolve()
     with scratch(near=target) as unfinished:
         try:
-            _write(unfinished / "batch", fruits, category, known)
+            named = {"category": category, "cultivar": cultivar, "lot": lot}
+            _write(unfinished / "batch", fruits, {k: text for k, text in named.items() if text}, earlier)
             moved_in(unfinished / "batch", target)
         except OSError as error:
             raise NotWritten(root, error) from error
-    return NewBatch(root=root, fruits=tuple(fruits), missing=tuple(_missing(root, fruits)))
+    mat = BatchFolder(root).mat.is_file()
+    missing = [*_missing(root, fruits, mat=mat), *([] if earlier is None else earlier.left_out(root))]
+    return NewBatch(root=root, fruits=tuple(fruits), missing=tuple(missing))
 
 
 def _sources(folder: Path) -> Iterator[FruitSource]:
@@ -130,14 +151,20 @@ def _source(folder: Path) -> FruitSource | None:
     )
 
 
-def _write(batch: Path, fruits: Sequence[FruitSource], category: str, known: Sequence[str]) -> None:
+def _write(
+    batch: Path, fruits: Sequence[FruitSource], named: dict[str, str], earlier: EarlierBatch | None
+) -> None:
     folder = BatchFolder(batch)
     batch.mkdir()
-    folder.settings.write_text(TEMPLATE.format(category=category, known=", ".join(known)), encoding="utf-8")
+    folder.settings.write_text(_settings(named, earlier), encoding="utf-8")
+    columns: tuple[str, ...] = COLUMNS
+    if earlier is not None:
+        earlier.copy_files(batch)
+        columns = (*COLUMNS, *earlier.settings.columns)
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([one.fruit_id, *[""] * (len(COLUMNS) - 1)] for one in fruits)
+    writer.writerow(columns)
+    writer.writerows([one.fruit_id, *[""] * (len(columns) - 1)] for one in fruits)
     folder.table.write_text(table.getvalue(), encoding="utf-8")
     for one in fruits:
         own = folder.fruit(one.fruit_id)
@@ -151,10 +178,22 @@ def _write(batch: Path, fruits: Sequence[FruitSource], category: str, known: Seq
                 shutil.copyfile(path, place / path.name)
 
 
-def _missing(root: Path, fruits: Sequence[FruitSource]) -> Iterator[str]:
+def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
+    """batch.toml: the earlier batch's, or the template with what is `named` taken in."""
+    if earlier is not None:
+        return earlier.written(named)
+    text = TEMPLATE.format(category=named["category"], known=", ".join(known_categories()))
+    for name in ("cultivar", "lot"):
+        if name in named:
+            line = f"{name} = {toml_value(named[name])}\n".replace("\\", r"\\")
+            text = re.sub(rf"^# {name} = .*\n", line, text, count=1, flags=re.MULTILINE)
+    return text
+
+
+def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterator[str]:
     """What grading needs and these folders did not have."""
     photographed = [one for one in fruits if one.photos and not one.mesh]
-    if photographed:
+    if photographed and not mat:
         yield (
             "scale: write height_mm of each fruit into fruits.csv, or copy the mat's mat.json into "
             f"{root}, or name a coin under [photos] in batch.toml"

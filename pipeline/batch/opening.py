@@ -113,15 +113,19 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
-    mat = category = prior = None
+    mat = prior = None
     unscaled: list[Problem] = []
     rows: tuple[FruitRow, ...] | None = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
+    category, grading, units = (
+        _read_alone(folder) if settings is None else (None, settings.grading, settings.columns)
+    )
     if root.is_dir():
         if choose is not None and not (folder.table.exists() or folder.table.is_symlink()):
             rows = ()
         else:
-            table = _gather(problems, lambda: read_fruits(folder.table, may_be_empty=choose is not None))
+            empty = choose is not None
+            table = _gather(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
             if table is not None:
                 rows, faults = table
                 problems += faults
@@ -141,9 +145,6 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
         problems += _said_of(folder.settings, _effects_of_strangers(settings, rows))
         problems += _said_of(folder.settings, _effects_without_pit(folder, settings, rows))
         problems += _references(folder, settings, rows)
-        grading = settings.grading
-    else:
-        category, grading = _read_alone(folder)
     problems += _implausible(folder, grading, rows, category)
     return Survey(
         folder=folder,
@@ -173,9 +174,11 @@ def _implausible(
     return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
 
 
-def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading]:
-    """Category and classes of settings with a fault elsewhere, so that one go says what else is wrong."""
-    category, grading = None, Grading()
+def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading, dict[str, str]]:
+    """Category, classes and the user's columns of settings with a fault elsewhere, so that one go says what
+    else is wrong.
+    """
+    category, grading, units = None, Grading(), {}
     with suppress(NotReadable):
         table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
         with suppress(ReconFailure):
@@ -183,7 +186,9 @@ def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading]:
             category = load_prior(as_named(folder.root, named)) if isinstance(named, str) else None
         with suppress(ValidationError):
             grading = Grading.model_validate(table.get("grading", {}))
-    return category, grading
+        if isinstance(declared := table.get("columns"), dict):
+            units = {name: str(unit) for name, unit in declared.items()}
+    return category, grading, units
 
 
 def read_mat(path: Path) -> Mat:

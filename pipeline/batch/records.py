@@ -126,6 +126,18 @@ class ReferenceRecord(_Record):
     E_scale_sd_MPa: float = 0.0
 
 
+class TemperatureRecord(_Record):
+    """E at the reference temperature, `factor` times E at the temperature at which the fruit was grasped."""
+
+    pulp_C: float
+    reference_C: float
+    factor: float
+    E_at_pulp_MPa: float
+    E_at_pulp_sd_MPa: float
+    E_MPa: float
+    E_sd_MPa: float
+
+
 class AmountRecord(_Record):
     """One number of an effect that stays with a sensor or with the jaws, beside all that the fruit may have,
     in the unit of the effect's linear signature; `pad` is empty for the whole gripper.
@@ -188,6 +200,8 @@ class FruitRecord(_Record):
     modulus: ModulusRecord | None = None
     reference: ReferenceRecord | None = None
     """Set once the whole batch is graded; `modulus` and `grasps` of record.json stay as measured."""
+    temperature: TemperatureRecord | None = None
+    """The same, after `reference`."""
     mismatch: str | None = None
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     screen: ScreenRecord | None = None
@@ -214,6 +228,13 @@ class FruitRecord(_Record):
     def graded(self) -> bool:
         """Whether the fruit went all the way."""
         return self.outcome == "graded" and self.modulus is not None
+
+    @property
+    def ranked_modulus(self) -> tuple[float | None, float | None]:
+        """E and its standard deviation in MPa as the ranking has them; None of a fruit that is not graded."""
+        against_bodies = None if self.given.reference else self.reference
+        ranked = self.temperature or against_bodies or self.modulus
+        return (ranked.E_MPa, ranked.E_sd_MPa) if self.graded and ranked is not None else (None, None)
 
 
 def write_record(path: Path, record: FruitRecord) -> None:

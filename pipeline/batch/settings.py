@@ -20,8 +20,10 @@ from pydantic import (
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.batch.fruits_table import COLUMNS, USER_COLUMN, canonical
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.safe_start import elsewhere
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
@@ -41,6 +43,13 @@ Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
+Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
+"""Of a harvest, of grasps or of a calibration. Set by hand: another year is a slip of the pen."""
+HISTORY_COLUMNS = (
+    "batch", "calibrated_on", "calibration", "doubted", "graded_utc", "gripper_serial", "revision",
+    "sensor_serial", "temperature_C",
+)  # fmt: skip
+"""Columns of the tables of `drupe history` that are no settings and no columns of other tables."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
@@ -220,6 +229,9 @@ class SensorSettings(Device):
     gel_kn_MPa_per_mm: Stiffness | None = None
     gel_kt_MPa_per_mm: Stiffness | None = None
     gel_stiffness_sd: Relative = 0.05
+    calibration: Name | None = None
+    calibrated_on: Day | None = None
+    """Name and day of the calibration."""
 
     @property
     def gel_stiffness(self) -> dict[str, tuple[float, float]]:
@@ -229,6 +241,16 @@ class SensorSettings(Device):
             "gel_kt_MPa_per_mm": self.gel_kt_MPa_per_mm,
         }
         return {name: (value, self.gel_stiffness_sd) for name, value in known.items() if value is not None}
+
+
+class TemperatureSettings(Strict):
+    """The user's own change of E with temperature, relative per degree (d ln E / dT), with its standard
+    deviation, and the temperature at which E is reported.
+    """
+
+    reference_C: Annotated[float, Field(ge=-5, le=50)]
+    E_per_C: Annotated[float, Field(ge=-0.2, le=0.2)]
+    E_per_C_sd: Annotated[float, Field(ge=0, le=0.2)]
 
 
 class ReferenceSettings(Strict):
@@ -250,20 +272,23 @@ class Settings(Strict):
     category: Name
     cultivar: Words | None = None
     lot: Words | None = None
-    harvest_date: (
-        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
-    ) = None
-    measured_on: (
-        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
-    ) = None
+    orchard: Words | None = None
+    operator: Words | None = None
+    harvest_date: Day | None = None
+    measured_on: Day | None = None
     """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
+    temperature: TemperatureSettings | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
     notes: Words | None = None
     rig: Name | None = None
     sensor: SensorSettings | None = None
     gripper: Device | None = None
+    calibration_days: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    """Days after which a calibration of the sensor or the rig is too old."""
+    columns: Annotated[dict[str, Annotated[str, Field(max_length=20)]], Field(max_length=50)] = {}
+    """The user's own columns of fruits.csv by name, with their units; without a unit they hold text."""
     pit: PitSettings = PitSettings()
     recon: Recon = Recon()
     photos: Photos = Photos()
@@ -272,6 +297,45 @@ class Settings(Strict):
     grading: Grading = Grading()
     reference: ReferenceSettings = ReferenceSettings()
     mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
+
+    @field_validator("temperature")
+    @classmethod
+    def _with_pulp(
+        cls, wanted: TemperatureSettings | None, info: ValidationInfo
+    ) -> TemperatureSettings | None:
+        """Raises ValueError where the temperature of the pulp is not stated."""
+        if wanted is not None and info.data.get("pulp_temperature_C", 0.0) is None:
+            raise ValueError("needs pulp_temperature_C, at which the fruit were grasped; add it above")
+        return wanted
+
+    @field_validator("calibration_days")
+    @classmethod
+    def _of_something(cls, days: int | None, info: ValidationInfo) -> int | None:
+        """Raises ValueError where no calibration has a date."""
+        sensor = info.data.get("sensor")
+        dated = sensor is not None and sensor.calibrated_on is not None
+        if days is not None and not dated and info.data.get("rig") is None:
+            raise ValueError("needs a date: add calibrated_on under [sensor], or a rig")
+        return days
+
+    @field_validator("columns")
+    @classmethod
+    def _free_names(cls, columns: dict[str, str]) -> dict[str, str]:
+        """Raises ValueError for a name that is drupe's own here or in its tables, or that is no name."""
+        with elsewhere():
+            from reports.tables import RANKING_COLUMNS
+        taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, *HISTORY_COLUMNS)
+        for name in columns:
+            if not USER_COLUMN.fullmatch(name):
+                raise ValueError(
+                    f'"{name[:80]}" cannot name a column; start with a letter or digit, then use letters, '
+                    "digits, spaces and _ . % ° # ( ) / - (at most 60)"
+                )
+            if (own := canonical(name, taken)) in taken:
+                raise ValueError(f'"{name}" is the name of a column of drupe ({own}); choose another name')
+        if len({canonical(name, ()) for name in columns}) < len(columns):
+            raise ValueError(f"names must differ by more than capitals and spaces, found {list(columns)}")
+        return columns
 
 
 def settings_schema() -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.cache import ROOMS, stage_key
@@ -19,8 +20,17 @@ from recon.cameras.printed_mat import Mat
 from recon.learned.onnx_file import model_files
 from recon.pit.priors import PitBody, PitPrior
 
-IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "measured_on", "notes", "reference"}
+IN_THE_REPORT_ALONE = {
+    "calibration_days", "columns", "cultivar", "grading", "harvest_date", "lot", "measured_on", "notes",
+    "operator", "orchard", "pulp_temperature_C", "reference", "temperature",
+}  # fmt: skip
 """Settings that change no fruit's result."""
+NOT_IN_THE_KEY: dict[str, Any] = {
+    **dict.fromkeys(IN_THE_REPORT_ALONE, True),
+    "sensor": {"calibration", "calibrated_on"},
+    "mismatch": True,
+}
+"""Those, and the confirmed effects, which are a part of the key of their own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +103,7 @@ def fruit_task(
         "fruit",
         files=files,
         settings=[
-            settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
+            settings.model_dump(mode="json", exclude=NOT_IN_THE_KEY),
             keyed(own),
             row.height_mm,
             *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),

@@ -105,6 +105,7 @@ def calibrate(
 
     presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)
     report = StageLines(Console(stderr=True)).stage
+    today = datetime.datetime.now(tz=datetime.UTC).date()
     with said_when_interrupted("; drupe wrote no file"), said_when_refused(sensor, TactileFailure):
         if rigid is not None and size_mm is not None:
             said = calibrate_rig(
@@ -112,11 +113,11 @@ def calibrate(
                 out,
                 RigidObject(name=rigid_object or f"a rigid {rigid}", shape=rigid, size_mm=size_mm),
                 words=trace_words(columns, units, sheet),
-                today=datetime.datetime.now(tz=datetime.UTC).date(),
+                today=today,
                 report=report,
             )
         else:
-            said = calibrate_sensor(sensor, out, presses, report=report)
+            said = calibrate_sensor(sensor, out, presses, today=today, report=report)
     for line in said:
         typer.echo(line)
     typer.echo(f"wrote {out}")

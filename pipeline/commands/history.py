@@ -26,10 +26,39 @@ def history(
         Path | None,
         typer.Option("--html", metavar="FILE", help="Write the history as an HTML page to this file."),
     ] = None,
-    csv: Annotated[
+    export: Annotated[
         Path | None,
         typer.Option(
-            "--csv", metavar="FILE", help="Write a table with one row per fruit and day to this file."
+            "--export",
+            "--csv",
+            metavar="FILE",
+            help="Write a table with one row per fruit and day, with lot, dates and gripper. The ending says "
+            "the format: .csv, .xlsx, .parquet or .json.",
+        ),
+    ] = None,
+    statistics: Annotated[
+        Path | None,
+        typer.Option(
+            "--statistics",
+            metavar="FILE",
+            help="Write a table with the statistics of each lot, day and class, in the same formats.",
+        ),
+    ] = None,
+    precision: Annotated[
+        float,
+        typer.Option(
+            "--precision",
+            metavar="PERCENT",
+            help="State how many fruit the mean of a lot needs for this half-width of its 90 % interval.",
+        ),
+    ] = 5.0,
+    gauge: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--gauge",
+            metavar="KIND",
+            help="Add a gauge R&R study: gripper or sensor. Fruit with the same id, lot and day, grasped at "
+            "least twice with each, must be the same fruit.",
         ),
     ] = None,
     fit: Annotated[
@@ -66,7 +95,8 @@ def history(
 
     Each day of a lot is one graded batch. All days have the same lot and cultivar in batch.toml. drupe fits
     an exponential decay to the days. It reports 90 % intervals of the rate and of the day on which the mean
-    reaches each class.
+    reaches each class. It compares lots of one cultivar, and grippers and sensors that measured the same
+    lots.
 
     If you grade a batch again, its newest results count, and the store keeps earlier ones as revisions.
     --forget removes rows from the store and changes no other file.
@@ -84,7 +114,10 @@ def history(
     wanted = HistoryWanted(
         store=store,
         html=html,
-        csv=csv,
+        export=export,
+        statistics=statistics,
+        precision=precision / 100,
+        gauge=tuple(gauge or ()),
         fit=tuple(fit or ()),
         convert=tuple(convert or ()),
         forget=tuple(forget or ()),
@@ -94,7 +127,7 @@ def history(
             typer.echo(line)
         return
     made = make_history(outs or [], wanted, now=datetime.now(UTC))
-    for line in summary_lines(made, [path for path in (html, csv) if path is not None]):
+    for line in summary_lines(made, [path for path in (html, export, statistics) if path is not None]):
         typer.echo(line)
     if made.entry.alarms:
         raise typer.Exit(DOUBTED)

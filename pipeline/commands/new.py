@@ -12,27 +12,42 @@ from pipeline.safe_start import elsewhere
 def new(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder for the new batch.")],
     photos: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Option(
             "--photos",
             metavar="FOLDER",
             help="Photos of one fruit, or a folder with one subfolder per fruit. Repeat the option "
             "for more folders.",
+            show_default="no fruit yet; needs --like",
         ),
-    ],
-    category: Annotated[str, typer.Option(help="Kind of fruit.")] = "nectarine",
+    ] = None,
+    category: Annotated[
+        str | None, typer.Option(help="Kind of fruit.", show_default="nectarine, or that of --like")
+    ] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(
+            "--like", metavar="BATCH", help="Take classes, sensor and other settings from an earlier batch."
+        ),
+    ] = None,
+    lot: Annotated[str | None, typer.Option(help="The lot, for report and history.")] = None,
+    cultivar: Annotated[str | None, typer.Option(help="The cultivar, for report and history.")] = None,
 ) -> None:
     """Create a batch from folders of photos: batch.toml with every key, fruits.csv, and a folder per fruit.
+
+    --like takes the settings of an earlier batch, its mat and the files that they name (rig, pit, category),
+    and its own columns of fruits.csv. What belongs to that day stays behind: lot, dates, pulp temperature,
+    notes and confirmed effects.
 
     The folder's name becomes the fruit's id. drupe copies photos, fruit.ply, pit.ply and recordings (*.h5,
     in the folder or its grasps/). Your own folders do not change. At the end drupe lists missing inputs.
 
-    Example: drupe new monday --photos ~/pictures/2026-08-14 --category peach
+    Example: drupe new tuesday --like monday --lot H-08 --photos ~/pictures/2026-08-15
     """
     with elsewhere():
         from pipeline.batch.new_batch import make_batch
     with said_when_interrupted("; drupe wrote no file"):
-        made = make_batch(folder, photos, category=category)
+        made = make_batch(folder, photos or [], category=category, lot=lot, cultivar=cultivar, like=like)
     pictures = sum(len(one.photos) for one in made.fruits)
     recordings = sum(len(one.recordings) for one in made.fruits)
     typer.echo(f"{made.root}: {len(made.fruits)} fruit, {pictures} photos, {recordings} recordings")

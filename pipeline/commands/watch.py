@@ -47,9 +47,9 @@ def watch(
     --settle seconds. drupe grades it again when its files change. A folder without a row in fruits.csv also
     counts as a fruit.
 
-    The page shows each fruit when its grade is ready. Only browsers on this machine can open it. drupe
-    prints its address. Ranking and report follow at intervals that keep their cost near 1 % of the time, and
-    at the end. Press Ctrl-C to stop.
+    The page shows each fruit when its grade is ready, and takes a person's verdict on it. Only browsers on
+    this machine can open it. drupe prints its address. Ranking and report follow at intervals that keep their
+    cost near 1 % of the time, and at the end. Press Ctrl-C to stop.
 
     Example: drupe watch monday --port 8000
     """
@@ -64,8 +64,8 @@ def watch(
         from pipeline.run.batch_run import GradeOptions, ReportOptions
         from pipeline.run.console import RunConsole
         from pipeline.watch.page_server import PageServer
+        from pipeline.watch.verdict_desk import VerdictDesk
         from pipeline.watch.watching import BatchWatch, WatchOptions
-        from reports.kiosk_page import kiosk_html
     require_settings_file(BatchFolder(batch).settings)
     console = RunConsole(quiet=quiet, verbose=verbose, log=log)
     place = out or batch / "results"
@@ -91,8 +91,12 @@ def watch(
             root=batch,
             options=options,
             console=console,
-            show=lambda entry: server.show(kiosk_html(entry, language=language)),
+            show=lambda entry: desk.show_entry(entry),
         )
+        desk = VerdictDesk(
+            results=Results(place), language=language, show=server.show, kept=watching.graded.judged
+        )
+        server.desk = desk
         try:
             status = watching.run()
         except KeyboardInterrupt:

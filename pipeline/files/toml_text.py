@@ -1,5 +1,6 @@
 """Texts, numbers, lists and tables written as TOML."""
 
+import re
 from typing import Any
 
 
@@ -9,7 +10,7 @@ def as_toml(values: dict[str, Any], prefix: str = "") -> str:
     >>> as_toml({"name": "gel", "camera": {"k1": 0.5}})
     'name = "gel"\\n\\n[camera]\\nk1 = 0.5\\n'
     """
-    lines = [f"{key} = {toml_value(value)}" for key, value in values.items() if not _is_table(value)]
+    lines = [f"{_key(key)} = {toml_value(value)}" for key, value in values.items() if not _is_table(value)]
     for key, value in values.items():
         if isinstance(value, dict):
             lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
@@ -17,6 +18,11 @@ def as_toml(values: dict[str, Any], prefix: str = "") -> str:
             for entry in value:
                 lines += ["", f"[[{prefix}{key}]]", as_toml(entry, f"{prefix}{key}.").rstrip()]
     return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    """A key as TOML writes it: letters, digits, _ and - of ASCII bare, others in quotation marks."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
 
 
 def _is_table(value: Any) -> bool:

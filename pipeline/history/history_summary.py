@@ -15,6 +15,9 @@ def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
     yield f"{batches} ({made.new} new), {_counted(len(entry.series), 'lot', 'lots')}"
     for series in entry.series:
         yield from _series_lines(series)
+    for group in entry.groups:
+        yield f"{printable(group.name)}, {len(group.series)} lots: {printable(group.words)}"
+    yield from map(printable, entry.comparisons)
     for alarm in entry.alarms:
         yield f"reference body {printable(alarm)}"
     yield from map(printable, made.said)
@@ -32,6 +35,7 @@ def _series_lines(series: SeriesEntry) -> Iterator[str]:
     yield f"  {series.softening.words if series.softening else series.why_no_softening + '.'}"
     for limit in series.limits:
         yield f"  {printable(limit.name)} (up to {limit.E_max_MPa:g} MPa): {limit.words}"
+        yield f"    10 % of the fruit: {limit.tenth_words}"
     for note in series.notes:
         yield f"  note: {printable(note)}."
 

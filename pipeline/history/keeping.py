@@ -3,35 +3,43 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
-from pipeline.history.history_store import HistoryStore, history_store
-from pipeline.history.history_table import COLUMNS, history_csv
-from pipeline.history.lot_history import history_entry
+from pipeline.history.appraisers import APPRAISERS, gauge_entry
+from pipeline.history.history_store import HistoryStore
+from pipeline.history.history_table import COLUMNS, STATISTICS_COLUMNS, fruit_table, statistics_table
+from pipeline.history.lot_database import history_store
+from pipeline.history.lot_history import PRECISION, history_entry
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
+from pipeline.history.table_file import require_format, starts_with, table_bytes
 from pipeline.problem import refused
-from reports.history_entries import HistoryEntry
+from reports.history_entries import GaugeEntry, HistoryEntry
 from reports.history_page import PAGE_TITLE, history_html
 
 COMMAND = "drupe history"
 MOST_BYTES = 100_000_000
-"""Of a page or table that is looked at before it is replaced: ten thousand batches."""
+"""Of a page that is looked at before it is replaced: ten thousand batches."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryWanted:
     """What is asked for. `fit`: scales whose conversions are fitted anew and kept; `convert`: a scale whose
     readings are predicted, "shore_oo" by the last version or "shore_oo@2". `forget`: batches, lots or fruit
-    that the store is to forget.
+    that the store is to forget. `export`: a table of fruit; `statistics`: one of lots, with the fruit that
+    their means need for `precision` (a share). `gauge`: "gripper", "sensor" or both.
     """
 
     store: Path | None = None
     html: Path | None = None
-    csv: Path | None = None
+    export: Path | None = None
+    statistics: Path | None = None
+    precision: float = PRECISION
+    gauge: tuple[str, ...] = ()
     fit: tuple[str, ...] = ()
     convert: tuple[str, ...] = ()
     forget: tuple[str, ...] = ()
@@ -61,11 +69,24 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
             raise refused(str(wanted.store or COMMAND), "contains no batch yet; name results folders.")
         said = [line for scale in wanted.fit for line in _fitted(store, scale, batches, now)]
         used = [fit for text in wanted.convert for fit in _asked(store, text, batches)]
-        entry = history_entry(batches, conversions=store.conversions(), used=used, now=now)
-    if wanted.csv is not None:
-        put(wanted.csv, history_csv(batches, {(fit.scale, fit.group): fit for fit in used}).encode())
+        studies = [gauge_entry(batches, kind) for kind in wanted.gauge]
+        entry = history_entry(
+            batches,
+            conversions=store.conversions(),
+            used=used,
+            gauges=[study for study in studies if isinstance(study, GaugeEntry)],
+            precision=wanted.precision,
+            now=now,
+        )
+    if wanted.export is not None:
+        fruit = fruit_table(batches, {(fit.scale, fit.group): fit for fit in used})
+        put(wanted.export, table_bytes(fruit, wanted.export.suffix.lower()))
+    if wanted.statistics is not None:
+        lots = statistics_table(batches, precision=wanted.precision)
+        put(wanted.statistics, table_bytes(lots, wanted.statistics.suffix.lower()))
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
+    said += [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
     said += [
         f"version {fit.version} predicts {fit.scale} of {fit.group}, fitted {fit.fitted_utc[:10]}."
         for fit in used
@@ -79,7 +100,7 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     """
     if not wanted.forget:
         raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
-    if outs or wanted.html or wanted.csv or wanted.fit or wanted.convert:
+    if outs or wanted.html or wanted.export or wanted.statistics or wanted.fit or wanted.convert:
         raise refused(COMMAND, "--forget allows only --store and --dry-run; write page and table afterwards.")
     if wanted.store is None or not wanted.store.exists():
         raise refused(str(wanted.store or COMMAND), "--forget needs a store; name it with --store.")
@@ -138,13 +159,26 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):
         if text not in SCALES:
             raise refused(COMMAND, f'drupe knows no scale "{text}"; known: {", ".join(SCALES)}.')
+    if unknown := [kind for kind in wanted.gauge if kind not in APPRAISERS]:
+        raise refused(COMMAND, f'--gauge: found "{unknown[0]}", expected {" or ".join(APPRAISERS)}.')
+    if not 0 < wanted.precision <= 1:
+        found = f"{100 * wanted.precision:g}"
+        raise refused(COMMAND, f"--precision: found {found}, expected per cent of the mean, 0 to 100.")
     if wanted.store is None and wanted.fit:
         raise refused(COMMAND, "--fit stores its result; name a store with --store.")
+    for table, option in ((wanted.export, "--export"), (wanted.statistics, "--statistics")):
+        if table is not None:
+            require_format(table, option)
     if wanted.store is not None:
         require_file_apart(wanted.store, inputs=[], folders=outs)
     for target, is_ours, what in (
         (wanted.html, _is_page, "a page of drupe history"),
-        (wanted.csv, _is_table, "a table of drupe history"),
+        (wanted.export, partial(starts_with, columns=COLUMNS), "a table of drupe history --export"),
+        (
+            wanted.statistics,
+            partial(starts_with, columns=STATISTICS_COLUMNS),
+            "a table of drupe history --statistics",
+        ),
     ):
         if target is None:
             continue
@@ -156,7 +190,3 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
 
 def _is_page(path: Path) -> bool:
     return f"<title>{PAGE_TITLE}</title>" in text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
-
-
-def _is_table(path: Path) -> bool:
-    return text_or_empty(path, most_bytes=MOST_BYTES).startswith(",".join(COLUMNS))

@@ -10,6 +10,9 @@ import numpy as np
 from scipy.stats import norm
 
 from pipeline.batch.control_chart import out_of_control
+from pipeline.history.appraisers import comparisons, gripper_of
+from pipeline.history.lot_groups import lot_groups
+from pipeline.history.lot_statistics import class_ranges, lot_statistics, share_outside
 from pipeline.history.scale_conversion import ScaleConversion
 from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
@@ -17,6 +20,7 @@ from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
     ConversionEntry,
     DayEntry,
+    GaugeEntry,
     HistoryEntry,
     LimitEntry,
     SeriesEntry,
@@ -41,6 +45,10 @@ MISSING = (
     "the newest results of batch {key} ({folder}) lack {names}, which earlier results contain; "
     "{they} still count{s}. To remove one from a store: --forget {key}/{first}"
 )
+TENTH = 0.1
+"""Share of fruit whose day is stated beside the mean's."""
+PRECISION = 0.05
+"""Of the mean: half of its 90 % interval, by which the number of fruit is stated."""
 SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe uses those of the last day"
 
 
@@ -49,6 +57,8 @@ def history_entry(
     *,
     conversions: Sequence[ScaleConversion],
     used: Iterable[ScaleConversion] = (),
+    gauges: Iterable[GaugeEntry] = (),
+    precision: float = PRECISION,
     now: datetime,
 ) -> HistoryEntry:
     """All that the page says. `used`: the conversions that were asked for."""
@@ -57,13 +67,22 @@ def history_entry(
         by_series[batch.series].append(batch)
     bodies = _bodies(batches)
     asked = set(used)
+    series = tuple(
+        series_entry(of_lot, precision=precision)
+        for _, of_lot in sorted(by_series.items())
+        if _fitted(of_lot)
+    )
     return HistoryEntry(
         made_utc=now,
         batches=len(batches),
-        series=tuple(series_entry(of_lot) for _, of_lot in sorted(by_series.items()) if _fitted(of_lot)),
+        series=series,
         bodies=bodies,
         alarms=tuple(_alarms(bodies)),
         conversions=tuple(_conversion_entry(one, used=one in asked) for one in conversions),
+        groups=tuple(lot_groups(series)),
+        comparisons=tuple(comparisons(batches)),
+        gauges=tuple(gauges),
+        precision=precision,
     )
 
 
@@ -71,7 +90,7 @@ def _fitted(batches: Iterable[StoredBatch]) -> list[StoredFruit]:
     return [fruit for batch in batches for fruit in batch.fruit if fruit.fitted]
 
 
-def series_entry(batches: Sequence[StoredBatch]) -> SeriesEntry:
+def series_entry(batches: Sequence[StoredBatch], *, precision: float) -> SeriesEntry:
     """One lot over its days; `batches` oldest first."""
     by_day = {day: list(of_day) for day, of_day in groupby(batches, key=lambda batch: batch.measured)}
     first = min(by_day)
@@ -86,7 +105,11 @@ def series_entry(batches: Sequence[StoredBatch]) -> SeriesEntry:
         category=last.category,
         cultivar=last.cultivar,
         lot=last.lot,
-        days=tuple(_day_entry(day, of_day, law) for day, of_day in by_day.items() if _fitted(of_day)),
+        days=tuple(
+            _day_entry(day, of_day, law, precision=precision)
+            for day, of_day in by_day.items()
+            if _fitted(of_day)
+        ),
         softening=None if law is None else _softening_entry(law),
         why_no_softening=""
         if law is not None
@@ -119,8 +142,11 @@ def _notes(batches: Sequence[StoredBatch], *, several_limits: bool) -> Iterable[
             )
 
 
-def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None) -> DayEntry:
+def _day_entry(
+    day: date, batches: Sequence[StoredBatch], law: Softening | None, *, precision: float
+) -> DayEntry:
     E_MPa = [fruit.E_MPa for fruit in _fitted(batches)]
+    statistics = lot_statistics(E_MPa, precision=precision)
     logs = np.log(E_MPa)
     single_sd = law.fruit_sd if law else (float(logs.std(ddof=1)) if len(logs) > 1 else UNKNOWN_SPREAD)
     half = QUANTILE * single_sd / math.sqrt(len(logs))
@@ -136,6 +162,10 @@ def _day_entry(day: date, batches: Sequence[StoredBatch], law: Softening | None)
         E_high_MPa=high,
         single_E_MPa=tuple(E_MPa),
         temperature_C=float(np.mean(temperatures)) if temperatures else None,
+        mean_MPa=statistics.mean_MPa,
+        sd_MPa=statistics.sd_MPa,
+        percentiles_MPa=statistics.percentiles_MPa,
+        needed=statistics.needed,
     )
 
 
@@ -183,23 +213,31 @@ def _limits(
     latest_day = max(day for day, fruit in E_MPa.items() if fruit)
     latest = E_MPa[latest_day]
     mean = float(np.log(latest).mean())
-    for name, limit in limits:
+    for name, lower, limit in class_ranges(limits):
         if limit is None:
             continue
         below = float(np.mean(np.array(latest) <= limit))
-        if mean <= math.log(limit):
-            words = "The mean is in this class already."
-        elif law is None:
-            words = "Unknown yet: a second day is needed."
+        unknown = ""
+        if law is None:
+            unknown = "Unknown yet: a second day is needed."
         elif not law.softens:
-            words = "Unknown yet: no softening is visible."
-        else:
-            words = _when(law, limit, first)
-        yield LimitEntry(name=name, E_max_MPa=limit, words=words, share_below=below)
+            unknown = "Unknown yet: no softening is visible."
+        words = "The mean is in this class already." if mean <= math.log(limit) else unknown
+        tenth_words = f"{100 * below:.0f} % are there already." if below >= TENTH else unknown
+        yield LimitEntry(
+            name=name,
+            E_max_MPa=limit,
+            words=words or _when(law, limit, first, share=0.5),
+            tenth_words=tenth_words or _when(law, limit, first, share=TENTH),
+            share_below=below,
+            outside=share_outside(latest, above_MPa=lower, up_to_MPa=limit),
+        )
 
 
-def _when(law: Softening, limit_MPa: float, first: date) -> str:
-    earliest, day, latest = reached(law, limit_MPa)
+def _when(law: Softening | None, limit_MPa: float, first: date, *, share: float) -> str:
+    if law is None:
+        return ""
+    earliest, day, latest = reached(law, limit_MPa, share=share)
     if day is None:
         far = _on(first, law.farthest_day)
         return f"Not before {far}, the last predicted day ({FARTHEST:g} times the observed days)."
@@ -213,12 +251,14 @@ def _on(first: date, day: float) -> str:
 
 
 def _bodies(batches: Sequence[StoredBatch]) -> tuple[ReferenceBodyEntry, ...]:
-    """Reference bodies by their ids, each with its points in time."""
+    """Reference bodies by their ids, each with its points in time; those of several grippers by gripper."""
+    grippers = {gripper_of(batch) for batch in batches}
     by_id: dict[str, list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
     for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
         for fruit in batch.fruit:
             if fruit.E_known_MPa is not None:
-                by_id[fruit.fruit_id].append((batch, fruit))
+                gripper = f", gripper {gripper_of(batch) or 'not stated'}" if len(grippers) > 1 else ""
+                by_id[fruit.fruit_id + gripper].append((batch, fruit))
     entries = []
     for name, measurements in sorted(by_id.items()):
         history = tuple(_ratio_point(batch, body) for batch, body in measurements)

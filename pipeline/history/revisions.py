@@ -98,7 +98,7 @@ class KeptBatch:
 
 def rows_of(batch: StoredBatch, *, revision: int = 0) -> list[KeptRow]:
     """The batch's own row, and one of each fruit."""
-    contents: list[tuple[str, object]] = [
+    contents: list[tuple[str, dict[str, Any] | None]] = [
         ("", _BATCH.dump_python(batch, mode="json", exclude=set(_SEPARATE_FIELDS)))
     ]
     contents += [(fruit.fruit_id, _FRUIT.dump_python(fruit, mode="json")) for fruit in batch.fruit]
@@ -108,24 +108,44 @@ def rows_of(batch: StoredBatch, *, revision: int = 0) -> list[KeptRow]:
             fruit_id=fruit_id,
             revision=revision,
             graded_utc=batch.graded_utc,
-            content=json.dumps(content, sort_keys=True),
+            content=canonical(content),
         )
         for fruit_id, content in contents
     ]
+
+
+def canonical(fields: dict[str, Any] | None) -> str:
+    """Fields as JSON, without those that say nothing: a field that a later drupe adds changes no SHA-256.
+
+    >>> canonical({"lot": "7", "orchard": "", "temperature_C": 0.0, "harvest": None})
+    '{"lot": "7", "temperature_C": 0.0}'
+    """
+    return json.dumps(_stated(fields), sort_keys=True)
+
+
+def _stated(content: Any) -> Any:
+    if isinstance(content, dict):
+        kept = {name: _stated(inner) for name, inner in content.items()}
+        return {
+            name: inner
+            for name, inner in kept.items()
+            if inner is not False and inner not in (None, "", [], {})
+        }
+    return [_stated(inner) for inner in content] if isinstance(content, list | tuple) else content
 
 
 def _renamed(rows: Sequence[KeptRow]) -> dict[str, str]:
     """Fruit whose recordings all reappear under another id in later results that do not know their own, with
     that id. `rows`: in the order in which later ones count.
     """
-    listed = {row.revision: row.fields["listed"] for row in rows if not row.fruit_id}
+    listed = {row.revision: row.fields.get("listed", []) for row in rows if not row.fruit_id}
     earlier: dict[str, set[str]] = {}
     renamed: dict[str, str] = {}
     for row in rows:
         if not row.fruit_id:
             continue
         renamed.pop(row.fruit_id, None)
-        recordings = set(row.fields.get("recordings", ()))
+        recordings = {grasp["recording"] for grasp in row.fields.get("grasps", ()) if "recording" in grasp}
         for name, former in earlier.items():
             if name != row.fruit_id and former <= recordings and name not in listed.get(row.revision, [name]):
                 renamed[name] = row.fruit_id

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 FARTHEST = 2.0
 """Times the observed span of days up to which the law is followed beyond the last day. Set by hand."""
@@ -107,16 +107,20 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
     )
 
 
-def reached(law: Softening, limit_MPa: float) -> tuple[float | None, float | None, float | None]:
-    """The day by which the mean falls to a limit with a chance of 5, 50 and 95 %; None where that is beyond
-    what is predicted, or never.
+def reached(
+    law: Softening, limit_MPa: float, *, share: float = 0.5
+) -> tuple[float | None, float | None, float | None]:
+    """The day by which a share of the fruit falls to a limit with a chance of 5, 50 and 95 %; None where that
+    is beyond what is predicted, or never. The mean is there with half of the fruit; another share adds its
+    normal quantile of the single fruit's spread, ndtri(share) fruit_sd.
     """
     days = np.linspace(law.first, law.farthest_day, 2001)
     mean, sd = law.on(days)
-    below = np.maximum.accumulate(ndtr((math.log(limit_MPa) - mean) / sd) @ law.weights)
+    fruit = mean + ndtri(share) * law.fruit_sd
+    below = np.maximum.accumulate(ndtr((math.log(limit_MPa) - fruit) / sd) @ law.weights)
 
-    def by(share: float) -> float | None:
-        return float(np.interp(share, below, days)) if below[-1] >= share else None
+    def by(chance: float) -> float | None:
+        return float(np.interp(chance, below, days)) if below[-1] >= chance else None
 
     return by(0.5 - COVERAGE / 2), by(0.5), by(0.5 + COVERAGE / 2)
 

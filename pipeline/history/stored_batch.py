@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import field
 from datetime import date, datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -24,11 +25,21 @@ GRADE_AGAIN = "move it away and run `drupe grade` again to rebuild it."
 
 
 @dataclass(frozen=True, kw_only=True)
+class StoredGrasp:
+    """A recording by its name and SHA-256, and E by it alone (None where it has none)."""
+
+    grasp: str = ""
+    recording: str = ""
+    E_MPa: float | None = None
+    E_sd_MPa: float | None = None
+    peak_force_N: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class StoredFruit:
     """One fruit, or reference body (`E_known_MPa`), with its measured E; readings None where not taken.
 
     `doubted`: whether something in its inputs cannot be right; such fruit are shown and not fitted.
-    `recordings`: a SHA-256 of each of its recordings.
     """
 
     fruit_id: str
@@ -39,7 +50,14 @@ class StoredFruit:
     E_known_sd_MPa: float | None = None
     shore_oo: float | None = None
     penetrometer_N: float | None = None
-    recordings: tuple[str, ...] = ()
+    grasps: tuple[StoredGrasp, ...] = ()
+    columns: dict[str, float | str] = field(default_factory=dict)
+    """Cells of the user's own columns."""
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """A SHA-256 of each of its recordings."""
+        return tuple(sorted(grasp.recording for grasp in self.grasps if grasp.recording))
 
     @property
     def fitted(self) -> bool:
@@ -60,12 +78,20 @@ class StoredBatch:
     measured: date
     graded_utc: str
     category: str
-    cultivar: str
-    lot: str
-    harvest: date | None
-    temperature_C: float | None
-    limits: tuple[tuple[str, float | None], ...]
-    fruit: tuple[StoredFruit, ...]
+    cultivar: str = ""
+    lot: str = ""
+    orchard: str = ""
+    operator: str = ""
+    gripper: str = ""
+    gripper_serial: str = ""
+    sensor: str = ""
+    sensor_serial: str = ""
+    calibration: str = ""
+    calibrated_on: date | None = None
+    harvest: date | None = None
+    temperature_C: float | None = None
+    limits: tuple[tuple[str, float | None], ...] = ()
+    fruit: tuple[StoredFruit, ...] = ()
     lost: tuple[str, ...] = ()
     dated: bool = False
     revisions: int = 0
@@ -121,10 +147,11 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
         raise ValueError(f"no record.json of {', '.join(map(printable, unread[:3]))}")
     recordings = _recordings(inputs)
     fruit = [
-        _fruit(record, recordings.get(record.fruit_id, ())) for record in records if _has_modulus(record)
+        _fruit(record, recordings.get(record.fruit_id, {})) for record in records if _has_modulus(record)
     ]
     graded = {one.fruit_id for one in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
+    gripper, sensor = settings.get("gripper") or {}, settings.get("sensor") or {}
     return StoredBatch(
         key=_key(inputs, settings),
         folder=str(said.get("batch") or out.resolve()),
@@ -133,6 +160,14 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
         category=settings["category"],
         cultivar=settings.get("cultivar") or "",
         lot=settings.get("lot") or "",
+        orchard=settings.get("orchard") or "",
+        operator=settings.get("operator") or "",
+        gripper=gripper.get("name") or "",
+        gripper_serial=gripper.get("serial") or "",
+        sensor=sensor.get("name") or "",
+        sensor_serial=sensor.get("serial") or "",
+        calibration=sensor.get("calibration") or "",
+        calibrated_on=sensor.get("calibrated_on"),
         harvest=settings.get("harvest_date"),
         temperature_C=settings.get("pulp_temperature_C"),
         limits=tuple((grade["name"], grade.get("E_max_MPa")) for grade in classes),
@@ -143,40 +178,58 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     )
 
 
-def _recordings(inputs: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    """By fruit, a SHA-256 of each recording: of its file, or of the sorted hashes of all its frames."""
+def _recordings(inputs: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """By fruit and recording, a SHA-256 of its file, or of the sorted hashes of all its frames."""
     by_recording: dict[tuple[str, str], list[str]] = defaultdict(list)
     for name, digest in inputs.items():
         path = PurePosixPath(name)
         of_a_grasp = len(path.parts) > 3 and (path.parts[0], path.parts[2]) == ("fruits", "grasps")
         if of_a_grasp and path.suffix.lower() not in DESCRIPTIONS:
             by_recording[path.parts[1], path.parts[3]].append(digest)
-    by_fruit: dict[str, list[str]] = defaultdict(list)
-    for (fruit_id, _), digests in by_recording.items():
-        by_fruit[fruit_id].append(hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest())
-    return {fruit_id: tuple(sorted(digests)) for fruit_id, digests in by_fruit.items()}
+    by_fruit: dict[str, dict[str, str]] = defaultdict(dict)
+    for (fruit_id, recording), digests in by_recording.items():
+        by_fruit[fruit_id][recording] = hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest()
+    return by_fruit
+
+
+def _grasps(record: FruitRecord, recordings: Mapping[str, str]) -> tuple[StoredGrasp, ...]:
+    """The fruit's recordings, each with its record, which has the name of the file or its stem."""
+    by_name = {grasp.grasp: grasp for grasp in record.grasps}
+    grasps = [
+        StoredGrasp(
+            grasp=name,
+            recording=digest,
+            E_MPa=None if known is None else known.E_MPa,
+            E_sd_MPa=None if known is None else known.E_sd_MPa,
+            peak_force_N=None if known is None else known.peak_force_N,
+        )
+        for name, digest in recordings.items()
+        for known in [by_name.get(name, by_name.get(PurePosixPath(name).stem))]
+    ]
+    return tuple(sorted(grasps, key=lambda grasp: (grasp.recording, grasp.grasp)))
 
 
 def _has_modulus(record: FruitRecord) -> bool:
     return record.graded and record.modulus is not None and 0 < record.modulus.E_MPa < math.inf
 
 
-def _fruit(record: FruitRecord, recordings: tuple[str, ...]) -> StoredFruit:
-    """The fruit as ranked (divided by what reference bodies say, where it was); a body as it was measured."""
+def _fruit(record: FruitRecord, recordings: Mapping[str, str]) -> StoredFruit:
+    """The fruit as ranked (corrected by reference bodies and to a temperature); a body as it was measured."""
     given = record.given
-    modulus = record.modulus if given.reference or record.reference is None else record.reference
-    if modulus is None:
+    E_MPa, E_sd_MPa = record.ranked_modulus
+    if E_MPa is None or E_sd_MPa is None:
         raise ValueError(f"{record.fruit_id} has no modulus")
     return StoredFruit(
         fruit_id=record.fruit_id,
-        E_MPa=modulus.E_MPa,
-        E_sd_MPa=modulus.E_sd_MPa,
+        E_MPa=E_MPa,
+        E_sd_MPa=E_sd_MPa,
         doubted=bool(record.doubts),
         E_known_MPa=given.reference_E_MPa if given.reference else None,
         E_known_sd_MPa=given.reference_E_sd_MPa if given.reference else None,
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
-        recordings=recordings,
+        grasps=_grasps(record, recordings),
+        columns=given.columns,
     )
 
 

@@ -174,7 +174,7 @@ def against_references(
 
 def as_measured(record: FruitRecord, corrected: FruitRecord) -> FruitRecord:
     """The record as it is kept: its own modulus as measured, and beside it what the reports say of it."""
-    return record.model_copy(update={"reference": corrected.reference})
+    return record.model_copy(update={"reference": corrected.reference, "temperature": corrected.temperature})
 
 
 def _body(record: FruitRecord, modulus: ModulusRecord) -> ReferenceBodyEntry:
@@ -293,7 +293,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     changed: dict[str, object] = {}
     if finding.corrected:
         modulus = corrected_modulus(modulus, ratio)
-        changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
+        changed["grasps"] = tuple(scaled_grasp(grasp, ratio.ratio) for grasp in record.grasps)
     elif ratio.disagree or ratio.apart:
         doubt = _doubt(ratio, finding.bodies)
         if not (ratio.disagree or ratio.implausible):
@@ -353,8 +353,8 @@ def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
     )
 
 
-def _scaled(grasp: GraspRecord, ratio: float) -> GraspRecord:
-    """One recording's moduli, so that they stand beside the fruit's."""
+def scaled_grasp(grasp: GraspRecord, ratio: float) -> GraspRecord:
+    """One recording's moduli over `ratio`, as the fruit's."""
     known = {name: getattr(grasp, name) for name in _SCALED}
     changed = {name: value / ratio for name, value in known.items() if value is not None}
     return grasp.model_copy(update=changed)

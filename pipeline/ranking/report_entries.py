@@ -16,7 +16,9 @@ from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, PitFoundRecord
 from pipeline.batch.settings import Grading
+from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault
+from pipeline.ranking.calibration_age import old_calibrations
 from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.maturity import Rank, agreement, standings
@@ -34,6 +36,7 @@ from reports.entries import (
     ShoreCorrelation,
     Suspect,
     Unfinished,
+    VerdictEntry,
 )
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
@@ -89,12 +92,13 @@ def batch_entry(
         rng=np.random.default_rng(RANKING_SEED),
     )
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
-    settings = batch.settings
+    settings, trail = batch.settings, read_trail(results.verdicts)
     return BatchEntry(
         name=batch.folder.root.resolve().name,
         category=batch.category,
         **{name: getattr(settings, name) for name in SETTING_FIELDS},
         classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
+        columns=tuple(settings.columns.items()),
         settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
         versions=tuple(versions().items()),
         inputs=tuple(inputs.items()),
@@ -105,14 +109,35 @@ def batch_entry(
         ships=None if settings.grading.shipped is None else _ships(settings.grading),
         ships_by_default=_ships(settings.grading, unsaid=True),
         certainty=settings.grading.certainty,
+        mean_E_MPa=float(np.mean(E)) if len(E) else None,
+        between_sd_MPa=float(np.std(E, ddof=1)) if len(E) > 1 else None,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
-        faults=tuple(one.sentence for one in faults),
+        faults=(
+            *(fault.sentence for fault in faults),
+            *old_calibrations(batch.folder.root, settings, graded_on=started.date()),
+            *([trail.fault] if trail.fault else []),
+        ),
         screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
         fruits=tuple(
-            _fruit_entry(r, place_of.get(r.fruit_id), results, settings.grading, shown) for r in records
+            replace(
+                _fruit_entry(record, place_of.get(record.fruit_id), results, settings.grading, shown),
+                verdicts=verdicts_on(record.fruit_id, record.key, trail),
+            )
+            for record in records
         ),
     )
+
+
+def verdicts_on(fruit_id: str, key: str, trail: Trail) -> tuple[VerdictEntry, ...]:
+    """What people say of the fruit whose result has this key, the latest last."""
+    return tuple(verdict_entry(verdict, key) for verdict in trail.of_fruit.get(fruit_id, ()))
+
+
+def verdict_entry(verdict: Verdict, key: str) -> VerdictEntry:
+    """The verdict as reports show it beside the result of this key."""
+    shown = {"judged_class", "by", "why", "at_utc", "E_MPa", "E_sd_MPa"}
+    return VerdictEntry(**verdict.model_dump(include=shown), earlier=verdict.key != key)
 
 
 def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
@@ -145,7 +170,7 @@ def _fruit_entry(
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
-    explained = _explained(record, files)
+    explained, temperature = _explained(record, files), record.temperature
     answer = None if explained is None else OR.join(explained.names)
     mismatch = record.mismatch or answer
     return FruitEntry(
@@ -169,6 +194,8 @@ def _fruit_entry(
         screen=_screen(record),
         reference=record.given.reference,
         E_uncorrected_MPa=_uncorrected_MPa(record),
+        E_at_pulp_MPa=temperature.E_at_pulp_MPa if temperature else None,
+        E_at_pulp_sd_MPa=temperature.E_at_pulp_sd_MPa if temperature else None,
         shore_oo=record.given.shore_oo,
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
@@ -179,6 +206,7 @@ def _fruit_entry(
         has_pit=record.pit is not None,
         recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),
+        columns=record.given.columns,
         facts=tuple(_facts(record, place)),
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
@@ -234,6 +262,13 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
             f"divided by {reference.ratio:.3f} ± {reference.ratio_sd:.3f}, from {', '.join(reference.bodies)}"
         )
         yield "E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"
+    if (at := record.temperature) is not None:
+        measured = f"{at.E_at_pulp_MPa:.4g} ± {at.E_at_pulp_sd_MPa:.2g} MPa"
+        yield f"E at {at.pulp_C:g} °C, as measured", measured
+        yield (
+            "Reference temperature",
+            f"{at.reference_C:g} °C; E there is {at.factor:.3f} times E as measured",
+        )
     if place:
         span = f"{place.rank_low} to {place.rank_high}"
         yield "Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)
@@ -244,7 +279,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         yield "Surface", f"{mesh.faces} triangles from {mesh.source}"
         if mesh.scale_sd is not None:
             yield "Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"
-        yield from ((_label(name), _shown(value)) for name, value in mesh.quality.items())
+        yield from ((f"Shape: {_label(name)}", _shown(value)) for name, value in mesh.quality.items())
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         yield "Pit", f"{box} mm, from {pit.source}"
@@ -292,20 +327,44 @@ def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     ]
 
 
+_QUALITY = {
+    "views_given": "photos given",
+    "views_used": "photos used",
+    "reprojection_px": "error of camera positions (px)",
+    "silhouette_iou": "overlap of outlines with the mesh",
+    "outline_rms_mm": "distance of outlines from the mesh, rms (mm)",
+    "clear_outline_share": "share of the outlines that are clear",
+    "focal_px": "focal length (px)",
+    "focal_sd_px": "focal length, standard deviation (px)",
+    "k1": "lens distortion k1",
+    "widest_gap_deg": "widest gap between photos (degrees)",
+    "seen_share": "share of the skin in sight of two photos",
+    "unseen_mm2": "skin out of sight (mm²)",
+    "decimation_rms_mm": "change by fewer triangles, rms (mm)",
+    "relief_share": "share of the skin measured by its texture",
+    "flipped_views": "photos of the fruit upside down",
+    "flipped_miss_mm": "distance between upright and upside-down mesh, rms (mm)",
+    "offset_rms_mm": "distance of the mesh from the photos, rms (mm)",
+    "offset_local_mm": "distance that 2 % of the skin exceeds (mm)",
+    "offset_volume_share": "the same as a share of the volume",
+    "ground_known_share": "share of the rims with known ground behind them",
+}
+"""What the measures of a mesh are called; another one by its own name."""
 _UNITS = {"px": "px", "mm": "mm", "mm2": "mm²", "deg": "degrees"}
 
 
 def _label(key: str) -> str:
+    if key in _QUALITY:
+        return _QUALITY[key]
     words, _, unit = key.rpartition("_")
     if unit not in _UNITS:
         words, unit = key, ""
-    words = words.replace("_", " ")
-    return words[:1].upper() + words[1:] + (f" ({_UNITS[unit]})" if unit else "")
+    return words.replace("_", " ") + (f" ({_UNITS[unit]})" if unit else "")
 
 
 def _shown(value: object) -> str:
     if not isinstance(value, float):
-        return str(value)
+        return _setting(value)
     return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
@@ -324,6 +383,18 @@ def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]
     for key, value in tree.items():
         if isinstance(value, dict):
             rows += _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            for place, part in enumerate(value, start=1):
+                rows += _flat(part, f"{prefix}{key} {place}: ")
         else:
-            rows.append((f"{prefix}{key}", str(value)))
+            rows.append((f"{prefix}{key}", _setting(value)))
     return rows
+
+
+def _setting(value: object) -> str:
+    """A setting as a reader writes it: yes or no, the parts of a list between commas."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return ", ".join(map(_setting, value)) or "none"
+    return str(value)

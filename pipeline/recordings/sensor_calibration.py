@@ -1,5 +1,6 @@
 """`drupe calibrate`: what presses say of a sensor goes into its description."""
 
+import datetime
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,7 +43,9 @@ class Presses:
     load_cell: Path | None = None
 
 
-def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[str], None]) -> tuple[str, ...]:
+def calibrate(
+    sensor: Path, out: Path, presses: Presses, *, today: datetime.date, report: Callable[[str], None]
+) -> tuple[str, ...]:
     """Write `out`, the description `sensor` with what the presses say, and return that in words.
 
     A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
@@ -60,6 +63,7 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
         )
         raise refused(sensor, what)
     described = _described(sensor)
+    described["calibrated_on"] = today.isoformat()
     kept = described.get("calibration_file") if not presses.ball else None
     look_up = None if kept is None else _look_up(sensor, kept)
     _require_apart(sensor, out, described, presses)
@@ -84,6 +88,10 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
         put(out, f"{CALIBRATED.first_line}\n{stage.read_text(encoding='utf-8')}".encode())
         if shading.exists():
             put(out.parent / shading.name, shading.read_bytes())
+    said.append(
+        f"dated {today}: write calibrated_on = {today} under [sensor] in batch.toml, where calibration_days "
+        "limits its age"
+    )
     return tuple(said)
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pipeline.batch.records import FruitRecord
 from pipeline.fruit.recording_owner import named_row
 from pipeline.fruit.same_recording import copies_doubted
-from pipeline.ranking.reference_ratio import against_references
+from pipeline.ranking.reference_temperature import compared
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.reporting import entry_of
@@ -38,8 +38,7 @@ class IncrementalRanking:
         """
         self._note(record)
         related = [self.records[one] for one in sorted(self._related(record)) if one in run.batch.row_of]
-        compared = copies_doubted(related, run.batch.folder)
-        in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
+        in_order, finding = compared(copies_doubted(related, run.batch.folder), run.batch.settings)
         own = [one for one in in_order if one.fruit_id == record.fruit_id]
         (fruit,) = entry_of(run)(own, exit_status=None, finding=finding).fruits
         others = [

@@ -83,6 +83,10 @@ class IncrementalRun:
         refused = self.unreported or (bool(self.refused) and self.status != INTERRUPTED)
         return USAGE if refused else self.status
 
+    def judged(self) -> None:
+        """Somebody gave a verdict, which the last report lacks."""
+        self.unreported = self.unreported or self.batch is not None
+
     def looked(self, batch: Batch) -> None:
         """`batch` is what is there now: fruit that could not be graded are forgotten where they are gone."""
         self.refused = self.refused.intersection(batch.row_of)

@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, read_record
+from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
 from pipeline.files.manifest import json_in
@@ -57,9 +57,9 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
         run.require_ours()
         records: dict[str, FruitRecord] = {}
         for row in opened.rows:
-            record = read_record(results.fruit(row.fruit_id).record)
-            if record is not None:
-                records[row.fruit_id] = record
+            path = results.fruit(row.fruit_id).record
+            if (record := read_record(path)) is not None:
+                records[row.fruit_id] = _as_noted_now(record, row, path)
         if not records:
             raise refused(out, "contains no fruit's record; run `drupe grade` first.")
         status, entry = report_of_records(run, records)
@@ -72,6 +72,16 @@ def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, .
         row for row in unlisted_fruit(folder.fruits, rows) if results.fruit(row.fruit_id).record.is_file()
     ]
     return (*rows, *watched)
+
+
+def _as_noted_now(record: FruitRecord, row: FruitRow, path: Path) -> FruitRecord:
+    """The record with notes and the user's own columns as fruits.csv has them now; kept so."""
+    given = record.given.model_copy(update={"notes": row.notes, "columns": row.columns})
+    if given == record.given:
+        return record
+    record = record.model_copy(update={"given": given})
+    write_record(path, record)
+    return record
 
 
 def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetime]:

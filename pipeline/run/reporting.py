@@ -14,11 +14,11 @@ from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import (
     ReferenceFinding,
-    against_references,
     as_measured,
     drift,
     own_points,
 )
+from pipeline.ranking.reference_temperature import compared
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.run.batch_run import BatchRun
@@ -40,8 +40,7 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     """
     settings = run.batch.settings
     measured = [records[row.fruit_id] for row in run.batch.rows]
-    compared = copies_doubted(measured, run.batch.folder)
-    in_order, finding = against_references(compared, correct=settings.reference.correct)
+    in_order, finding = compared(copies_doubted(measured, run.batch.folder), settings)
     records.update(_keep_comparisons(measured, in_order, run.results))
     chart, own = ControlChart(), []
     if run.chart is not None and finding is not None:
@@ -116,8 +115,7 @@ class ReportSoFar:
         measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
         if not measured:
             return None
-        compared = copies_doubted(measured, run.batch.folder)
-        in_order, finding = against_references(compared, correct=run.batch.settings.reference.correct)
+        in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
         entry = entry_of(run)(
             in_order,
             exit_status=None,
@@ -182,13 +180,13 @@ def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) ->
 
 
 def _keep_comparisons(
-    measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
+    measured: Sequence[FruitRecord], in_order: Sequence[FruitRecord], results: Results
 ) -> dict[str, FruitRecord]:
     """Writes into every record.json what the reference bodies make of its fruit, and which of its recordings
     other fruit have too, beside what was measured. The records of those that said otherwise, as they are now.
     """
     kept = {}
-    for record, one in zip(measured, compared, strict=True):
+    for record, one in zip(measured, in_order, strict=True):
         if with_copies(as_measured(record, one), one.copied) != record:
             path = results.fruit(record.fruit_id).record
             whole = read_record(path) or record

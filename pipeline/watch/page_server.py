@@ -1,7 +1,8 @@
 """Serves what `drupe watch` shows, to browsers on this machine alone.
 
 It listens on the loopback interface. Every address begins with a token that only the person at the terminal
-is given; nothing can be changed through it; of the results only files that drupe wrote are given.
+is given. Through it verdicts can be added (pipeline.watch.verdict_desk) and nothing else changed; of the
+results only files that drupe wrote are given.
 """
 
 import asyncio
@@ -10,16 +11,23 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
+from urllib.parse import parse_qsl
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import (
+    HTMLResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
 from starlette.routing import Route
 
 from pipeline.batch.layout import Results
@@ -57,6 +65,20 @@ HEADERS = {
 """Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
 
 
+MOST_FORM_BYTES, FORM_S = 20_000, 10.0
+"""Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
+
+
+class Desk(Protocol):
+    """Takes verdicts of people."""
+
+    def form(self, fruit_id: str) -> str | None:
+        """The page with the form for a fruit; None where there is no such fruit."""
+
+    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
+        """Keeps a verdict, or gives the page that says why not."""
+
+
 class _Server(uvicorn.Server):
     """Accepts BACKLOG connections a turn; the others wait in the system."""
 
@@ -84,6 +106,7 @@ class PageServer:
     ) -> None:
         self._results = results
         self._token = token or secrets.token_urlsafe(16)
+        self.desk: Desk | None = None
         self._page, self._version, self._closed = "", 0, threading.Event()
         self._tell, self._stopped = tell, False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -167,6 +190,7 @@ class PageServer:
             routes=[
                 Route("/{token}/", self._kiosk),
                 Route("/{token}/events", self._events),
+                Route("/{token}/judge", self._judge, methods=["GET", "POST"]),
                 Route("/{token}/{path:path}", self._file),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
@@ -177,6 +201,22 @@ class PageServer:
 
     async def _kiosk(self, request: Request) -> Response:
         return HTMLResponse(self._page, headers=HEADERS) if self._knows(request) else _nothing()
+
+    async def _judge(self, request: Request) -> Response:
+        """The form for a fruit, or its verdict kept; a form of another site is not taken."""
+        fruit_id, desk = request.query_params.get("fruit", ""), self.desk
+        if not self._knows(request) or desk is None:
+            return _nothing()
+        if request.method != "POST":
+            page = await asyncio.to_thread(desk.form, fruit_id)
+            return _nothing() if page is None else HTMLResponse(page, headers=HEADERS)
+        written = await _form(request)
+        if written is None or await asyncio.to_thread(desk.form, fruit_id) is None:
+            return _nothing()
+        page = await asyncio.to_thread(desk.judge, fruit_id, written)
+        if page is not None:
+            return HTMLResponse(page, status_code=422, headers=HEADERS)
+        return RedirectResponse("./", status_code=303, headers=HEADERS)
 
     async def _events(self, request: Request) -> Response:
         if not self._knows(request):
@@ -216,6 +256,22 @@ class PageServer:
         if not own or path.suffix.lower() not in MEDIA_TYPES or any(one.is_symlink() for one in folders):
             return None
         return path if is_ours(path) else None
+
+
+async def _form(request: Request) -> dict[str, str] | None:
+    """The fields of a form of this page; None of one from another site, too long, or too slow."""
+    if request.headers.get("sec-fetch-site", "same-origin") != "same-origin":
+        return None
+    body = b""
+    try:
+        async with asyncio.timeout(FORM_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > MOST_FORM_BYTES:
+                    return None
+        return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=10))
+    except (TimeoutError, ValueError, ClientDisconnect):
+        return None
 
 
 def _nothing() -> Response:

@@ -25,6 +25,7 @@ sha256 = "..."
 ```
 """
 
+import datetime
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,7 +58,7 @@ FEWEST_KNOTS = 2
 class Rig:
     """`travel`: what the whole path gives, gels and all; `jaws`: less the gels, None where none were in it.
 
-    `digest`: SHA-256 of the file.
+    `made`: the day of its calibration, None where the file does not say. `digest`: SHA-256 of the file.
     """
 
     object_name: str
@@ -65,6 +66,7 @@ class Rig:
     size_mm: float
     travel: RigCurve
     jaws: RigCurve | None
+    made: datetime.date | None
     digest: str
 
     @property
@@ -92,6 +94,7 @@ def read_rig(path: Path) -> Rig:
         size_mm=size,
         travel=travel,
         jaws=_curve(top, "jaws", needed=False),
+        made=top.day("made"),
         digest=digest,
     )
 

@@ -61,7 +61,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
 TOP = {
     "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
-    "calibration_sha256", "ambient", "gamma", "spread",
+    "calibration_sha256", "calibrated_on", "ambient", "gamma", "spread",
 }  # fmt: skip
 GEL = {
     "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "face_radius_mm", "gel_kn_MPa_per_mm",
@@ -91,6 +91,7 @@ def read_sensor(path: Path) -> Sensor:
     """
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description")
     top.refuse_unknown(TOP)
+    top.day("calibrated_on")
     kind = top.choice("kind", KINDS)
     photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
     gel = top.table("gel", needed=images)

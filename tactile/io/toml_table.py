@@ -1,5 +1,6 @@
 """Reading a TOML file key by key, each with the check that its kind needs."""
 
+import datetime
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,6 +112,14 @@ class Table:
         if value not in allowed:
             raise self.refusal(name, repr(value), " or ".join(allowed))
         return value
+
+    def day(self, name: str) -> datetime.date | None:
+        """A date, written as one or as text (2026-08-14); None where it is left out."""
+        held = self.values.get(name)
+        try:
+            return None if held is None else datetime.date.fromisoformat(str(held))
+        except ValueError:
+            raise self.refusal(name, repr(held), "a date like 2026-08-14") from None
 
     def within(self, name: str, limit: Limit, *, needed: bool) -> float | None:
         """A number within its limit, as a recording has it; None where it may be left out, and is."""

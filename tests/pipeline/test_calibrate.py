@@ -1,6 +1,7 @@
 """Sensors calibrated from rendered presses, start to end."""
 
 import tomllib
+from datetime import date
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from tactile.gel.shading_file import read_lookup
 from tactile.io.sensor_file import read_sensor
 from tactile.sensors import GelLight, marker_grid
 from tactile.tactile_failure import TactileFailure
+
+DAY = date(2026, 8, 14)
 
 DRAFT = """
 kind = "photometric"
@@ -139,7 +142,7 @@ def test_a_press_scales_what_the_force_was_made_with(springs: bool, changed: str
 def test_a_look_up_that_is_gone_is_refused(draft: Path, tmp_path: Path) -> None:
     draft.write_text(draft.read_text().replace("name =", 'calibration_file = "gone.npz"\nname =', 1))
     with pytest.raises(BatchRefused, match=r"no file gone\.npz"):
-        calibrate(draft, tmp_path / "o.toml", Presses(load_cell=tmp_path), report=print)
+        calibrate(draft, tmp_path / "o.toml", Presses(load_cell=tmp_path), today=DAY, report=print)
 
 
 def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
@@ -149,7 +152,7 @@ def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
 
     def calibrated(ball_mm: float) -> None:
         presses = Presses(ball_mm=ball_mm, reference=folder / "rest.png", ball=(folder / "1.png",))
-        calibrate(draft, out, presses, report=print)
+        calibrate(draft, out, presses, today=DAY, report=print)
 
     calibrated(5.0)
     assert read_sensor(out).calibration_file == out.with_suffix(".npz")

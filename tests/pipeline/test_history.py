@@ -13,12 +13,13 @@ from scipy.stats import linregress
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import FruitRecord
-from pipeline.history.history_store import history_store
-from pipeline.history.history_table import history_csv
+from pipeline.history.history_table import fruit_table
+from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import history_entry
 from pipeline.history.scale_conversion import NotFitted, fitted_conversion
 from pipeline.history.softening import DAY_SD, reached, softening_of
 from pipeline.history.stored_batch import stored_batch
+from pipeline.history.table_file import table_bytes
 from pipeline.problem import BatchRefused
 
 NOW = datetime(2026, 8, 20, 12, tzinfo=UTC)
@@ -402,7 +403,7 @@ def test_a_fruit_renamed_and_back_has_its_first_id_and_a_copied_recording_replac
             store.add(one)
         (batch,) = store.batches()
         assert [f.fruit_id for f in batch.fruit] == [*"ABCD"]
-    copy = replace(other.fruit[-1], recordings=first.fruit[0].recordings)
+    copy = replace(other.fruit[-1], grasps=first.fruit[0].grasps)
     assert copy.fruit_id == "X"
     both = replace(other, fruit=(*first.fruit, copy), listed=(*"ABCD", "X"))
     with history_store(None) as store:
@@ -515,9 +516,7 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_row_is_named_and_forgot
     assert refusals > 10  # most of the file is not in use
     key = next(batch.key for batch in expected if batch.lot == "7")
     with sqlite3.connect(store) as other:
-        other.execute(
-            "UPDATE row SET content = replace(content, '0.9', '0.8') WHERE batch = ? AND fruit = 'B'", (key,)
-        )
+        other.execute("UPDATE fruit SET E_MPa = 0.8 WHERE batch = ? AND fruit_id = 'B'", (key,))
     other.close()
     done = drupe("history", "--store", store)
     assert done.status == 2
@@ -532,7 +531,7 @@ def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):
     with history_store(tmp_path / "s") as one:
         one.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
     with sqlite3.connect(tmp_path / "s") as other:
-        other.execute("DELETE FROM row WHERE fruit = 'B'")
+        other.execute("DELETE FROM fruit WHERE fruit_id = 'B'")
     other.close()
     with pytest.raises(BatchRefused, match="lacks rows that were written"), history_store(tmp_path / "s"):
         pass
@@ -540,5 +539,6 @@ def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):
 
 def test_a_lot_that_is_a_formula_has_a_cell_that_is_none(tmp_path):
     batch = stored_batch(day_of(tmp_path / "b" / "results", DAY, lot="7;=cmd|' /C calc'!A0"))
-    row = next(csv.DictReader(history_csv([batch], {}).splitlines()))
+    text = table_bytes(fruit_table([batch], {}), ".csv").decode()
+    row = next(csv.DictReader(text.splitlines()))
     assert row["lot"] == "7;'=cmd|' /C calc'!A0"

@@ -49,7 +49,8 @@ def test_the_template_has_every_key_and_the_reader_takes_it():
     Settings.model_validate(said)
     for name in keys(Settings):
         if not name.startswith("mismatch."):
-            assert re.search(rf"^(# )?{name.rpartition('.')[2]} = ", text, re.MULTILINE), name
+            key = name.rpartition(".")[2]
+            assert re.search(rf"^(# )?({key} = |\[{key}\])", text, re.MULTILINE), name
     assert "# [[mismatch]]" in text
 
 
@@ -93,6 +94,91 @@ def test_photos_become_a_batch_and_what_is_missing_is_said(drupe, photos, tmp_pa
     assert [len(batch.folder.fruit(row.fruit_id).photo_files()) for row in batch.rows] == [3, 14]
 
 
+EARLIER = """\
+category = "peach"
+cultivar = "Red Haven"
+lot = "H-07"
+measured_on = 2026-08-14
+pulp_temperature_C = 8.0
+rig = "rig.toml"
+calibration_days = 90
+[temperature]
+reference_C = 20.0
+E_per_C = -0.012
+E_per_C_sd = 0.004
+[sensor]
+name = "20x20 marker gel"
+calibrated_on = 2026-06-01
+[columns]
+Brix = "°Brix"
+"box no." = ""
+[[grading.classes]]
+name = "soft"
+E_max_MPa = 0.35
+[[grading.classes]]
+name = "firm"
+ship = true
+[[mismatch]]
+effect = "sensor_gain"
+parameters = { pad = "left", gain = 1.138 }
+sd = { gain = 0.011 }
+"""
+
+
+@pytest.fixture
+def earlier(tmp_path):
+    root = tmp_path / "monday"
+    root.mkdir()
+    (root / "batch.toml").write_text(EARLIER, "utf-8")
+    (root / "rig.toml").write_text("# a rig")
+    (root / "mat.json").write_text("{}")
+    (root / "fruits.csv").write_text("fruit_id\nA\n")
+    return root
+
+
+def test_a_batch_like_an_earlier_one_has_its_settings_but_those_of_the_day(drupe, earlier, photos, tmp_path):
+    made = drupe("new", tmp_path / "tuesday", "--like", earlier, "--lot", 'H-08 "b"', "--photos", photos)
+    assert made.status == 0
+    written = tomllib.loads((tmp_path / "tuesday" / "batch.toml").read_text("utf-8"))
+    expected = tomllib.loads(EARLIER)
+    for name in ("measured_on", "pulp_temperature_C", "temperature", "mismatch"):
+        del expected[name]
+    expected["lot"] = 'H-08 "b"'
+    expected["sensor"]["calibrated_on"] = "2026-06-01"
+    assert written == expected
+    before = Settings.model_validate(tomllib.loads(EARLIER))
+    after = Settings.model_validate(written)
+    assert (after.grading, after.sensor, after.columns) == (before.grading, before.sensor, before.columns)
+    header = (tmp_path / "tuesday" / "fruits.csv").read_text("utf-8").splitlines()[0]
+    assert header.endswith(",notes,Brix,box no.")
+    assert (tmp_path / "tuesday" / "rig.toml").read_text() == "# a rig"
+    assert (tmp_path / "tuesday" / "mat.json").is_file()
+    assert "missing: scale" not in made.out
+    for said in (
+        "pulp_temperature_C: write that of the new day into batch.toml, and again [temperature] "
+        "reference_C = 20, E_per_C = -0.012, E_per_C_sd = 0.004",
+        "confirmed effects (sensor_gain): drupe copies none",
+    ):
+        assert said in made.out
+    assert (earlier / "batch.toml").read_text("utf-8") == EARLIER
+
+
+def test_a_file_outside_the_earlier_batch_is_named_where_it_means_another(drupe, earlier, tmp_path):
+    settings = EARLIER.replace('"rig.toml"', '"../rig.toml"')
+    (earlier / "batch.toml").write_text(settings, "utf-8")
+    assert "../rig.toml" not in drupe("new", tmp_path / "beside", "--like", earlier).out
+    (tmp_path / "deeper").mkdir()
+    made = drupe("new", tmp_path / "deeper" / "tuesday", "--like", earlier)
+    assert f"../rig.toml: lies outside {earlier} and now means {tmp_path / 'deeper' / 'rig.toml'}" in made.out
+
+
+def test_lot_and_cultivar_are_in_the_template(drupe, photos, tmp_path):
+    made = drupe("new", tmp_path / "b", "--photos", photos, "--lot", "H-08", "--cultivar", "Big\\Top")
+    assert made.status == 0
+    written = tomllib.loads((tmp_path / "b" / "batch.toml").read_text("utf-8"))
+    assert written == {"category": "nectarine", "lot": "H-08", "cultivar": "Big\\Top"}
+
+
 def test_pictures_that_are_not_copied_are_named(drupe, photos, tmp_path):
     (photos / "N2" / "more.webp").write_bytes(b"RIFF1234WEBP" + bytes(50))
     (photos / "N2" / "notes.txt").write_text("x")
@@ -123,6 +209,8 @@ def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
             ("new", "--photos", "taken", "--category", "pear"),
             'drupe knows no category "pear"; known: apricot',
         ),
+        (("new",), "needs --photos FOLDER, --like BATCH, or both."),
+        (("new", "--like", "taken"), "does not exist, but this folder has photos"),
         (("new", "--photos", "odd"), '"-x" is not a valid fruit_id'),
     ],
 )

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import statistics
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -262,6 +263,9 @@ def test_ranking_page_and_terminal_say_it(root, correct):
     assert float(rows["soft"]["E_MPa"]) == pytest.approx(0.4 if correct else 0.448)
     assert rows["ball"]["E_uncorrected_MPa"] == ""
     assert bool(rows["firm"]["doubts"]) != correct
+    E_MPa = [float(rows[name]["E_MPa"]) for name in ("soft", "firm")]
+    assert entry.mean_E_MPa == pytest.approx(statistics.fmean(E_MPa), rel=1e-3)
+    assert entry.between_sd_MPa == pytest.approx(statistics.stdev(E_MPa), rel=1e-3)
     page = report_html(entry)
     assert "1.12 ± 0.03" in page
     assert ("E as measured" in page) == correct

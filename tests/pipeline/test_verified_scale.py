@@ -169,7 +169,7 @@ def test_report_and_ranking_show_the_common_scale_beside_the_error_bar():
     assert "To remove it, add a body of known modulus to fruits.csv (reference = true)." in said
     assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
     entry = FruitEntry(fruit_id="soft", ok=True, outcome="graded", E_MPa=0.4, E_scale_sd_MPa=0.012)
-    assert RANKING_COLUMNS[-1] == "E_scale_sd_MPa"
+    assert RANKING_COLUMNS[26] == "E_scale_sd_MPa"
     assert _row(entry)["E_scale_sd_MPa"] == 0.012
     none = one.modulus.model_copy(update={"scale_sd_MPa": 0.0})
     assert COMMON_SCALE not in about_error(none)

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from reports.batch_overview import MOST_LISTED, class_counts, decision_lists, failures, numbered
+from reports.batch_overview import MOST_LINKED, MOST_LISTED, class_counts, decision_lists, failures, numbered
 from reports.entries import FruitEntry
-from reports.page import MOST_ROWS, report_html
+from reports.page import report_html
 
 
 def lost(fruit_id, reason, outcome="never-touches"):
@@ -65,15 +65,16 @@ def test_nothing_is_said_to_be_shipped_without_classes(empty_batch, graded):
     assert "What to ship" not in report_html(batch)
 
 
-def test_of_many_fruit_the_distribution_is_drawn_and_long_lists_are_folded(large_batch, graded):
+def test_long_lists_have_few_links_and_the_table_has_the_rest(large_batch, graded):
     count = MOST_LISTED + 10
     fruits = tuple(
         replace(graded(f"N-{k:03d}", rank=k + 1, E_MPa=0.2 + 0.002 * k), decision="ship")
         for k in range(count)
     )
     page = report_html(replace(large_batch, fruits=fruits, ships=("ripe",)))
-    assert count > MOST_ROWS
-    assert "Distribution of moduli" in page
-    assert "Ranking, softest first</title>" not in page
-    assert f"<summary>{count} fruit</summary>" in page
-    assert "See the table of all fruits." in page
+    card = page[page.index('class="card ship"') : page.index('class="card hold"')]
+    assert card.count('href="#fruit-') == MOST_LINKED
+    assert f'<a href="#list=ship">all {count} in the table</a>' in card
+    assert "See the table of all fruits." in card
+    few = report_html(replace(large_batch, fruits=fruits[:20], ships=("ripe",)))
+    assert ", ".join(fruit.fruit_id for fruit in fruits[:20]) in few

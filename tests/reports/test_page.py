@@ -1,5 +1,7 @@
 import base64
 import hashlib
+import html
+import json
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -13,8 +15,11 @@ import pytest
 import reports
 from reports.entries import BatchEntry, FruitEntry, FruitPictures, Picture, ScreenEntry, Suspect
 from reports.page import report_html
+from reports.tables import ranking_csv
 
 VOID = {"meta", "img", "br", "link", "input"}
+STATIC = Path(reports.__file__).parent / "static"
+LIBRARY = (STATIC / "uplot.js").read_text()
 
 
 class Page(HTMLParser):
@@ -48,9 +53,20 @@ class Page(HTMLParser):
 Make = Callable[..., FruitEntry]
 
 
+def opened(text):
+    """The page with every fruit opened, as its script shows one at a time, and without its scripts."""
+    found = re.search(r'<script type="application/json" id="details">(.*?)</script>', text, re.DOTALL)
+    cards = [json.loads(line) for line in found[1].splitlines()] if found else []
+    parts = "".join(
+        card["html"].replace('="fruit-name"', f'="fruit-{k}-name"') for k, card in enumerate(cards)
+    )
+    bare = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    return bare.replace('<div id="card"></div>', parts)
+
+
 def text_of(batch):
     """What the page shows, without its breakless spaces."""
-    return "".join(Page(report_html(batch)).text).replace("\u00a0", " ")
+    return "".join(Page(opened(report_html(batch))).text).replace("\u00a0", " ")
 
 
 @pytest.fixture(params=["awkward_batch", "large_batch", "empty_batch"])
@@ -61,7 +77,7 @@ def batch(request):
 
 def test_page_refers_to_nothing_outside_itself(batch):
     text = report_html(batch)
-    page = Page(text)
+    page = Page(opened(text))
     for tag, attributes in page.elements:
         assert tag not in {"link", "iframe", "object", "embed", "base", "use", "image"}
         assert not any(name.startswith("on") for name in attributes)
@@ -72,16 +88,17 @@ def test_page_refers_to_nothing_outside_itself(batch):
             assert re.match(r"#|fruits/[^/:]+/[a-z-]+\.(png|jpg)$", attributes["href"] or "")
     assert "url(" not in text
     assert "@import" not in text
-    assert "http:" not in text
-    assert "https:" not in text
+    bare = text.replace(LIBRARY, "")  # a comment of the library has its address
+    assert "http:" not in bare
+    assert "https:" not in bare
 
 
 def test_every_link_has_its_target_and_every_id_is_one_element(batch):
-    page = Page(report_html(batch))
+    page = Page(opened(report_html(batch)))
     ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
     assert set(ids.values()) == {1}
     for _, attributes in page.elements:
-        if (attributes.get("href") or "").startswith("#"):
+        if (attributes.get("href") or "").startswith("#") and "=" not in (attributes["href"] or ""):
             assert (attributes["href"] or "").removeprefix("#") in ids
         if "aria-labelledby" in attributes:
             assert attributes["aria-labelledby"] in ids
@@ -89,19 +106,56 @@ def test_every_link_has_its_target_and_every_id_is_one_element(batch):
 
 def test_text_of_the_batch_is_shown_never_obeyed(awkward_batch, hostile):
     text = report_html(awkward_batch)
-    shown = "".join(Page(text).text)
+    shown = "".join(Page(opened(text)).text)
     assert shown.count(hostile) >= 5
 
 
-def test_the_only_script_is_the_page_s_own_by_its_hash(awkward_batch):
+def test_the_only_scripts_are_the_page_s_own_by_their_hashes(awkward_batch):
     text = report_html(awkward_batch)
-    (script,) = re.findall(r"<script[^>]*>(.*?)</script>", text, re.DOTALL)
-    assert text.count("<script") == 1
-    assert script == (Path(reports.__file__).parent / "static" / "table.js").read_text()
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert text.count("<script") - text.count('<script type="application/json"') == len(scripts)
+    assert scripts == [(STATIC / name).read_text() for name in ("uplot.js", "charts.js", "dashboard.js")]
     (policy,) = (m["content"] for m in Page(text).all("meta") if m.get("http-equiv"))
-    assert f"script-src 'sha256-{digest}'" in (policy or "")
+    digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
+    sources = " ".join(f"'sha256-{digest}'" for digest in digests)
+    assert f"script-src {sources};" in (policy or "")
     assert "script-src 'unsafe" not in (policy or "")
+    assert (policy or "").startswith("default-src 'none';")
+
+
+def test_the_library_of_the_charts_is_the_published_one():
+    """docs/licences.md has the SHA-256 of uPlot's file in the npm registry; the licence is beside it."""
+    digest = hashlib.sha256(LIBRARY.encode()).hexdigest()
+    assert digest == "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
+    assert digest in (STATIC.parents[1] / "docs" / "licences.md").read_text()
+    licence = (STATIC / "uplot-licence.txt").read_text()
+    assert "MIT License" in licence
+
+
+def test_no_text_of_a_batch_ends_the_script_that_holds_it(empty_batch):
+    name = "</script><!--<script>alert(1)"
+    fruit = FruitEntry(fruit_id=name, ok=True, outcome="graded", rank=1, E_MPa=0.3)
+    text = report_html(replace(empty_batch, fruits=(fruit,)))
+    held = re.search(r'id="lot">(.*?)</script>', text, re.DOTALL)[1]
+    assert json.loads(held)["fruits"][0]["id"] == name
+    assert "<!--<script" not in text
+
+
+def test_the_embedded_rows_are_those_of_the_ranking_and_in_its_order(awkward_batch):
+    text = report_html(awkward_batch)
+    lot = json.loads(re.search(r'id="lot">(.*?)</script>', text, re.DOTALL)[1])
+    lines = [lot["header"], *(fruit["csv"] for fruit in lot["fruits"])]
+    assert "\n".join(lines) + "\n" == ranking_csv(awkward_batch)
+    table = text[text.index("<noscript>") : text.index("</noscript>")]
+    ids = re.findall(r'<th scope="row"><a[^>]*>(.*?)</a>', table)
+    assert [html.unescape(each) for each in ids] == [fruit["id"] for fruit in lot["fruits"]]
+
+
+def test_settings_and_facts_are_no_python(awkward_batch):
+    """Nothing that only a programmer reads: no brackets, quotes or True of Python."""
+    shown = text_of(awkward_batch)
+    assert "[{" not in shown
+    assert "['" not in shown
 
 
 def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
@@ -119,7 +173,7 @@ def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch):
 
 
 def test_fruits_follow_by_rank_then_failures(awkward_batch, hostile):
-    page = Page(report_html(awkward_batch))
+    page = Page(opened(report_html(awkward_batch)))
     text = "".join(page.text)
     parts = text[text.index("Fruit by fruit") : text.index("Sources of these numbers")]
     places = [parts.rindex(words) for words in ("N-04", "N-01", "orchard-7-", hostile, "=1+1", "N-07")]
@@ -127,13 +181,11 @@ def test_fruits_follow_by_rank_then_failures(awkward_batch, hostile):
 
 
 def test_page_can_be_read_without_eyes(awkward_batch):
-    page = Page(report_html(awkward_batch))
+    page = Page(opened(report_html(awkward_batch)))
     assert page.all("html") == [{"lang": "en"}]
     assert len(page.all("h1")) == 1
     assert all(image["alt"] for image in page.all("img"))
-    charts = [svg for svg in page.all("svg") if svg.get("aria-hidden") != "true"]
-    assert charts
-    assert all(svg["role"] == "img" and svg["aria-label"] for svg in charts)
+    assert all(svg.get("aria-hidden") == "true" for svg in page.all("svg"))
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
     assert all(after <= before + 1 for before, after in pairwise(levels))
     assert all(cell.get("scope") for cell in page.all("th"))
@@ -204,9 +256,9 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
         ('href="fruits/N%201/outlines.jpg">All photos with their outlines', "outlines"),
         ("the outline from which drupe computed the shape", "outlines"),
     ):
-        assert words in report_html(replace(empty_batch, fruits=(fruit,)))
+        assert words in opened(report_html(replace(empty_batch, fruits=(fruit,))))
         without = replace(fruit, pictures=replace(fruit.pictures, **{picture: None}))
-        assert words not in report_html(replace(empty_batch, fruits=(without,)))
+        assert words not in opened(report_html(replace(empty_batch, fruits=(without,))))
 
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
@@ -259,6 +311,6 @@ def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch):
     )
     for mismatch in (None, "skin"):
         fruit = replace(awkward_batch.fruits[0], mismatch=mismatch, mismatch_taken=False, screen=screen)
-        page = report_html(replace(awkward_batch, fruits=(fruit,)))
+        page = opened(report_html(replace(awkward_batch, fruits=(fruit,))))
         assert page.count("for its probability and its influence on E") == 1
         assert page.index("<details", page.index("<article")) < page.index("ignored some of the data")

@@ -1,0 +1,51 @@
+"""`drupe judge`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.commands.shared_options import LanguageOption, chosen_language
+from pipeline.problem import BatchRefused
+from pipeline.safe_start import elsewhere
+
+
+def judge(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
+    fruit: Annotated[str, typer.Argument(metavar="FRUIT", help="The fruit_id.")],
+    judged_class: Annotated[
+        str, typer.Option("--class", metavar="CLASS", help="Your class for the fruit; one of the batch's.")
+    ],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Your name.")],
+    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Your reason, in a sentence.")],
+    batch: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The batch folder, if it moved after grading.")
+    ] = None,
+    lang: LanguageOption = None,
+) -> None:
+    """Record a person's verdict on a fruit. It is shown next to E and never replaces E.
+
+    OUT/verdicts.jsonl keeps every verdict with name, time (UTC), reason, version of drupe, and E at that
+    time. drupe only adds to this file. A later grading keeps the verdicts and marks them as earlier. drupe
+    then writes ranking.csv and report.html again.
+
+    Example: drupe judge monday/results N01 --class firm --by "A. Huber" --why "hard at the suture"
+    """
+    language = chosen_language(lang)
+    with elsewhere():
+        from pipeline.batch.layout import Results
+        from pipeline.run.batch_run import ReportOptions
+        from pipeline.run.console import utc_now
+        from pipeline.run.judging import judge_fruit, language_of
+        from pipeline.run.report_again import report_again
+        from reports.words import with_sd
+    results = Results(out)
+    verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=utc_now())
+    E = f"E stays {with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa else "there is no E"
+    typer.echo(f"{fruit}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}")
+    language = language if lang else language_of(results.report, language)
+    try:
+        report_again(out, batch, options=ReportOptions(language=language))
+    except BatchRefused as refusal:
+        for problem in refusal.problems:
+            typer.echo(f"the report does not show it yet: {problem}", err=True)

@@ -1,0 +1,120 @@
+"""Grippers or sensors compared: on lots that several measured on one day, and on the same fruit or bodies."""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import ttest_1samp
+
+from pipeline.history.gauge_study import gauge_study
+from pipeline.history.softening import COVERAGE
+from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from reports.history_entries import GaugeEntry
+
+FEWEST_DAYS = 3
+"""Lots and days in common from which two grippers or sensors are compared: Student's t of two is 6.3, wider
+than any difference that matters. Set by hand."""
+NameOf = Callable[[StoredBatch], str]
+
+
+def gripper_of(batch: StoredBatch) -> str:
+    """Name and serial number; empty where the settings say neither."""
+    return " ".join(filter(None, (batch.gripper, batch.gripper_serial)))
+
+
+def sensor_of(batch: StoredBatch) -> str:
+    """Name, serial number and calibration; empty where the settings say none."""
+    on = f"of {batch.calibrated_on}" if batch.calibrated_on else ""
+    return " ".join(filter(None, (batch.sensor, batch.sensor_serial, batch.calibration, on)))
+
+
+APPRAISERS: dict[str, NameOf] = {"gripper": gripper_of, "sensor": sensor_of}
+
+
+def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
+    """Sentences: by how much each pair differs in the mean of ln E, over lots and days that both measured.
+
+    The differences of lots and days are the sample (paired t): parts of a lot differ from day to day by more
+    than fruit do.
+    """
+    for kind, named in APPRAISERS.items():
+        means: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+        for batch in batches:
+            for fruit in batch.fruit:
+                if fruit.fitted and (appraiser := named(batch)):
+                    means[(*batch.series, batch.measured)][appraiser].append(math.log(fruit.E_MPa))
+        names = sorted({appraiser for by_name in means.values() for appraiser in by_name})
+        for first, second in combinations(names, 2):
+            both = [day for day in means.values() if first in day and second in day]
+            if len(both) < FEWEST_DAYS:
+                continue
+            differences = [float(np.mean(day[second]) - np.mean(day[first])) for day in both]
+            test = ttest_1samp(differences, 0.0)
+            interval = test.confidence_interval(COVERAGE)
+            middle, low, high = (
+                100 * math.expm1(x) for x in (np.mean(differences), interval.low, interval.high)
+            )
+            yield (
+                f"{kind} {second} reads {middle:+.1f} % ({low:+.1f} to {high:+.1f} %, 90 %; "
+                f"p = {test.pvalue:.2g}) against {kind} {first}, over {len(both)} lots and days"
+            )
+
+
+def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
+    """The study of all that each gripper (or sensor) measured in several grasps; else why there is none.
+
+    Fruit with one id, lot and day are taken for the same fruit, reference bodies with one id for the same
+    body.
+    Readings are ln E of single grasps, oldest first; each part has as many as the part with the fewest.
+    """
+    by_part: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
+        if appraiser := APPRAISERS[kind](batch):
+            for fruit in batch.fruit:
+                if not fruit.doubted:
+                    by_part[_part(batch, fruit)][appraiser] += _readings(fruit)
+    names = sorted({appraiser for part in by_part.values() for appraiser in part})
+    parts = [
+        part for part in by_part.values() if all(len(part.get(appraiser, ())) > 1 for appraiser in names)
+    ]
+    if len(names) < 2 or len(parts) < 2:
+        return (
+            f"--gauge {kind}: found {len(names)} {kind}s, and {len(parts)} fruit or reference bodies that "
+            f"each measured at least twice; expected two of both. Grasp the same fruit with every {kind} at "
+            "least twice on one day, under the same ids and lot"
+        )
+    trials = min(len(part[appraiser]) for part in parts for appraiser in names)
+    readings = np.array([[part[appraiser][:trials] for appraiser in names] for part in parts])
+    study = gauge_study(readings)
+    bias = np.expm1(readings.mean(axis=(0, 2)) - readings.mean())
+    components = (
+        ("repeatability (EV)", study.repeatability),
+        (f"reproducibility of {kind}s (AV)", study.reproducibility),
+        ("interaction with fruit (INT)", study.interaction),
+        ("gauge R&R (GRR)", study.gauge),
+        ("fruit (PV)", study.part),
+        ("total (TV)", study.total),
+    )
+    return GaugeEntry(
+        kind=kind,
+        words=(
+            f"{len(parts)} fruit or bodies, {len(names)} {kind}s, {trials} trials: gauge R&R is "
+            f"{study.percent(study.gauge):.1f} % of the total variation, with {study.categories} distinct "
+            "categories"
+        ),
+        components=tuple((name, 100 * sd, study.percent(sd)) for name, sd in components),
+        biases=tuple((name, 100 * float(one)) for name, one in zip(names, bias, strict=True)),
+    )
+
+
+def _part(batch: StoredBatch, fruit: StoredFruit) -> tuple[object, ...]:
+    if fruit.E_known_MPa is not None:
+        return (fruit.fruit_id,)
+    return (*batch.series, batch.measured, fruit.fruit_id)
+
+
+def _readings(fruit: StoredFruit) -> list[float]:
+    single = [grasp.E_MPa for grasp in fruit.grasps if grasp.E_MPa is not None and grasp.E_MPa > 0]
+    return [math.log(E) for E in (single or [fruit.E_MPa])]

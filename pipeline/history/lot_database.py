@@ -1,0 +1,145 @@
+"""The file of `drupe history --store`: an SQLite database with the tables of `lot_tables`.
+
+It is the user's to name and drupe's alone to write: another file, or another program's database, is refused.
+Alembic brings a store of an earlier version to today's tables. Revisions are only added; `--forget` alone
+removes rows. A run locks the database from reading to writing, and others wait for it.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, create_engine, event
+from sqlalchemy.exc import DatabaseError, OperationalError
+from sqlalchemy.pool import NullPool
+
+from pipeline.files.plain_file import not_plain
+from pipeline.history.history_store import DamagedRow, HistoryStore
+from pipeline.history.lot_rows import digest, read_store, write_store
+from pipeline.problem import BatchRefused, Problem, refused
+
+APPLICATION = 0x44525550
+"""SQLite's application_id of a store: "DRUP" in ASCII."""
+JSON_ROWS_VERSION = 2
+"""SQLite's user_version of the last stores that Alembic did not make."""
+WAIT_S = 20.0
+"""Seconds that another run of drupe is waited for."""
+
+
+@contextmanager
+def history_store(
+    path: Path | None, *, damaged_too: bool = False, read_only: bool = False
+) -> Iterator[HistoryStore]:
+    """The store at `path`, made where there is none; one in memory where `path` is None.
+
+    What is added in the block is kept when it ends, and nothing of it where it raises. Raises BatchRefused
+    where a file stands there that is no store of drupe's, and with every row that is damaged, unless
+    `damaged_too`: then sound rows are there, and damaged ones can be forgotten. `read_only`: nothing is kept.
+    """
+    new = path is None or not path.exists() or path.stat().st_size == 0
+    if path is not None and (why := _no_place(path)):
+        raise _unfit(path, why)
+    place = ":memory:" if path is None else path
+    opened = partial(sqlite3.connect, place, timeout=WAIT_S, isolation_level=None)
+    engine = create_engine("sqlite://", creator=opened, poolclass=NullPool)
+    event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE"))
+    try:
+        with engine.connect() as connection:
+            _bring_up_to_date(connection, path, new=new)
+            stored = read_store(connection, path)
+            _require_sound(stored, damaged_too=damaged_too)
+            yield stored
+            if not read_only:
+                _require_sound(stored, damaged_too=False)
+                write_store(connection, stored)
+                connection.commit()
+    except OperationalError as error:
+        raise _unfit(path, f"is not writable ({error.orig})") from None
+    except DatabaseError as error:
+        raise _unfit(path, f"is damaged ({error.orig})") from None
+
+
+def _unfit(path: Path | None, sentence: str) -> BatchRefused:
+    return refused(str(path), f"{sentence}; name another file with --store.")
+
+
+def _no_place(path: Path) -> str:
+    """Why no store can be at `path`; empty where it can."""
+    if not path.parent.is_dir():
+        return f"cannot be written: there is no folder {path.parent}"
+    if path.is_symlink():
+        return "is a link, and drupe does not write through links; name the target file"
+    if not path.exists():
+        return ""
+    if why := not_plain(path):
+        return f"{why}, expected a file that drupe history made"
+    if path.stat().st_size and path.read_bytes()[:16] != b"SQLite format 3\x00":
+        return "is not a store of drupe history; drupe does not overwrite it"
+    return ""
+
+
+def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -> None:
+    """Makes today's tables in a new store, or moves those of an earlier version into them."""
+    application = connection.exec_driver_sql("PRAGMA application_id").scalar()
+    version = connection.exec_driver_sql("PRAGMA user_version").scalar()
+    if new and application == 0:
+        connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
+    elif application != APPLICATION:
+        raise _unfit(path, "belongs to another program; drupe does not write to it")
+    verdict = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+    if verdict != "ok":
+        raise _unfit(path, f"is damaged ({verdict})")
+    config = Config()
+    config.set_main_option("script_location", "pipeline.history:migrations")
+    config.attributes["connection"] = connection
+    script = ScriptDirectory.from_config(config)
+    steps = {step.revision for step in script.walk_revisions()}
+    stands_at = MigrationContext.configure(connection).get_current_revision()
+    if stands_at is None and not new:
+        if version != JSON_ROWS_VERSION:
+            raise _unfit(path, f"comes from another version of drupe ({version})")
+        _require_sound_json_rows(connection, path)
+        command.stamp(config, "json_rows")
+        connection.exec_driver_sql("PRAGMA user_version = 0")
+    elif stands_at is not None and stands_at not in steps:
+        raise _unfit(
+            path, f'comes from another version of drupe (its tables are "{stands_at}"); update drupe'
+        )
+    if stands_at != script.get_current_head():
+        command.upgrade(config, "head")
+
+
+def _require_sound_json_rows(connection: Connection, path: Path | None) -> None:
+    """Raises BatchRefused where a row of a store of version 2 differs from its SHA-256, or one is lost."""
+    digests = []
+    for table in ("row", "conversion"):
+        for *cells, sha256 in connection.exec_driver_sql(f"SELECT * FROM {table}"):
+            digests.append(sha256)
+            if sha256 != digest(table, *cells):
+                sentence = f"{' '.join(map(str, cells[:3]))} is damaged (its SHA-256 differs)"
+                raise _unfit(path, sentence)
+    whole = connection.exec_driver_sql("SELECT sha256 FROM whole").scalar()
+    if whole != digest("whole", *sorted(digests)):
+        raise _unfit(path, "lacks rows that were written, or has others (the SHA-256 of all rows is another)")
+
+
+def _require_sound(stored: HistoryStore, *, damaged_too: bool) -> None:
+    """Raises BatchRefused with a problem for each damaged row, and what removes it."""
+    if stored.damaged and not damaged_too:
+        raise BatchRefused(Problem(str(stored.path), _how_to_mend(row)) for row in stored.damaged)
+
+
+def _how_to_mend(row: DamagedRow) -> str:
+    if not row.batch:
+        return f"{row.words}; create a new store from the results folders, or use a backup of this one."
+    named = f"{row.batch}/{row.fruit_id}" if row.fruit_id else row.batch
+    return (
+        f"{row.words} is damaged (its SHA-256 differs); remove it with --forget {named}, then add its "
+        "results folder again."
+    )

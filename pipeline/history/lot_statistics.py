@@ -1,0 +1,119 @@
+"""Statistics of fruit of one lot on one day, and the difference of two lots.
+
+Mean and standard deviation (n - 1) are of E in MPa. Percentiles interpolate linearly between order statistics
+(Hyndman and Fan, Am. Stat. 50, 1996, 361, definition 7). The share of fruit outside a class has the exact
+interval of Clopper and Pearson (Biometrika 26, 1934, 404). Two lots are compared by Welch's test (Biometrika
+34, 1947, 28); p of several pairs are adjusted by Holm's method (Scand. J. Stat. 6, 1979, 65).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import binomtest, ttest_ind
+from scipy.stats import t as student
+
+from pipeline.history.softening import COVERAGE
+
+PERCENTILES = (10, 25, 50, 75, 90)
+"""Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
+MOST_FRUIT = 10_000
+"""Beyond which no number of fruit is stated: it says that the precision is out of reach."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LotStatistics:
+    """E in MPa; `sd_MPa` and `needed` are None of one fruit. `needed`: fruit from which the half-width of the
+    mean's 90 % interval is at most the stated share of the mean, if their spread is this one; None beyond
+    MOST_FRUIT.
+    """
+
+    n: int
+    mean_MPa: float
+    sd_MPa: float | None
+    percentiles_MPa: tuple[float, ...]
+    needed: int | None
+
+
+def lot_statistics(E_MPa: Sequence[float], *, precision: float) -> LotStatistics:
+    """Of at least one fruit; `precision`: a share of the mean."""
+    E = np.asarray(E_MPa, dtype=float)
+    mean, sd = float(E.mean()), float(E.std(ddof=1)) if len(E) > 1 else None
+    return LotStatistics(
+        n=len(E),
+        mean_MPa=mean,
+        sd_MPa=sd,
+        percentiles_MPa=tuple(np.percentile(E, PERCENTILES).tolist()),
+        needed=None if sd is None else needed_fruit(mean, sd, precision=precision),
+    )
+
+
+def needed_fruit(mean: float, sd: float, *, precision: float) -> int | None:
+    """The least n with t(0.95, n - 1) sd / sqrt(n) <= precision mean; None beyond MOST_FRUIT.
+
+    >>> needed_fruit(1.0, 0.15, precision=0.05)
+    27
+    """
+    n = np.arange(2, MOST_FRUIT + 1)
+    enough = student.ppf(0.5 + COVERAGE / 2, n - 1) * sd / np.sqrt(n) <= precision * mean
+    return int(n[enough.argmax()]) if enough.any() else None
+
+
+def share_outside(
+    E_MPa: Sequence[float], *, above_MPa: float, up_to_MPa: float | None
+) -> tuple[float, float, float]:
+    """Share of fruit that are not in the class (above_MPa, up_to_MPa], with its 90 % interval."""
+    outside = sum(not above_MPa < E <= (math.inf if up_to_MPa is None else up_to_MPa) for E in E_MPa)
+    interval = binomtest(outside, len(E_MPa)).proportion_ci(COVERAGE, method="exact")
+    return outside / len(E_MPa), float(interval.low), float(interval.high)
+
+
+def class_ranges(
+    limits: Sequence[tuple[str, float | None]],
+) -> list[tuple[str, float, float | None]]:
+    """Classes with the moduli between which they lie, softest first.
+
+    >>> class_ranges([("ready", 0.5), ("firm", None)])
+    [('ready', 0.0, 0.5), ('firm', 0.5, None)]
+    """
+    lower = [0.0, *(limit for _, limit in limits[:-1] if limit is not None)]
+    return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=False)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LotDifference:
+    """Mean E of the first lot minus that of the second, MPa, with its 90 % interval, and Welch's p, adjusted
+    for the number of pairs by Holm's method.
+    """
+
+    first: str
+    second: str
+    difference_MPa: float
+    low_MPa: float
+    high_MPa: float
+    p: float
+
+
+def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[LotDifference]:
+    """All pairs of lots with at least two fruit each."""
+    pairs = []
+    for first, second in combinations([name for name, E in E_MPa.items() if len(E) > 1], 2):
+        welch = ttest_ind(E_MPa[first], E_MPa[second], equal_var=False)
+        interval = welch.confidence_interval(COVERAGE)
+        difference = float(np.mean(E_MPa[first]) - np.mean(E_MPa[second]))
+        pairs.append((first, second, difference, interval.low, interval.high, float(welch.pvalue)))
+    adjusted = _holm([pair[-1] for pair in pairs])
+    return [
+        LotDifference(first=a, second=b, difference_MPa=d, low_MPa=float(low), high_MPa=float(high), p=p)
+        for (a, b, d, low, high, _), p in zip(pairs, adjusted, strict=True)
+    ]
+
+
+def _holm(p: Sequence[float]) -> list[float]:
+    order = np.argsort(p)
+    steps = np.maximum.accumulate(np.asarray(p)[order] * np.arange(len(p), 0, -1))
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(steps, 1.0)
+    return [float(one) for one in adjusted]

@@ -1,0 +1,79 @@
+"""How fast lots of one cultivar soften: a mixed model with random effects per lot.
+
+    ln E_ij = (a + a_i) - (k + k_i) t_ij + e_ij
+
+Lot i has its own start a_i and rate k_i, normal with a covariance of their own; t is days since the lot's
+first day. Fitted by restricted maximum likelihood (statsmodels MixedLM; Lindstrom and Bates, J. Am. Stat.
+Assoc. 83, 1988, 1014). With b_i the least squares of lot i alone, X_i its design and D the covariance between
+lots, S_i = s^2 (X_i' X_i)^-1, the fixed effects b have the covariance (sum (D + S_i)^-1)^-1. A lot's rate is
+its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold where D is singular.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from pipeline.history.softening import COVERAGE
+
+FEWEST_LOTS = 3
+"""With at least two days each: two lots say next to nothing of the spread between lots. Set by hand."""
+
+METHOD = "powell"
+"""Of the optimiser. A spread of zero lies on the border, where methods by gradients do not converge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LotsSoftening:
+    """k and its 90 % interval, 1/day; the standard deviation of k_i; and k + k_i by lot."""
+
+    rate: float
+    low: float
+    high: float
+    lot_sd: float
+    rates: dict[str, float]
+
+
+def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> LotsSoftening | None:
+    """Of fruit by lot and day (since the lot's first); None with fewer lots, or without convergence."""
+    lots = {name: by_day for name, by_day in E_MPa.items() if sum(bool(E) for E in by_day.values()) > 1}
+    if len(lots) < FEWEST_LOTS:
+        return None
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
+    span = max(day for by_day in lots.values() for day in by_day)  # the optimiser needs numbers of like size
+    designs, logs = {}, {}
+    for name, by_day in lots.items():
+        rows = [(1.0, -day / span, math.log(E)) for day, fruit in by_day.items() for E in fruit]
+        designs[name], logs[name] = np.array(rows)[:, :2], np.array(rows)[:, 2]
+    design = np.concatenate(list(designs.values()))
+    groups = np.repeat(list(lots), [len(ln_E) for ln_E in logs.values()])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a spread of zero lies on the border, and is a right answer
+        model = MixedLM(np.concatenate(list(logs.values())), design, groups=groups, exog_re=design)
+        try:
+            fit = model.fit(reml=True, method=METHOD)
+        except np.linalg.LinAlgError:
+            return None
+    if not fit.converged:
+        return None
+    between, coefficients = np.asarray(fit.cov_re), np.asarray(fit.fe_params)
+    within = {name: fit.scale * np.linalg.inv(X.T @ X) for name, X in designs.items()}
+    covariance = np.linalg.inv(sum(np.linalg.inv(between + of_lot) for of_lot in within.values()))
+    single = {name: np.linalg.lstsq(X, logs[name], rcond=None)[0] for name, X in designs.items()}
+    predicted = {
+        name: coefficients + between @ np.linalg.solve(between + within[name], single[name] - coefficients)
+        for name in lots
+    }
+    rate = float(coefficients[1]) / span
+    half = float(norm.ppf(0.5 + COVERAGE / 2)) * math.sqrt(covariance[1, 1]) / span
+    return LotsSoftening(
+        rate=rate,
+        low=rate - half,
+        high=rate + half,
+        lot_sd=math.sqrt(max(float(between[1, 1]), 0.0)) / span,
+        rates={name: float(of_lot[1]) / span for name, of_lot in predicted.items()},
+    )

@@ -1,0 +1,62 @@
+"""A table as a file whose ending says its format: .csv, .xlsx, .parquet or .json."""
+
+import importlib.util
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.files.plain_file import not_plain
+from pipeline.problem import refused
+from reports.tables import safe_cell
+
+NEEDS = {".xlsx": ("openpyxl", "sheets"), ".parquet": ("pyarrow", "parquet")}
+"""Packages by ending, with the extra of drupe that brings them."""
+ENDINGS = (".csv", ".xlsx", ".parquet", ".json")
+
+
+def require_format(path: Path, option: str) -> None:
+    """Raises BatchRefused where the ending is none of ENDINGS, or its package is not installed."""
+    ending = path.suffix.lower()
+    if ending not in ENDINGS:
+        raise refused(path, f'{option}: found the ending "{ending}", expected one of {", ".join(ENDINGS)}.')
+    package, extra = NEEDS.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        sentence = f"needs the package {package}; install it with: pip install 'drupe[{extra}]'."
+        raise refused(f"{option} {path.name}", sentence)
+
+
+def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
+    """The file's content. Spreadsheets get text that they do not run; Parquet and JSON get text as it is."""
+    if ending == ".json":
+        records = table.where(table.notna(), None).to_dict("records")
+        return (json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    whole = io.BytesIO()
+    if ending == ".parquet":
+        table.convert_dtypes().to_parquet(whole, index=False)
+        return whole.getvalue()
+    rows = [[safe_cell(cell) if isinstance(cell, str) else cell for cell in row] for row in table.to_numpy()]
+    safe = pd.DataFrame(rows, columns=table.columns, dtype=object)
+    if ending == ".csv":
+        return safe.to_csv(index=False, lineterminator="\n", na_rep="").encode()
+    safe.to_excel(whole, index=False, engine="openpyxl", sheet_name="drupe history", freeze_panes=(1, 0))
+    return whole.getvalue()
+
+
+def starts_with(path: Path, columns: Sequence[str]) -> bool:
+    """Whether a table of drupe history stands at `path`: its first columns are these."""
+    readers = {
+        ".csv": lambda: pd.read_csv(path, nrows=0),
+        ".xlsx": lambda: pd.read_excel(path, nrows=0, engine="openpyxl"),
+        ".parquet": lambda: pd.read_parquet(path),
+        ".json": lambda: pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))),
+    }
+    if not_plain(path):
+        return False
+    try:
+        table = readers[path.suffix.lower()]()
+    except (OSError, ValueError, KeyError, TypeError, ImportError, RecursionError):
+        return False
+    return list(table.columns[: len(columns)]) == list(columns)

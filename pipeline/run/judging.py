@@ -1,0 +1,64 @@
+"""`drupe judge`: a person's verdict on a graded fruit, kept beside its E."""
+
+import difflib
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from pipeline.batch.fruits_table import SAFE_ID
+from pipeline.batch.layout import Results
+from pipeline.batch.records import FruitRecord, read_record
+from pipeline.batch.verdicts import Verdict, add_verdict
+from pipeline.files.manifest import json_in
+from pipeline.files.plain_file import printable, read_head
+from pipeline.problem import refused
+from reports.language import LANGUAGES
+
+
+def judge_fruit(
+    results: Results, fruit_id: str, *, judged_class: str, by: str, why: str, now: datetime
+) -> Verdict:
+    """Adds the verdict to the results' trail. Raises BatchRefused where the fruit has no result there, or the
+    class is none of the batch's; and NotWritten.
+    """
+    record, classes = judged_record(results, fruit_id)
+    if classes and judged_class not in classes:
+        raise refused("--class", f'found "{judged_class[:80]}"; {_near(judged_class, classes, "classes")}')
+    return add_verdict(results.verdicts, record, judged_class=judged_class, by=by, why=why, now=now)
+
+
+def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[str, ...]]:
+    """The fruit's record and the classes of its batch. Raises BatchRefused where there is none."""
+    said = json_in(results.provenance)
+    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
+        inside = results.root / "results"
+        hint = f"did you mean {inside}?" if Results(inside).provenance.is_file() else "give the --out folder."
+        raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
+    record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
+    if record is None:
+        known = [str(name) for name in said.get("outcomes") or ()]
+        raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {_near(fruit_id, known, "fruit")}')
+    return record, _classes(said)
+
+
+def _classes(said: dict[str, Any]) -> tuple[str, ...]:
+    grading = (said.get("settings") or {}).get("grading") or {}
+    return tuple(str(grade["name"]) for grade in grading.get("classes") or ())
+
+
+def _near(written: str, known: Sequence[str], what: str) -> str:
+    near = difflib.get_close_matches(written, known, n=1)
+    if near:
+        return f'did you mean "{near[0]}"?'
+    more = f" and {len(known) - 6} more" if len(known) > 6 else ""
+    return f"known {what}: {', '.join(map(printable, known[:6]))}{more}."
+
+
+def language_of(report: Path, otherwise: str) -> str:
+    """The language of a report that drupe wrote, so that a new one keeps it."""
+    head = read_head(report, 200) if report.is_file() and not report.is_symlink() else b""
+    found = re.search(rb'<html lang="(\w+)">', head)
+    language = found[1].decode() if found else otherwise
+    return language if language in LANGUAGES else otherwise

@@ -1,0 +1,88 @@
+"""Verdicts that people give on the page of `drupe watch`: the form, what is kept, and the page with it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from threading import Lock
+
+from pipeline.batch.layout import Results
+from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused
+from pipeline.ranking.report_entries import verdict_entry
+from pipeline.run.console import utc_now
+from pipeline.run.judging import judge_fruit
+from reports.entries import FruitEntry, VerdictEntry
+from reports.judge_page import judge_html
+from reports.kiosk_page import KioskEntry, kiosk_html
+
+
+@dataclass(kw_only=True)
+class VerdictDesk:
+    """Shows what is watched through `show`, with verdicts that the last report does not have yet. `kept` is
+    told of each new one. Used by two threads: the one that grades, and the page's.
+    """
+
+    results: Results
+    language: str
+    show: Callable[[str], None]
+    kept: Callable[[], None]
+    now: Callable[[], datetime] = utc_now
+    _entry: KioskEntry | None = None
+    _new: dict[str, tuple[VerdictEntry, ...]] = field(default_factory=dict)
+    _lock: Lock = field(default_factory=Lock)
+
+    def show_entry(self, entry: KioskEntry) -> None:
+        """The page shows this from now on."""
+        with self._lock:
+            self._entry = entry
+            self._show()
+
+    def form(self, fruit_id: str, *, fault: str = "", written: Mapping[str, str] | None = None) -> str | None:
+        """The page with the form for a fruit that is shown; None for any other."""
+        with self._lock:
+            entry = self._judged()
+        if entry is None or entry.batch is None:
+            return None
+        fruit = next((fruit for fruit in entry.batch.fruits if fruit.fruit_id == fruit_id), None)
+        if fruit is None:
+            return None
+        names = [name for name, _ in entry.batch.classes]
+        return judge_html(fruit, names, fault=fault, written=written, language=self.language)
+
+    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
+        """Keeps the verdict that the form has; where it cannot, the form again with the reason."""
+        texts = {name: written.get(name, "") for name in ("class", "by", "why")}
+        try:
+            verdict = judge_fruit(
+                self.results,
+                fruit_id,
+                judged_class=texts["class"],
+                by=texts["by"],
+                why=texts["why"],
+                now=self.now(),
+            )
+        except BatchRefused as refusal:
+            faults = "; ".join(problem.sentence for problem in refusal.problems)
+            return self.form(fruit_id, fault=faults, written=texts)
+        except NotWritten as fault:
+            return self.form(fruit_id, fault=str(fault), written=texts)
+        with self._lock:
+            self._new[fruit_id] = (*self._new.get(fruit_id, ()), verdict_entry(verdict, verdict.key))
+            self._show()
+        self.kept()
+        return None
+
+    def _show(self) -> None:
+        if (entry := self._judged()) is not None:
+            self.show(kiosk_html(entry, language=self.language))
+
+    def _judged(self) -> KioskEntry | None:
+        if self._entry is None or self._entry.batch is None or not self._new:
+            return self._entry
+        fruits = tuple(map(self._with_new, self._entry.batch.fruits))
+        return replace(self._entry, batch=replace(self._entry.batch, fruits=fruits))
+
+    def _with_new(self, fruit: FruitEntry) -> FruitEntry:
+        known = {verdict.at_utc for verdict in fruit.verdicts}
+        new = [verdict for verdict in self._new.get(fruit.fruit_id, ()) if verdict.at_utc not in known]
+        return replace(fruit, verdicts=(*fruit.verdicts, *new)) if new else fruit

@@ -1,0 +1,136 @@
+"""Warnings, doubts and reasons in the page's language.
+
+The other packages make them in English, as formatted strings, and records keep them so. A catalogue
+(reports/words/messages-NAME.toml) has each string with {0}, {1} in place of what varies, and its translation.
+A sentence is looked up by the string that it fits; what varies is looked up in turn. A sentence without a
+translation stays English. tests/reports/test_messages.py compares the catalogues with the code.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, lru_cache
+from importlib import resources
+from itertools import zip_longest
+from typing import NamedTuple
+
+from reports.entries import BatchEntry, FruitEntry
+from reports.language import ENGLISH, decimals, language_in_force
+
+_FIELD = re.compile(r"(?:\{\d\})+")
+"""What varies; of two that touch, nobody can tell where the first ends, so they are one."""
+_FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
+MOST_NAME = 60
+"""Characters before a colon that may name a recording or a file."""
+
+
+class _Template(NamedTuple):
+    pattern: re.Pattern[str]
+    translation: str
+
+
+def in_language(batch: BatchEntry) -> BatchEntry:
+    """The batch with its sentences in the language in force."""
+    if language_in_force() == ENGLISH:
+        return batch
+    reference = batch.reference
+    return replace(
+        batch,
+        fruits=tuple(map(_fruit, batch.fruits)),
+        faults=_all(batch.faults),
+        reference=None if reference is None else replace(reference, sentences=_all(reference.sentences)),
+    )
+
+
+def message(text: str) -> str:
+    """An English sentence in the language in force; as it is where no catalogue has it."""
+    return _message(text, language_in_force()) or text
+
+
+def _fruit(fruit: FruitEntry) -> FruitEntry:
+    screen = fruit.screen
+    if screen is not None:
+        suspects = tuple(
+            replace(suspect, short=message(suspect.short), advice=message(suspect.advice))
+            for suspect in screen.suspects
+        )
+        why_not, note = message(screen.why_not), message(screen.note)
+        screen = replace(screen, suspects=suspects, why_not=why_not, note=note)
+    return replace(
+        fruit,
+        screen=screen,
+        reason=message(fruit.reason),
+        smaller_error=message(fruit.smaller_error),
+        warnings=_all(fruit.warnings),
+        doubts=_all(fruit.doubts),
+        forced=_all(fruit.forced),
+    )
+
+
+def _all(sentences: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(map(message, sentences))
+
+
+@lru_cache(maxsize=4096)
+def _message(text: str, language: str) -> str | None:
+    """The translation of the whole, of it without its full stop, of its sentences, or of what follows a
+    name; None where there is none.
+    """
+    if language == ENGLISH or not text:
+        return None
+    if (whole := _whole(text, language)) is not None:
+        return whole
+    if text.endswith(".") and (open_end := _message(text[:-1], language)) is not None:
+        return f"{open_end}."
+    for stop in re.finditer(r"\.(?= )", text):
+        first = _whole(text[: stop.end()], language) or _whole(text[: stop.start()], language)
+        if first is not None:
+            rest = text[stop.end() + 1 :]
+            return f"{first.removesuffix('.')}. {_message(rest, language) or rest}"
+    name, colon, rest = text.partition(": ")
+    if colon and len(name) <= MOST_NAME and (said := _message(rest, language)) is not None:
+        return f"{name}: {said}"
+    return None
+
+
+def _whole(text: str, language: str) -> str | None:
+    """By the template with most text of its own that `text` fits."""
+    for template in _templates(language):
+        if (fit := template.pattern.fullmatch(text)) is not None:
+            parts = [""] * 10
+            for name, part in fit.groupdict().items():
+                parts[int(name[1:])] = _part(part, language)
+            return template.translation.format(*parts)
+    return None
+
+
+def _part(text: str, language: str) -> str:
+    return decimals(text) if _FIGURE.fullmatch(text) else (_message(text, language) or text)
+
+
+@cache
+def _templates(language: str) -> tuple[_Template, ...]:
+    known = sorted(catalogue(language).items(), key=lambda entry: -len(_FIELD.sub("", entry[0])))
+    return tuple(_Template(_pattern(english), translation) for english, translation in known)
+
+
+def _pattern(english: str) -> re.Pattern[str]:
+    """What fits a template; of fields that touch, the first takes all."""
+    pieces = re.split(r"\{(\d)\}(?:\{\d\})*", english)
+    names = (f"(?P<f{number}>.*?)" for number in pieces[1::2])
+    text = map(re.escape, pieces[0::2])
+    return re.compile(
+        "".join(piece + name for piece, name in zip_longest(text, names, fillvalue="")), re.DOTALL
+    )
+
+
+@cache
+def catalogue(language: str) -> Mapping[str, str]:
+    """English templates and theirs; none of English."""
+    if language == ENGLISH:
+        return {}
+    file = resources.files("reports").joinpath(f"words/messages-{language}.toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))

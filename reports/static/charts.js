@@ -1,0 +1,213 @@
+// Charts of the report: layers of marks, lines, areas, bars and rules over the axes of uPlot. A reader can hover,
+// drag across a part (to select it, or to zoom), and use the keyboard. Colours are names in palette.css.
+"use strict";
+const charts = (function () {
+  const drawn = new Set();
+  const language = document.documentElement.lang;
+  const say = (number, digits = 4) => number.toLocaleString(language, { maximumSignificantDigits: digits, useGrouping: false });
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const SHAPES = {
+    square: [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
+    diamond: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
+    triangle: [[0, -1.2], [1.15, 0.9], [-1.15, 0.9]],
+    down: [[0, 1.2], [1.15, -0.9], [-1.15, -0.9]],
+  };
+
+  function path(pen, points, smooth) {
+    pen.moveTo(...points[0]);
+    if (!smooth) points.slice(1).forEach((point) => pen.lineTo(...point));
+    else {
+      for (let k = 1; k < points.length - 1; k++) { // through the middles, so that no corner shows
+        const end = points[k].map((at, axis) => (at + points[k + 1][axis]) / 2);
+        pen.quadraticCurveTo(...points[k], ...(k < points.length - 2 ? end : points[k + 1]));
+      }
+      if (points.length === 2) pen.lineTo(...points[1]);
+    }
+  }
+
+  const PAINT = {
+    area(pen, layer, X, Y) {
+      pen.globalAlpha = 0.22;
+      path(pen, layer.x.map((x, k) => [X(x), Y(layer.y[k])]));
+      pen.fill();
+    },
+    line(pen, layer, X, Y) {
+      path(pen, layer.x.map((x, k) => [X(x), Y(layer.y[k])]), layer.smooth);
+      pen.stroke();
+    },
+    rules(pen, layer, X, Y, box, px) { // dashed, across the other axis, with their names
+      pen.setLineDash([4 * px, 4 * px]);
+      layer.at.forEach((at, k) => {
+        const upright = layer.along === "x";
+        const ends = upright ? [[X(at), box.top], [X(at), box.top + box.height]] : [[box.left, Y(at)], [box.left + box.width, Y(at)]];
+        path(pen, ends);
+        if (upright) return;
+        pen.textAlign = "right";
+        pen.fillText(layer.names[k], box.left + box.width - 4 * px, Y(at) - 6 * px);
+      });
+      pen.stroke();
+    },
+    bars(pen, layer, X, Y, box, px) {
+      layer.from.forEach((from, k) => pen.rect(X(from) + px / 2, Y(layer.y[k]), X(layer.to[k]) - X(from) - px, Y(0) - Y(layer.y[k])));
+      pen.globalAlpha = layer.faint ? 0.22 : 1;
+      pen.fill();
+    },
+    marks(pen, layer, X, Y, box, px) {
+      pen.globalAlpha = layer.faint ? 0.22 : 1;
+      const many = layer.x.length > 60, size = (many ? 2.4 : 3.6) * px, solid = pen.globalAlpha;
+      layer.x.forEach((x, k) => {
+        pen.globalAlpha = many ? 0.4 * solid : solid;
+        const [at, up] = [X(x), Y(layer.y[k])];
+        if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
+        if (layer.x_sd && layer.x_sd[k]) path(pen, [[X(x - layer.x_sd[k]), up], [X(x + layer.x_sd[k]), up]]);
+        pen.stroke();
+        pen.globalAlpha = solid;
+        pen.beginPath();
+        if (layer.shape in SHAPES) path(pen, SHAPES[layer.shape].map(([right, below]) => [at + size * right, up + size * below]));
+        else pen.arc(at, up, size, 0, 2 * Math.PI);
+        pen.closePath();
+        pen.fill();
+        pen.beginPath();
+      });
+    },
+  };
+
+  function paint(plot, spec) {
+    const pen = plot.ctx, px = devicePixelRatio;
+    const X = (x) => plot.valToPos(x, "x", true), Y = (y) => plot.valToPos(y, "y", true);
+    pen.save();
+    pen.beginPath();
+    pen.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
+    pen.clip();
+    pen.font = `${12 * px}px system-ui, sans-serif`;
+    for (const layer of spec.layers) {
+      if (!(layer.x || layer.at || layer.from).length) continue;
+      pen.save();
+      pen.fillStyle = pen.strokeStyle = colour(layer.colour);
+      pen.lineWidth = (layer.kind === "line" ? 2 : 1.2) * px;
+      pen.beginPath();
+      PAINT[layer.kind](pen, layer, X, Y, plot.bbox, px);
+      pen.restore();
+    }
+    pen.restore();
+  }
+
+  // what can be pointed at, from left to right: place, words, and what a pick of it is
+  function stops(spec) {
+    const of = (layer) => (layer.kind === "bars" ? layer.from.map((x, k) => [(x + layer.to[k]) / 2, layer.y[k]])
+      : layer.kind === "marks" ? layer.x.map((x, k) => [x, layer.y[k]]) : []);
+    return spec.layers.filter((layer) => !layer.faint || !layer.tips).flatMap((layer) => of(layer).map(([x, y], k) => ({
+      x, y, pick: layer.picks && layer.picks[k],
+      words: layer.tips ? layer.tips[k] : `${layer.name ? layer.name + ": " : ""}${say(x)}, ${spec.y.names ? spec.y.names[Math.round(y)] : say(y)}`,
+    }))).sort((a, b) => a.x - b.x);
+  }
+
+  function axes(spec) {
+    const common = { stroke: () => colour("soft"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
+    const numbers = (plot, places) => places.map((at) => say(at));
+    const names = spec.y.names;
+    return [
+      { ...common, label: spec.x.label, labelSize: 22, size: 26, values: numbers, space: 60 },
+      { ...common, label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: names ? 90 : 48, space: 34,
+        values: names ? (plot, places) => places.map((at) => names[at] ?? "") : numbers, ...(names ? { splits: () => names.map((_, k) => k) } : {}) },
+    ];
+  }
+
+  // A chart in `host`. `select(low, high)`: called with the part that a reader drags across, without with
+  // nothing; else a drag zooms. `pick`: called with what a mark stands for.
+  function chart(host, spec, { select, pick } = {}) {
+    const caption = document.createElement("figcaption"), frame = document.createElement("div"), tip = document.createElement("output");
+    const legend = spec.layers.filter((layer) => layer.name && layer.kind !== "bars");
+    frame.className = "plot";
+    frame.tabIndex = 0;
+    frame.setAttribute("role", "img");
+    tip.className = "tip";
+    tip.hidden = true;
+    caption.textContent = spec.caption || spec.title;
+    host.replaceChildren(frame, tip, caption);
+    if (legend.length) {
+      const keys = document.createElement("p");
+      keys.className = "keys";
+      keys.innerHTML = legend.map((layer) => `<span class="key ${layer.kind} ${layer.shape || ""}"></span>`).join(" ");
+      legend.forEach((layer, k) => {
+        keys.children[k].style.setProperty("--key", `var(--${layer.colour})`);
+        keys.children[k].after(` ${layer.name} `);
+      });
+      host.prepend(keys);
+    }
+    let points = [], at = -1, limits = [spec.x.limits, spec.y.limits];
+    function show(k) {
+      at = k;
+      tip.hidden = k < 0;
+      if (k < 0) return;
+      tip.value = points[k].words;
+      const right = Math.max(0, Math.min(plot.valToPos(points[k].x, "x"), plot.over.clientWidth));
+      tip.style.left = `${plot.over.offsetLeft + right}px`;
+      tip.style.top = `${frame.offsetTop + plot.over.offsetTop + plot.valToPos(points[k].y, "y") - 8}px`;
+      tip.classList.toggle("leftwards", right > plot.over.clientWidth / 2);
+    }
+    function nearest(plot) {
+      const { left, top } = plot.cursor;
+      if (left < 0) return show(-1);
+      let best = -1, least = 24;
+      points.forEach((point, k) => {
+        const far = Math.hypot(plot.valToPos(point.x, "x") - left, spec.bars ? 0 : plot.valToPos(point.y, "y") - top);
+        if (far < least) [best, least] = [k, far];
+      });
+      show(best);
+    }
+    const plot = new uPlot({
+      width: frame.clientWidth || 320, height: spec.height || (spec.low ? 170 : 260),
+      legend: { show: false }, padding: [10, 10, 0, 0], axes: axes(spec), series: [{}, { points: { show: false }, stroke: "transparent" }],
+      scales: { x: { time: false, range: (u, low, high) => (low === null ? limits[0] : [low, high]) }, y: { range: () => limits[1].slice().sort((a, b) => a - b), dir: spec.y.names ? -1 : 1 } },
+      cursor: { drag: { x: true, y: false, setScale: !select }, points: { show: false }, y: !select, ...(spec.group ? { sync: { key: spec.group } } : {}) },
+      hooks: {
+        draw: [(u) => paint(u, spec)],
+        setCursor: [nearest],
+        setSelect: select ? [(u) => { if (u.select.width > 4) select(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")); }] : [],
+      },
+    }, [limits[0].slice().sort((a, b) => a - b), [null, null]], frame);
+    if (select) plot.over.addEventListener("dblclick", () => select());
+    plot.over.addEventListener("click", () => { if (at >= 0 && pick && points[at].pick !== undefined && plot.select.width < 5) pick(points[at].pick); });
+    frame.addEventListener("keydown", (event) => {
+      const way = { ArrowRight: 1, ArrowLeft: -1 }[event.key], { min, max } = plot.scales.x;
+      if (way && points.length) show((Math.max(at, way > 0 ? -1 : 0) + way + points.length) % points.length);
+      else if (event.key === "Enter" && at >= 0 && pick && points[at].pick !== undefined) pick(points[at].pick);
+      else if (event.key === "Escape") show(-1);
+      else if (!select && "+-0".includes(event.key)) {
+        const middle = at >= 0 ? points[at].x : (min + max) / 2, half = (max - min) / 2 * (event.key === "+" ? 0.6 : 1.6);
+        plot.setScale("x", event.key === "0" ? { min: limits[0][0], max: limits[0][1] } : { min: middle - half, max: middle + half });
+      } else return;
+      event.preventDefault();
+    });
+    frame.addEventListener("blur", () => show(-1));
+    const resized = new ResizeObserver(() => {
+      if (frame.clientWidth) plot.setSize({ width: frame.clientWidth, height: plot.height });
+    });
+    resized.observe(frame);
+    const shown = {
+      // draws `changed` in its place: layers, limits, description
+      show(changed) {
+        Object.assign(spec, changed);
+        limits = [spec.x.limits, spec.y.limits];
+        frame.setAttribute("aria-label", `${spec.title}. ${spec.description}`);
+        points = stops(spec);
+        show(-1);
+        plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+        plot.setData([limits[0].slice().sort((a, b) => a - b), [null, null]]);
+      },
+      redraw: () => plot.redraw(),
+      remove() {
+        resized.disconnect();
+        drawn.delete(shown);
+        plot.destroy();
+      },
+    };
+    drawn.add(shown);
+    shown.show({});
+    return shown;
+  }
+
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach((each) => each.redraw()));
+  return { chart, say };
+})();

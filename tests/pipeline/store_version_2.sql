@@ -1,0 +1,17 @@
+-- a store of version 2, as drupe wrote it before its tables
+PRAGMA application_id = 0x44525550;
+PRAGMA user_version = 2;
+BEGIN TRANSACTION;
+CREATE TABLE conversion (scale TEXT, cultivar TEXT, version INTEGER, content TEXT, sha256 TEXT, PRIMARY KEY (scale, cultivar, version));
+INSERT INTO "conversion" VALUES('shore_oo','nectarine Big Top',1,'{"E_high_MPa": 0.8599633919999997, "E_low_MPa": 0.2, "fitted_utc": "2026-08-20T12:00:00Z", "fruit": 9, "group": "nectarine Big Top", "intercept": 79.57509253908948, "mean_ln_E": -0.8801516852582821, "residual_sd": 0.5634361698190115, "scale": "shore_oo", "slope": 18.099889327565357, "slope_sd": 0.39896158207740107, "squares": 1.9944690043062723, "version": 1}','172281f36e85f5f594a98854113c83e59871d1b6551d15e7716450b976c9429d');
+CREATE TABLE row (batch TEXT, fruit TEXT, revision INTEGER, graded TEXT, content TEXT, sha256 TEXT, PRIMARY KEY (batch, fruit, revision));
+INSERT INTO "row" VALUES('9d6ddd820835','',0,'2026-08-10T12:00:00Z','{"category": "nectarine", "cultivar": "Big Top", "dated": true, "folder": "/monday", "harvest": null, "limits": [["ready", 0.5], ["firm", null]], "listed": ["A", "B", "lost"], "lot": "7", "measured": "2026-08-10", "temperature_C": 0.0}','03b11301254e95ac02739b0a6ddb3c6eb72dab6051c768775a93ffc5c2cae4c5');
+INSERT INTO "row" VALUES('9d6ddd820835','A',0,'2026-08-10T12:00:00Z','{"E_MPa": 0.8, "E_known_MPa": null, "E_known_sd_MPa": null, "E_sd_MPa": 0.04000000000000001, "doubted": false, "fruit_id": "A", "penetrometer_N": null, "recordings": ["49d6f566a5d9bef4e5362463c036578a887180f13f836112fc15b47caba0ebf3"], "shore_oo": 50.0}','171c65d5eacbd66426aaee5da0879180b5a4829476d259f58b096b843c5ffa03');
+INSERT INTO "row" VALUES('9d6ddd820835','B',0,'2026-08-10T12:00:00Z','{"E_MPa": 0.9, "E_known_MPa": null, "E_known_sd_MPa": null, "E_sd_MPa": 0.045000000000000005, "doubted": false, "fruit_id": "B", "penetrometer_N": null, "recordings": ["1680691ab0ae25267360ad4e552e8941f5220490232521743afd3cc10c982653"], "shore_oo": 50.0}','03e70175b79f6040e124542aa1b7bb74a9937e32020d089b5c86f6e5470c8562');
+INSERT INTO "row" VALUES('9d6ddd820835','lost',0,'2026-08-10T12:00:00Z','null','bf52682c7b4c2622d8b58fa44a6cc0079f5329ab6fe8f9bb2e709bc94c01e1ee');
+INSERT INTO "row" VALUES('9d6ddd820835','',1,'2026-08-11T12:00:00Z','{"category": "nectarine", "cultivar": "Big Top", "dated": true, "folder": "/monday", "harvest": null, "limits": [["ready", 0.5], ["firm", null]], "listed": ["A", "B", "lost"], "lot": "7", "measured": "2026-08-10", "temperature_C": 0.0}','db28b550515b123edebe5f918d3db7eced6019edb27f285a10f190416ca248de');
+INSERT INTO "row" VALUES('9d6ddd820835','A',1,'2026-08-11T12:00:00Z','{"E_MPa": 0.85, "E_known_MPa": null, "E_known_sd_MPa": null, "E_sd_MPa": 0.0425, "doubted": false, "fruit_id": "A", "penetrometer_N": null, "recordings": ["49d6f566a5d9bef4e5362463c036578a887180f13f836112fc15b47caba0ebf3"], "shore_oo": 50.0}','27255cfb385045d887b126ab1820ce08a1a54d1c30a71aea8e520d60305dcaf8');
+INSERT INTO "row" VALUES('9d6ddd820835','B',1,'2026-08-11T12:00:00Z','{"E_MPa": 0.95, "E_known_MPa": null, "E_known_sd_MPa": null, "E_sd_MPa": 0.0475, "doubted": false, "fruit_id": "B", "penetrometer_N": null, "recordings": ["1680691ab0ae25267360ad4e552e8941f5220490232521743afd3cc10c982653"], "shore_oo": 50.0}','4228ae43a5662a3e691e89bca68a152b0bd4d4d17207f33781e2829246e7a93d');
+CREATE TABLE whole (sha256 TEXT);
+INSERT INTO "whole" VALUES('cb3d030ea3ca9312c004a9151544220ea668d7e11d33f52ac0672fef6df8be24');
+COMMIT;

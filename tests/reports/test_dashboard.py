@@ -1,0 +1,275 @@
+"""The report in a browser: size, time, filters, charts, export, printing, keyboard and accessibility."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+from datetime import UTC, datetime
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+from browser import NODES, busy, chromium, reloaded
+
+from reports.entries import FruitEntry, VerdictEntry
+from reports.page import report_html
+from reports.tables import ranking_csv
+
+pytestmark = pytest.mark.slow
+MOST_NODES, MOST_LOAD_S = 2000, 1.5
+"""Of a report of 500 fruit: nodes at a time; seconds until loaded, by the clock and of the processor."""
+TIMEOUT_MS = 120_000
+"""Of each step: on a busy machine a browser starts slowly."""
+CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
+
+
+def lot(graded, template, count):
+    """So many fruit, E from 0.2 by rank, and one that was not graded."""
+    E_MPa = 0.2 + np.arange(count) / count
+    fruits = [
+        replace(
+            graded(f"N-{k:03d}", rank=k + 1, E_MPa=float(E)),
+            maturity=next(name for name, limit in CLASSES if limit is None or limit >= E),
+            decision="ship" if E <= 0.5 else "hold",
+            facts=tuple((f"Part: fact {j}", "1.0 mm") for j in range(40)),
+        )
+        for k, E in enumerate(E_MPa)
+    ]
+    lost = FruitEntry(
+        fruit_id="lost", ok=False, outcome="no-photos", reason="No photo.", decision="inspect",
+        decision_reason="not graded",
+    )  # fmt: skip
+    return replace(template, fruits=(*fruits, lost), classes=CLASSES, ships=("ripe",), shore=None, inputs=())
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture
+def shown(browser, tmp_path, awkward_batch, graded):
+    """Opens the report of a lot at an address; fails on any message of the browser."""
+    complaints = []
+    contexts = []
+
+    def show(count, *, hash_="", **context):
+        batch = lot(graded, awkward_batch, count)
+        path = tmp_path / "report.html"
+        path.write_text(report_html(batch), encoding="utf-8")
+        contexts.append(browser.new_context(offline=True, accept_downloads=True, **context))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(TIMEOUT_MS)
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(f"{path.as_uri()}{hash_}", timeout=TIMEOUT_MS)
+        return page, batch
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+def rows_shown(page):
+    return page.locator("form.tools output").inner_text().partition(":")[0]
+
+
+def state(page):
+    return {name: values[0] for name, values in parse_qs(page.url.partition("#")[2]).items()}
+
+
+def test_five_hundred_fruit_load_fast_and_are_few_nodes_wherever_a_reader_scrolls(shown):
+    page, _ = shown(500)
+    loads = [reloaded(page) for _ in range(3)]
+    assert 0.0 < min(processor_s for _, processor_s in loads) <= MOST_LOAD_S
+    if not busy():
+        assert min(loaded_s for loaded_s, _ in loads) <= MOST_LOAD_S
+    page.locator("#card summary").click()
+    counts = []
+    for top in (0, 3000, 10**6):
+        page.locator(".box").evaluate("(box, top) => { box.scrollTop = top; }", top)
+        page.wait_for_timeout(100)
+        counts.append(page.evaluate(NODES))
+    assert max(counts) <= MOST_NODES
+    assert page.locator("table.fruit tbody tr:not(.space) th").last.inner_text() == "lost"
+
+
+def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp_path, awkward_batch, graded):
+    batch = lot(graded, awkward_batch, 3)
+    first, *others = batch.fruits
+    at_utc = datetime(2026, 11, 28, 9, 30, tzinfo=UTC)
+    judged = VerdictEntry(
+        judged_class="firm", by="A. Huber", why="hard at the suture", at_utc=at_utc, E_MPa=0.2, E_sd_MPa=0.01
+    )
+    first = replace(
+        first,
+        verdicts=(judged,),
+        E_at_pulp_MPa=0.231,
+        E_at_pulp_sd_MPa=0.012,
+        columns={"Brix": 12.5625, "grower": "Mayr"},
+    )
+    batch = replace(batch, fruits=(first, *others), columns=(("Brix", "°Brix"), ("grower", "")))
+    path = tmp_path / "report.html"
+    path.write_text(report_html(batch), encoding="utf-8")
+    page = browser.new_page()
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(path.as_uri())
+    heads = page.locator("table.fruit thead th").all_inner_texts()
+    rows = page.locator("table.fruit tbody tr:not(.space)")
+    cells = [rows.nth(k).locator("th, td").all_inner_texts() for k in range(2)]
+    expected = {
+        "A person's verdict": ("A. Huber: firm", "–"),
+        "E at the grasp's temperature (MPa)": ("0.231 ± 0.012", "–"),
+        "Brix (°Brix)": ("12.5625", "–"),
+        "grower": ("Mayr", "–"),
+    }
+    shown = {name: tuple(row[heads.index(name)] for row in cells) for name in expected}
+    assert shown == expected
+    rows.first.locator("th a").click()
+    said = page.locator("#card").inner_text().replace("\u00a0", " ")
+    assert (
+        "A person's verdict: A. Huber judged it firm on 2026-11-28 09:30 UTC (E = 0.200 ± 0.010 MPa)" in said
+    )
+    assert "At the temperature of the grasp E is 0.231 ± 0.012 MPa" in said
+    page.locator("#card summary").click()
+    facts = page.locator("#card dl.facts dt, #card dl.facts dd").all_text_contents()
+    assert facts[-4:] == ["Brix", "12.5625 °Brix", "grower", "Mayr"]
+    page.close()
+
+
+def test_without_scripts_there_is_a_table_of_all_fruit(shown):
+    page, batch = shown(30, java_script_enabled=False)
+    assert page.locator("table.fruit tbody tr").count() == len(batch.fruits)
+    for part in ("form.tools", ".plots", "section.fruits"):
+        assert not page.locator(part).is_visible()
+
+
+def test_printing_gives_the_certificate_and_the_ranking_alone(shown):
+    page, batch = shown(120)
+    page.evaluate(
+        "addEventListener('beforeprint', () => {"
+        "  window.printed = document.querySelectorAll('.box th a').length; })"
+    )
+    sheets = len(re.findall(rb"/Type\s*/Page\b", page.pdf()))
+    assert page.evaluate("window.printed") == len(batch.fruits)
+    assert sheets <= 1 + 1 + len(batch.fruits) // 25
+    page.emulate_media(media="print")
+    seen = page.evaluate(
+        "[...document.querySelectorAll('main > *')].filter((e) => e.offsetHeight).map((e) => e.className)"
+    )
+    assert set(seen) <= {"lot", "decisions", "ranking", "faults"}
+
+
+def test_filters_are_in_the_address_and_come_back_from_it(shown):
+    page, _ = shown(40)
+    page.locator("[name=class]").select_option("firm")
+    page.locator("[name=to]").fill("0.7")
+    page.get_by_role("button", name="E (MPa)").click()
+    page.get_by_role("button", name="E (MPa)").click()
+    expected = sum(0.5 < 0.2 + k / 40 <= 0.7 + 1e-12 for k in range(40))
+    assert rows_shown(page) == f"{expected} of 41 fruit"
+    first = page.locator("table.fruit tbody th").first.inner_text()
+    kept = state(page)
+    assert kept == {"class": "firm", "to": "0.7", "sort": "-4"}
+    again, _ = shown(40, hash_="#" + page.url.partition("#")[2])
+    assert rows_shown(again) == f"{expected} of 41 fruit"
+    assert again.locator("table.fruit tbody th").first.inner_text() == first
+    assert again.locator("[name=class]").input_value() == "firm"
+    assert again.locator("thead [aria-sort=descending]").inner_text().startswith("E (MPa)")
+
+
+def test_mean_and_deviation_of_the_rows_are_those_of_numpy(shown):
+    page, batch = shown(40, hash_="#list=ship")
+    E = np.array([fruit.E_MPa for fruit in batch.fruits if fruit.decision == "ship"])
+    mean, sd = re.findall(r"[\d.]+(?= MPa)", page.locator("form.tools output").inner_text())
+    assert float(mean) == pytest.approx(E.mean(), rel=2e-3)
+    assert float(sd) == pytest.approx(E.std(ddof=1), rel=2e-3)
+
+
+def test_the_export_is_the_shown_rows_of_the_ranking(shown):
+    page, batch = shown(40, hash_="#class=unripe&sort=-4")
+    with page.expect_download() as coming:
+        page.get_by_role("button", name="Save these rows as CSV").click()
+    saved = list(csv.reader(io.StringIO(coming.value.path().read_text(encoding="utf-8-sig"))))
+    header, *rows = csv.reader(io.StringIO(ranking_csv(batch)))
+    unripe = [row for row in rows if row[header.index("maturity")] == "unripe"]
+    assert saved == [header, *reversed(unripe)]
+    assert coming.value.suggested_filename.endswith("-ranking.csv")
+
+
+def test_the_histogram_counts_as_numpy_does_and_ends_bars_at_the_limits(shown):
+    page, batch = shown(200)
+    words = page.locator("#histogram .plot").get_attribute("aria-label")
+    bars = [tuple(map(float, bar)) for bar in re.findall(r"([\d.]+)–([\d.]+) MPa: (\d+)", words)]
+    edges = np.array([*(low for low, _, _ in bars), bars[-1][1]])
+    assert {0.5, 0.9} <= set(edges)
+    E = [fruit.E_MPa for fruit in batch.fruits if fruit.E_MPa is not None]
+    counted, _ = np.histogram(E, edges)
+    # a bar takes its upper end, NumPy's its lower; labels have four digits
+    assert np.abs(counted - [count for _, _, count in bars]).max() <= 1
+    assert sum(count for _, _, count in bars) == len(E)
+
+
+def test_a_drag_across_the_histogram_selects_fruit_and_a_double_click_shows_all(shown):
+    page, batch = shown(40)
+    plot = page.locator("#histogram .u-over")
+    plot.scroll_into_view_if_needed()
+    room = plot.bounding_box()
+    across = [room["x"] + share * room["width"] for share in (0.3, 0.6)]
+    page.mouse.move(across[0], room["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(across[1], room["y"] + 40, steps=4)
+    page.mouse.up()
+    chosen = state(page)
+    inside = [
+        fruit for fruit in batch.fruits
+        if fruit.E_MPa is not None and float(chosen["from"]) <= fruit.E_MPa <= float(chosen["to"])
+    ]  # fmt: skip
+    assert 5 < len(inside) < 25
+    assert rows_shown(page) == f"{len(inside)} of 41 fruit"
+    shipped = sum(fruit.decision == "ship" for fruit in inside)
+    assert page.locator(".count[data-list=ship]").inner_text() in (f"{shipped} / 13", "13")
+    plot.dblclick(position={"x": 30, "y": 30})
+    assert rows_shown(page) == "41 fruit"
+
+
+def test_all_of_it_works_by_keyboard(shown):
+    page, _ = shown(40)
+    page.locator("#by-rank .plot").focus()
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    assert "N-002" in page.locator("#by-rank .tip").inner_text()
+    page.keyboard.press("Enter")
+    assert state(page)["fruit"] == "N-002"
+    assert page.evaluate("document.activeElement.id") == "fruit-name"
+    assert "N-002" in page.locator("#fruit-name").inner_text()
+    page.get_by_role("button", name="Next", exact=True).press("Enter")
+    assert "N-003" in page.locator("#fruit-name").inner_text()
+    page.go_back()
+    assert "N-000" in page.locator("#fruit-name").inner_text()
+    page.get_by_role("link", name="N-005").first.press("Enter")
+    assert "N-005" in page.locator("#fruit-name").inner_text()
+
+
+@pytest.mark.parametrize("width", [360, 800, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_and_nothing_is_cut_off(shown, width, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    page, _ = shown(40, viewport={"width": width, "height": 800}, color_scheme=scheme)
+    for summary in page.locator("summary").all():
+        summary.click()
+    found = axe.Axe().run(page)
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_on_a_phone_fruit_class_and_decision_come_first(shown):
+    page, _ = shown(40, viewport={"width": 360, "height": 800})
+    table, plots = (page.locator(part).bounding_box() for part in (".box", ".plots"))
+    assert table["y"] < plots["y"]
+    heads = page.locator("table.fruit thead th")
+    assert [heads.nth(k).inner_text() for k in range(3)] == ["Fruit", "Class", "List"]
+    cell = page.locator("table.fruit tbody tr:not(.space) td").nth(1).bounding_box()
+    assert cell["x"] + cell["width"] <= 360

@@ -1,0 +1,156 @@
+"""Warnings, doubts and reasons of other packages in the page's language, with English as their one source."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from message_templates import ROOT, modules, templates
+
+from fem.estimation.modulus_warnings import warnings_of
+from fem.grasp_history import GraspHistory
+from pipeline.batch.outcome import Outcome
+from reports.language import ENGLISH, LANGUAGES, spoken
+from reports.messages import catalogue, message
+from reports.page import report_html
+from tactile.checks.finding import Finding, FindingKind, FindingRank
+
+OTHERS = [language for language in LANGUAGES if language != ENGLISH]
+UNTRANSLATED = frozenset(
+    {
+        "fem/estimation/finite_response.py", "fem/estimation/frame_thinning.py",
+        "fem/estimation/fruit_modulus.py", "fem/estimation/modulus.py", "fem/estimation/prepared_grasp.py",
+        "fem/estimation/sensitivity.py", "fem/mesh/closed_surface.py", "fem/mesh/flesh_mesh.py",
+        "fem/mesh/surface_points.py", "fem/mesh/tetwild.py", "pipeline/fruit/bare_traces.py",
+        "pipeline/fruit/fruit_shape.py", "pipeline/fruit/kept_models.py",
+        "pipeline/fruit/missing_physics.py", "pipeline/fruit/placed_grasp.py",
+        "pipeline/fruit/pressed_fruit.py", "pipeline/ranking/batch_faults.py",
+        "pipeline/ranking/reference_ratio.py", "recon/cameras/mat_poses.py", "recon/cameras/motion.py",
+        "recon/cameras/photos.py", "recon/cameras/plane_motion.py", "recon/cameras/printed_mat.py",
+        "recon/checks/photo_check.py", "recon/checks/surface_verdict.py", "recon/learned/onnx_file.py",
+        "recon/pit/placement.py", "recon/pit/priors/__init__.py", "recon/surface/mesh_file.py",
+        "recon/underside.py", "tactile/camera_from_dots.py", "tactile/checks/footprint.py",
+        "tactile/checks/gain_findings.py", "tactile/checks/gel_findings.py", "tactile/checks/jaw_share.py",
+        "tactile/checks/lattice.py", "tactile/checks/reference.py", "tactile/correction.py",
+        "tactile/from_frames.py", "tactile/from_tac3d.py", "tactile/gel/ball_press.py",
+        "tactile/gel/fields.py", "tactile/gel/press_modulus.py", "tactile/gel/shading_file.py",
+        "tactile/io/frame_checks.py", "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
+        "tactile/io/raw_h5.py", "tactile/io/recording.py", "tactile/io/recording_fields.py",
+        "tactile/io/rig_file.py", "tactile/io/ros_bag.py", "tactile/io/sensor_file.py",
+        "tactile/io/tac3d.py", "tactile/io/toml_table.py", "tactile/io/trace_columns.py",
+        "tactile/jaw_poses.py", "tactile/layer_stiffness.py", "tactile/markers/estimated_reference.py",
+        "tactile/markers/pad_frames.py", "tactile/markers/reference_places.py",
+        "tactile/markers/tracking.py", "tactile/pad_reference.py", "tactile/plain_jaw.py",
+        "tactile/rig/rig_correction.py", "tactile/rig/rig_fit.py", "tactile/rig/rigid_squeeze.py",
+        "tactile/robot/base_and_mat.py", "tactile/robot/hand_eye.py", "tactile/robot/pad_poses.py",
+        "tactile/sensor_description.py",
+    }
+)  # fmt: skip
+"""Modules with sentences that are not translated yet. Every other module is translated whole."""
+
+
+def words(template):
+    return re.findall(r"[A-Za-z]{2,}", re.sub(r"\{\d\}", " ", template))
+
+
+def first_fields(template):
+    """What varies; of fields that touch, the first."""
+    return sorted(re.findall(r"(?<!\})\{(\d)\}", template))
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_sentence_is_translated_but_those_of_the_listed_modules(language):
+    known = catalogue(language)
+    lacking = {}
+    for path in modules():
+        missing = [text for text in templates(path) if text not in known]
+        if missing:
+            lacking[path.relative_to(ROOT).as_posix()] = missing
+    new = {name: missing for name, missing in lacking.items() if name not in UNTRANSLATED}
+    assert new == {}, f"translate these in reports/words/messages-{language}.toml"
+    assert UNTRANSLATED - lacking.keys() == set(), "translated now: remove them from UNTRANSLATED"
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_no_translation_is_of_a_sentence_that_the_code_no_longer_has(language):
+    said = {text for path in modules() for text in templates(path)}
+    assert {text for text in catalogue(language) if len(words(text)) >= 4 and text not in said} == set()
+    assert catalogue(language).keys() == catalogue(OTHERS[0]).keys()
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_what_varies_is_put_into_the_translation_of_its_own_sentence(language):
+    for english, translation in catalogue(language).items():
+        assert first_fields(english) == sorted(re.findall(r"\{(\d)\}", translation)), english
+        filled = re.sub(r"(?<!\})\{(\d)\}", r"<\1>", english)
+        filled = re.sub(r"\{\d\}", "", filled)
+        with spoken(language):
+            assert message(filled) == re.sub(r"\{(\d)\}", r"<\1>", translation), english
+
+
+def test_a_finding_of_a_pad_in_a_recording_is_translated_with_its_parts():
+    says = (
+        "force has the wrong sign: pressing must move markers to negative z and give a positive force on the "
+        "fruit"
+    )
+    finding = Finding(FindingKind.SIGN, FindingRank.RELATION, says, pads=("left",))
+    with spoken("de"):
+        assert message(f"grasp-1: {finding.sentence}.") == (
+            "grasp-1: Pad links: Kraft hat das falsche Vorzeichen: Drücken muss Marker nach negativem z "
+            "bewegen und eine positive Kraft auf die Frucht ergeben."
+        )
+
+
+def test_a_sentence_in_a_sentence_is_translated_and_figures_have_the_language_s_decimals():
+    sentence = Outcome.IMPLAUSIBLE_MODULUS.sentence("14.25 MPa (expected 0.005 to 12 MPa)")
+    with spoken("es"):
+        assert message(sentence).startswith("E sería 14,25 MPa (se esperaba de 0,005 a 12 MPa), fuera del ")
+
+
+def test_a_warning_as_the_mechanics_gives_it_is_translated():
+    history = GraspHistory.__new__(GraspHistory)
+    (warning,) = warnings_of(
+        history,
+        (),
+        least_squares_MPa=0.4,
+        energy_MPa=0.5,
+        residual_rms_mm=0.0,
+        noise_mm=0.0,
+        fruit_moves=False,
+    )
+    with spoken("de"):
+        assert message(f"grasp-2: {warning.sentence}").startswith(
+            "grasp-2: das Energieverhältnis ergibt 0,500 MPa, die kleinsten Quadrate 0,400 MPa;"
+        )
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_sentence_that_no_catalogue_has_stays_as_it_is(language):
+    with spoken(language):
+        assert message("A sentence of tomorrow: with 0.5 MPa.") == "A sentence of tomorrow: with 0.5 MPa."
+        assert message("") == ""
+    assert message("force") == "force"
+
+
+def test_a_page_says_warnings_doubts_and_reasons_in_its_language(awkward_batch):
+    sound, lost = awkward_batch.fruits[0], next(fruit for fruit in awkward_batch.fruits if not fruit.ok)
+    sound = replace(
+        sound,
+        doubts=("doubts about the inputs",),
+        warnings=("drupe left out 3 of 24 photos.",),
+        smaller_error="61 % of its variance comes from: pit size; smaller with more grasps.",
+    )
+    lost = replace(
+        lost,
+        reason="Too few views: only 2 of 9 photos are usable, expected at least 6. Take 24 sharp photos from "
+        "all sides, at two or three heights.",
+    )
+    html = report_html(replace(awkward_batch, fruits=(sound, lost)), language="de")
+    for said in (
+        "Zweifel an den Eingaben",
+        "drupe hat 3 von 24 Fotos ausgelassen.",
+        "61 % der Varianz kommen von: Größe des Steins; kleiner durch mehr Griffe.",
+        "Zu wenige Ansichten: nur 2 von 9 Fotos sind brauchbar, erwartet mindestens 6.",
+    ):
+        assert said in html
+    assert "Doubts" not in html
+    assert "drupe left out" not in html
