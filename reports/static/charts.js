@@ -106,9 +106,10 @@ const charts = (function () {
     const common = { stroke: () => colour("soft"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
     const numbers = (plot, places) => places.map((at) => say(at));
     const names = spec.y.names;
+    const steps = (along) => along.whole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] } : {};
     return [
-      { ...common, label: spec.x.label, labelSize: 22, size: 26, values: numbers, space: 60 },
-      { ...common, label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: names ? 90 : 48, space: 34,
+      { ...common, ...steps(spec.x), label: spec.x.label, labelSize: 22, size: 26, values: numbers, space: 60 },
+      { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: names ? 90 : 48, space: 34,
         values: names ? (plot, places) => places.map((at) => names[at] ?? "") : numbers, ...(names ? { splits: () => names.map((_, k) => k) } : {}) },
     ];
   }

@@ -140,7 +140,7 @@
     layers.push({ kind: "rules", along: "x", at: limits.map((one) => one.limit), names: limits.map((one) => one.name), colour: "soft" });
     return {
       title: words.histogram, bars: true, layers, x: { label: words.E, limits: [low, high] },
-      y: { label: words.per.replace("#", charts.say(width)), limits: [0, 1.06 * tallest || 1] },
+      y: { label: words.per.replace("#", charts.say(width)), whole: true, limits: [0, 1.06 * tallest || 1] },
       description: bars.filter((bar) => bar.now).map((bar) => `${charts.say(bar.from)}–${charts.say(bar.to)} MPa: ${bar.now}`).join("; "),
     };
   }
@@ -148,7 +148,7 @@
     const rule = { kind: "rules", along: "y", at: limits.map((one) => one.limit), names: limits.map((one) => one.name), colour: "soft" };
     const marks = layersOf(chosen, (of) => ({ kind: "marks", x: of.map((row) => row.rank), y: of.map((row) => row.E), y_sd: of.map((row) => row.sd) }));
     return {
-      title: words.ranking, x: { label: words.rank, limits: [from, to] }, y: { label: words.E, limits: [low, high] }, layers: [rule, ...marks],
+      title: words.ranking, x: { label: words.rank, whole: true, limits: [from, to] }, y: { label: words.E, limits: [low, high] }, layers: [rule, ...marks],
       description: rows.filter((row) => chosen.has(row) && counted(row)).slice(0, 12).map((row) => `${row.id} ${charts.say(row.E)} MPa`).join("; "),
     };
   }
