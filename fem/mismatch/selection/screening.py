@@ -10,7 +10,7 @@ from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
-from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
+from fem.mismatch.evidence.error_scale import NullDraws
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
@@ -57,9 +57,8 @@ class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `linear_fits`: every signature's.
 
     `equations`: of all signatures, the nuisances integrated out; `null_draws`: their data without mismatch.
-    `without`: effects, one way of theirs to
-    show, or large deformation, that could not be computed, and why. `gel_faults`: all those of the catalogue.
-    `numbers`: how many numbers all recordings have.
+    `without`: effects, one way of theirs to show, or large deformation, that could not be computed, and why.
+    `gel_faults`: all those of the catalogue. `numbers`: how many numbers all recordings have.
     """
 
     products: GramMatrix
@@ -135,12 +134,11 @@ def linear_round(
     without: dict[str, str],
     gel_faults: tuple[GelFault, ...] = (),
     numbers: int,
-    prior: ScalePrior | None = None,
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
     `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: what else is
-    known of it at the amounts found. `prior`: of the scale of the model's error, if not the shipped one.
+    known of it at the amounts found.
     """
     ways: dict[str, list[tuple[int, ...]]] = {}
     for effect, _, columns in signatures:
@@ -159,7 +157,7 @@ def linear_round(
         null_draws=NullDraws(
             bare=bare,
             error_sd=np.array([error_sd.get(j, 0.0) for j in bare.columns]),
-            prior=scale_prior() if prior is None else prior,
+            prior=scale_prior(),
         ),
         without=without,
         gel_faults=gel_faults,
