@@ -24,7 +24,7 @@ Chart = dict[str, Any]
 _MOST_POINTS = 80
 """Marks of one pad: on a drawing 360 px wide more would lie less than 4 px apart."""
 _MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
-"""Points of the model's curve, and frames of which each is the mean. Set by hand: frames scatter."""
+"""Most points of the model's curve, and fewest frames in the mean of each. Set by hand: frames scatter."""
 LEAST_CERTAIN = 0.2
 """Relative error of a frame's modulus from which it does not set the chart's scale."""
 _SHAPES = ("circle", "square")

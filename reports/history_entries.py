@@ -93,7 +93,9 @@ class ConversionEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceEntry:
-    """Two lots of a cultivar on their last days: mean E of the first minus that of the second, MPa."""
+    """Two lots of a cultivar on their last days: mean E of the first minus that of the second, MPa, with its
+    90 % interval. `p`: of Welch's test, adjusted for the number of pairs.
+    """
 
     first: str
     second: str

@@ -1,15 +1,14 @@
 """Lots of one cultivar together: how fast they soften, and how they differ on their last days."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from itertools import groupby
 
 from pipeline.history.lot_statistics import lot_differences
 from pipeline.history.lots_softening import FEWEST_LOTS, lots_softening
-from reports.history_entries import DifferenceEntry, GroupEntry, SeriesEntry
+from reports.history_entries import GroupEntry, SeriesEntry
 
 MOST_COMPARED = 20
-"""Lots of which all pairs are compared: 190 rows. Beyond it, those measured last."""
+"""All pairs of so many lots are compared: 190 rows. Of more lots, those measured last are. Set by hand."""
 
 NO_LAW = (
     f"There is no common rate of softening yet. The mixed model needs {FEWEST_LOTS} lots with two days each, "
@@ -31,7 +30,7 @@ def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
             series=lots,
             words=words,
             rates=rates,
-            differences=tuple(DifferenceEntry(**asdict(one)) for one in lot_differences(last_E)),
+            differences=tuple(lot_differences(last_E)),
         )
 
 

@@ -16,6 +16,7 @@ from scipy.stats import binomtest, ttest_ind
 from scipy.stats import t as student
 
 from pipeline.history.softening import COVERAGE
+from reports.history_entries import DifferenceEntry
 
 PERCENTILES = (10, 25, 50, 75, 90)
 """Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
@@ -82,22 +83,8 @@ def class_ranges(
     return [(name, below, limit) for (name, limit), below in zip(limits, lower, strict=False)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LotDifference:
-    """Mean E of the first lot minus that of the second, MPa, with its 90 % interval, and Welch's p, adjusted
-    for the number of pairs by Holm's method.
-    """
-
-    first: str
-    second: str
-    difference_MPa: float
-    low_MPa: float
-    high_MPa: float
-    p: float
-
-
-def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[LotDifference]:
-    """All pairs of lots with at least two fruit each."""
+def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntry]:
+    """All pairs of lots with at least two fruit each, with 90 % intervals, and p by Holm's method."""
     pairs = []
     for first, second in combinations([name for name, E in E_MPa.items() if len(E) > 1], 2):
         welch = ttest_ind(E_MPa[first], E_MPa[second], equal_var=False)
@@ -106,7 +93,7 @@ def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[LotDifference]
         pairs.append((first, second, difference, interval.low, interval.high, float(welch.pvalue)))
     adjusted = _holm([pair[-1] for pair in pairs])
     return [
-        LotDifference(first=a, second=b, difference_MPa=d, low_MPa=float(low), high_MPa=float(high), p=p)
+        DifferenceEntry(first=a, second=b, difference_MPa=d, low_MPa=float(low), high_MPa=float(high), p=p)
         for (a, b, d, low, high, _), p in zip(pairs, adjusted, strict=True)
     ]
 
