@@ -56,7 +56,7 @@ def missing_results(results: Path, fruit_ids: list[str]) -> list[str]:
     page = results / "report.html"
     if not page.is_file():
         return [f"no {page}"]
-    headings = re.findall(r"<h3[^>]*>(.*?)</h3>", page.read_text(encoding="utf-8"), re.DOTALL)
+    headings = _fruit_headings(page.read_text(encoding="utf-8"))
     said = [
         f"{fruit}: no heading of its own in {page}"
         for fruit in fruit_ids
@@ -69,6 +69,15 @@ def missing_results(results: Path, fruit_ids: list[str]) -> list[str]:
         elif not trimesh.load_mesh(mesh).is_watertight:
             said.append(f"{fruit}: {mesh} is not watertight")
     return said
+
+
+def _fruit_headings(page: str) -> list[str]:
+    """Heading of each fruit's card. The page holds the cards as lines of JSON and draws one at a time."""
+    cards = re.search(r'<script type="application/json" id="details">(.*?)</script>', page, re.DOTALL)
+    lines = cards[1].splitlines() if cards else []
+    return [
+        heading for line in lines for heading in re.findall(r"<h3[^>]*>(.*?)</h3>", json.loads(line)["html"])
+    ]
 
 
 if __name__ == "__main__":

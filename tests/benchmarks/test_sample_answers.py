@@ -1,23 +1,41 @@
 """What a graded sample batch must hold beside its moduli: a watertight mesh and a heading of each fruit."""
 
+from datetime import UTC, datetime
+
 import trimesh
 from sealed_truths import put_on_path
 
 put_on_path()
 from sample_answers import missing_results  # noqa: E402
 
+from reports.entries import BatchEntry, FruitEntry  # noqa: E402
+from reports.page import report_html  # noqa: E402
 
-def results(folder, *headings: str):
+
+def results(folder, *graded: str):
+    """Meshes of two fruit, and the report of those that are graded."""
     for fruit in ("N1", "N10"):
         (folder / "fruits" / fruit).mkdir(parents=True)
         trimesh.creation.icosphere(subdivisions=1).export(folder / "fruits" / fruit / "fruit.ply")
-    page = "".join(f'<h3 id="f">{one}</h3>' for one in headings)
-    (folder / "report.html").write_text(f"<p>N1 N10</p>{page}", encoding="utf-8")
+    fruits = tuple(
+        FruitEntry(fruit_id=fruit, ok=True, outcome="graded", rank=rank, E_MPa=0.3 * rank, E_sd_MPa=0.02)
+        for rank, fruit in enumerate(graded, start=1)
+    )
+    start = datetime(2026, 11, 1, tzinfo=UTC)
+    batch = BatchEntry(
+        name="N1 and N10",
+        category="nectarine",
+        fruits=fruits,
+        started_utc=start,
+        finished_utc=start,
+        exit_status=0,
+    )
+    (folder / "report.html").write_text(report_html(batch), encoding="utf-8")
     return folder
 
 
 def test_whole_results_lack_nothing(tmp_path):
-    assert missing_results(results(tmp_path, "N1 ripe", "N10"), ["N1", "N10"]) == []
+    assert missing_results(results(tmp_path, "N1", "N10"), ["N1", "N10"]) == []
 
 
 def test_a_fruit_without_a_heading_of_its_own_is_said(tmp_path):
