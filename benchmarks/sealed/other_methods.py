@@ -7,7 +7,7 @@ import numpy as np
 from parameter_errors import NINETY
 from sealed_scores import Scored, inside
 
-METHODS = ("modulus alone", "Gaussian process", "sparse regression")
+METHODS = ("modulus alone", "Gaussian process", "sparse regression", "random forest")
 FINDER = "this finder"
 
 

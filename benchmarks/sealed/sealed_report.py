@@ -9,7 +9,7 @@ import numpy as np
 from other_methods import method_table
 from psychometric import fitted_curve
 from scipy.stats import kstest
-from sealed_scores import KIN, Scored, inside, parameter_rows, scored, share, signal_over_noise
+from sealed_scores import Scored, inside, parameter_rows, scored, share, signal_over_noise
 
 PLAIN_SIGNAL = 10.0
 """Signal over noise from which an effect is plain."""
@@ -48,7 +48,7 @@ def tables(cases: Sequence[Scored]) -> list[str]:
     outside = [one for one in cases if one.kind == "outside"]
     plain = [one for one in singles if one.signal > PLAIN_SIGNAL]
     covered = [one.covered for one in (*singles, *pairs) if one.detected]
-    wrong = [one.detected and not one.unknown and not _is_kin(one) for one in outside]
+    wrong = [one.detected and not one.unknown and not one.related for one in outside]
     return [
         share("false alarms in sound cases", [one.detected for one in sound]),
         *(
@@ -62,7 +62,7 @@ def tables(cases: Sequence[Scored]) -> list[str]:
         share("  one of the two in the verdict", [_one_of_two(one) for one in pairs]),
         share("verdict covers the truth, where something was found", covered),
         share("outside the catalogue: called unknown", [one.unknown for one in outside]),
-        share("  unknown or honest kin", [one.unknown or _is_kin(one) for one in outside]),
+        share("  unknown or a relative", [one.unknown or one.related for one in outside]),
         share("  taken for another effect", wrong),
         "",
         *confusion(cases),
@@ -78,11 +78,6 @@ def tables(cases: Sequence[Scored]) -> list[str]:
 def _one_of_two(one: Scored) -> bool:
     said = {part for name in one.verdict for part in name.split("+")}
     return bool(said & set(one.truth.split("+")))
-
-
-def _is_kin(one: Scored) -> bool:
-    said = {part for name in one.verdict for part in name.split("+")}
-    return bool(said) and said <= set(KIN.get(one.physics, ()))
 
 
 def confusion(cases: Sequence[Scored]) -> list[str]:

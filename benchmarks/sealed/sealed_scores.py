@@ -20,18 +20,21 @@ NINETY_FIVE = 0.95
 """Of the binomial intervals (Clopper and Pearson 1934)."""
 IN_CATALOGUE = {"palm": "third_contact", "gel_softening": "gel_softening"}
 """Physics outside the catalogue, by the name that it would have inside; others keep their own."""
-KIN = {
+RELATIVES = {
     "drainage": ("viscoelastic",),
     "palm": ("pose_error",),
     "gel_softening": ("gel_creep", "viscoelastic"),
     "split_pit": ("loose_pit",),
 }
-"""Effects that are honest kin of a physics outside: the same cause but for its law, or its place."""
+"""Relatives of physics outside the catalogue: the same cause but for its law, or its place."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scored:
-    """One case: its kind and true effect (joined by +), amplitudes, signal over noise, and what was said."""
+    """One case: its kind and true effect (joined by +), amplitudes, signal over noise, and what was said.
+
+    `relatives`: answers that count as relatives of physics outside the catalogue.
+    """
 
     case: str
     kind: str
@@ -45,6 +48,7 @@ class Scored:
     p: float
     row: dict[str, Any]
     label: dict[str, Any]
+    relatives: tuple[str, ...] = ()
 
     @property
     def named_first(self) -> bool:
@@ -66,6 +70,12 @@ class Scored:
     def unknown(self) -> bool:
         """Whether it is called unknown."""
         return self.verdict == (UNKNOWN,)
+
+    @property
+    def related(self) -> bool:
+        """Whether the verdict holds relatives of physics outside the catalogue, and nothing else."""
+        said = {part for name in self.verdict for part in name.split("+")}
+        return bool(said) and said <= set(self.relatives)
 
 
 def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
@@ -94,6 +104,7 @@ def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
         p=float(row["p"]),
         row=dict(row),
         label=truth,
+        relatives=tuple(label.get("relatives", RELATIVES.get(physics, ()))),
     )
 
 

@@ -47,7 +47,7 @@ def line(start, found):
         ("pairs with both named", "1 of 1"),
         ("verdict covers the truth", "2 of 2"),
         ("outside the catalogue: called unknown", "1 of 2"),
-        ("unknown or honest kin", "2 of 2"),
+        ("unknown or a relative", "2 of 2"),
         ("parameters inside", "1 of 1"),
         ("E in the end, all", "6 of 7"),
         ("E in the end, pair", "0 of 1"),
