@@ -1,91 +1,376 @@
-"""Explain folders of mismatch cases whose answers are known, and count what comes out.
+"""Answers mismatch cases by `drupe explain` and by other methods, and scores the answers.
 
-    python benchmarks/mismatch.py FOLDER... [--out CSV] [--limit N] [--ablation NAME ...] [--work DIR]
-                                  [--jobs N]
+    python benchmarks/mismatch.py answer CASES ANSWERS ROUNDS
+    python benchmarks/mismatch.py baselines CASES ANSWERS ROUNDS NULLS
+    python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE]
 
-FOLDER holds one folder per case and answers.json, or is one case with answers.json beside it. One JSON line
-per case is kept beside the CSV as soon as the case is done: a run that was stopped goes on where it was.
-Ablations: whole (the default), load-only (no hold, no unloading), no-grasp-4 (the fruit never turned),
-effect-left-out (the true effect is not in the catalogue: right is "unknown"; fruit without mismatch are
-passed over), noise-2, noise-4, noise-8 (that many times the noise). The tables are those of the blind tests.
+`answer` explains every case below CASES once, as `drupe explain CASE --json FILE` does. Each case has
+a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWERS/runs.jsonl: exit status,
+refusal, state of the code, CPU seconds, peak memory. ROUNDS gets the finder's linear problem of each case for
+the other methods. A run that was stopped goes on where it stopped.
+`baselines` writes the answers of other methods (`sealed/baselines.py`) into ANSWERS/baselines.json. NULLS
+holds rounds of fruit without mismatch (`mismatch_bank.py reduce`). Sparse regression and the random forest
+get the finder's share of false alarms on them.
+`score` prints all tables. LABELS is answers.json of labelled cases, or labels.json of concealed ones, whose
+labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash is wrong, a label is missing,
+or the answers come from several states of the code.
 """
 
 import argparse
+import contextlib
+import csv
+import hashlib
+import io
 import json
+import os
+import resource
+import subprocess
 import sys
 import tempfile
-from contextlib import nullcontext
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
-import pandas as pd
+from jaxtyping import Float
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
-from mismatch_altered import ABLATIONS, LEFT_OUT, WHOLE
-from sealed_answers import explained, keep_line, line_of, rows_in
+from cramer_rao import amplitude_bounds, amplitude_of, information_of
+from parameter_errors import NINETY
+from reduced_case import ReducedCase, gains_of, reduced, store, stored
 from sealed_report import case_table, report
+from sealed_scores import RELATIVES
 
-from fem.mismatch.result import NONE, UNKNOWN
+from fem.estimation.sensitivity import mean_normal, tangents
+from fem.mismatch import procedure
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.procedure import detected, plain_forward_model
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.decision import DETECTION_P, MISFIT
+from fem.mismatch.selection.screening import screened
+from pipeline.batch.cache import code_version
+from pipeline.cli import main as drupe
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
+
+ROOMS = ("fem", "tactile", "recon", "pipeline")
+"""Packages whose state decides an answer."""
+RUNS, BASELINES = "runs.jsonl", "baselines.json"
+RELATIVES_FILE = Path(__file__).parent / "sealed" / "other-simulator" / "relatives.csv"
+PER_GRASP = 250
+"""Residuals of a grasp that the Gaussian process gets: it inverts a matrix of all of them."""
+COMMANDS = {
+    "answer": ("cases", "answers", "rounds"),
+    "explain": ("cases", "answers", "rounds"),
+    "baselines": ("cases", "answers", "rounds", "nulls"),
+    "score": ("answers", "labels"),
+}
+"""Commands and their paths."""
+HELP = {
+    "cases": "folder of the cases; of explain: one case",
+    "answers": "folder of the answers",
+    "rounds": "folder of the linear problems",
+    "nulls": "folder of rounds without mismatch",
+    "labels": "answers.json of labelled cases, or labels.json of concealed ones",
+}
+MIB = 1024
+"""KiB, as Linux counts the memory of a process."""
 
 
-def cases_in(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
-    """Cases with their answers."""
-    alone = (folder / "case.toml").is_file()
-    folders = [folder] if alone else sorted(path.parent for path in folder.glob("*/case.toml"))
-    answers = json.loads(((folder.parent if alone else folder) / "answers.json").read_text())
-    return [(path, answers[path.name]) for path in folders if path.name in answers]
+@dataclass
+class Captured:
+    """The first linear round of an explanation and the information in it."""
+
+    case: ReducedCase | None = None
+    information: np.ndarray | None = None
 
 
-def label_of(truth: dict[str, Any]) -> dict[str, Any]:
-    """An answer as the label of a blind case; amplitudes are unknown."""
-    effect = "+".join(sorted(truth["effect"].split("+")))
-    kind = {NONE: "sound", UNKNOWN: "outside"}.get(effect, "pair" if "+" in effect else "single")
-    return {"kind": kind, "attempts": [{**truth, "effect": effect, "amplitudes": {}}]}
+@contextlib.contextmanager
+def captured() -> Iterator[Captured]:
+    """While it holds, the finder's linear problem is kept."""
+    kept = Captured()
+
+    def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
+        linear = screened(forward, recorded, effects, **more)
+        if kept.case is None:
+            kept.case = reduced(forward, recorded, linear)
+            kept.information = information_of(forward, linear)
+        return linear
+
+    with patch.object(procedure, "screened", screening):
+        yield kept
 
 
-def main() -> None:
-    """Run what is not yet done, then write the table and print what it comes to."""
+def answer(cases: Path, answers: Path, rounds: Path) -> None:
+    """Every case that has no line in the runs yet, each in a process of its own on one thread."""
+    answers.mkdir(parents=True, exist_ok=True)
+    rounds.mkdir(parents=True, exist_ok=True)
+    done = {run["case"] for run in runs_in(answers)}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    for folder in sorted(path.parent for path in cases.glob("*/case.toml")):
+        if folder.name in done:
+            continue
+        command = [sys.executable, __file__, "explain", str(folder), str(answers), str(rounds)]
+        ended = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
+        sys.stderr.write(ended.stderr)
+        run = (
+            json.loads(ended.stdout.splitlines()[-1])
+            if ended.returncode == 0
+            else {"exit_status": ended.returncode, "said": ended.stderr[-2000:]}
+        )
+        with (answers / RUNS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"case": folder.name} | run) + "\n")
+        print(f"{folder.name}: {run.get('cpu_s', float('nan')):.0f} CPU-s", flush=True)
+
+
+def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
+    """One case by the product's own command in this process, and what it cost."""
+    started = time.perf_counter()
+    said = io.StringIO()
+    target = answers / f"{folder.name}.json"
+    command = ["drupe", "explain", str(folder), "--json", str(target), "--jobs", "1"]
+    status: Any = 0
+    with captured() as kept, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            with patch.object(sys, "argv", command):
+                drupe()
+        except SystemExit as ended:
+            status = ended.code
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    run: dict[str, Any] = {
+        "exit_status": int(status or 0),
+        "code": code_version(ROOMS)[:12],
+        "cpu_s": round(used.ru_utime + used.ru_stime, 1),
+        "wall_s": round(time.perf_counter() - started, 1),
+        "peak_MiB": round(used.ru_maxrss / MIB),
+    }
+    if not target.is_file():
+        run["said"] = " ".join(said.getvalue().split())[-2000:]
+    elif kept.case is not None and kept.information is not None:
+        before = json.loads(target.read_text(encoding="utf-8"))["E_MPa"]["before"]
+        linear = kept.case.linear()
+        run |= {
+            "chi2": linear.null.chi2,
+            "chi2_usual": kept.case.count * MISFIT,
+            "catalogue": sorted(gains_of(linear)),
+            "bounds": amplitude_bounds(kept.information, kept.case, E_MPa=before["value"]),
+        }
+        problem = replace(kept.case, facts=kept.case.facts | {"E_MPa": [before["value"], before["sd"]]})
+        store(rounds / f"{folder.name}.npz", problem)
+    return run
+
+
+def runs_in(answers: Path) -> list[dict[str, Any]]:
+    """The lines of the runs so far."""
+    path = answers / RUNS
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return [json.loads(line) for line in lines]
+
+
+def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path) -> None:
+    """The other methods' answers to all cases that have a round."""
+    from baselines import Forest, gaussian_process, modulus_alone, sparse_regression, threshold_of
+
+    without = [stored(path).with_shipped_model_error().linear() for path in sorted(nulls.glob("*.npz"))]
+    false_alarms = float(np.mean([detected(linear).p_value < DETECTION_P for linear in without]))
+    threshold = threshold_of(without, false_alarms=false_alarms)
+    forest = Forest.grown(without, false_alarms=false_alarms)
+    print(f"{len(without)} null rounds, false alarms {false_alarms:.1%}, threshold {threshold:.1f} sd")
+    found = {}
+    for path in sorted(rounds.glob("*.npz")):
+        case = stored(path)
+        linear, E = case.linear(), tuple(case.facts["E_MPa"])
+        found[path.stem] = {
+            "modulus alone": modulus_alone(E),
+            "Gaussian process": gaussian_process(residual_samples(cases / path.stem), E),
+            "sparse regression": sparse_regression(linear, E, threshold=threshold),
+            "random forest": forest.answer(linear, E),
+        }
+        print(path.stem, {name: one["verdict"] for name, one in found[path.stem].items()}, flush=True)
+    facts = {"null_rounds": len(without), "false_alarms": false_alarms, "threshold_sd": threshold}
+    (answers / BASELINES).write_text(json.dumps({"facts": facts, "answers": found}, indent=1) + "\n")
+
+
+def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
+    """Markers and frames in contact drawn at random: place on the patch twice (mm), share of the peak load,
+    time (s), the plain model's residual and the response to 1/E along the pad's normal (mm).
+    """
+    with tempfile.TemporaryDirectory() as work:
+        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
+        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, ())
+    rng = np.random.default_rng(0)
+    samples = []
+    for k, equations in enumerate(recorded):
+        recording = equations.recording
+        residual = linear.products.marker_residual(k, linear.null)
+        response = equations.markers.residual(forward.compliance * recording.tracks.unit_displacement)
+        frames, markers = np.nonzero(recording.tracks.episode >= 0)
+        chosen = np.sort(rng.choice(len(frames), min(PER_GRASP, len(frames)), replace=False))
+        place = recording.tracks.place_mm
+        for frame, marker in zip(frames[chosen], markers[chosen], strict=True):
+            pad = int(recording.pad_of_marker[marker])
+            normals = recording.links[pad].place.normal
+            normal = mean_normal(normals)
+            x, y = tangents(normals) @ (place[marker] - place[recording.pad_of_marker == pad].mean(axis=0))
+            along = (residual[frame, marker] @ normal, response[frame, marker] @ normal)
+            samples.append((x, y, recording.load[frame], recording.time_s[frame], *along))
+    return np.array(samples, dtype=float).reshape(-1, 6)
+
+
+def score(answers: Path, labels: Path, manifest: Path | None, table: Path | None) -> int:
+    """All tables of the answers against the labels; the exit status."""
+    published = json.loads(labels.read_text(encoding="utf-8"))
+    wrong = []
+    if manifest is not None:
+        wrong = broken_seals(json.loads(manifest.read_text(encoding="utf-8")), published)
+    runs = runs_in(answers)
+    codes = sorted({str(run["code"]) for run in runs if "code" in run})
+    if len(codes) > 1:
+        wrong.append(f"answers of several states of the code: {', '.join(codes)}")
+    wrong += [f"{case}: no answer" for case in sorted(set(published) - {run["case"] for run in runs})]
+    seals = f", all with the hashes of {manifest}" if manifest and not wrong else ""
+    print("\n".join([*wrong, f"{len(published)} labels{seals}"]))
+    relatives = relatives_in(RELATIVES_FILE)
+    labelled = {case: scored_label(one.get("label", one), relatives) for case, one in published.items()}
+    rows = [row_of(run, answers) for run in runs if run["case"] in labelled]
+    print("\n".join([*report(rows, labelled), *cost_lines(rows)]))
+    if table is not None:
+        records = case_table(rows, labelled)
+        with table.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(records[0]))
+            writer.writeheader()
+            writer.writerows(records)
+    return int(bool(wrong))
+
+
+def cost_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Sizes of verdicts, the held-out residual with the named effect over the one without, and the cost."""
+    answered = [row for row in rows if "failure" not in row]
+    named = [row["heldout"] for row in answered if row["detected"] and row["heldout"]["before"]]
+    ratios = [one["after"] / one["before"] for one in named]
+    lines = [f"names of a verdict: mean {np.mean([len(row['verdict']) for row in answered]):.2f}"]
+    if ratios:
+        lines.append(f"held-out residual, with over without an effect: median {np.median(ratios):.2f}")
+    for name, unit in (("cpu_s", "CPU s"), ("wall_s", "s"), ("peak_MiB", "MiB")):
+        values = [row[name] for row in rows if name in row]
+        if values:
+            lines.append(f"a case takes {np.median(values):.0f} {unit} (median), {max(values):.0f} at most")
+    return lines
+
+
+def broken_seals(seals: Mapping[str, str], published: Mapping[str, Any]) -> list[str]:
+    """What is wrong with the labels, a sentence for each; SOURCE.md of the cases defines the hashed text."""
+    wrong = []
+    for case, seal in seals.items():
+        one = published.get(case)
+        if one is None:
+            wrong.append(f"{case}: no label")
+            continue
+        text = one["salt"] + json.dumps(one["label"], sort_keys=True, separators=(",", ":"))
+        if hashlib.sha256(text.encode()).hexdigest() != seal:
+            wrong.append(f"{case}: the label is not the one that was sealed")
+    return wrong + [f"{case}: a label without a seal" for case in published if case not in seals]
+
+
+def relatives_in(path: Path) -> dict[str, tuple[str, ...]]:
+    """Answers that count as relatives, by each name of physics outside the catalogue."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return {
+            name: tuple(row["relatives"].split())
+            for row in csv.DictReader(file)
+            for name in row["outside"].split()
+        }
+
+
+def scored_label(label: Mapping[str, Any], relatives: Mapping[str, Sequence[str]]) -> dict[str, Any]:
+    """A published label as the tables take it."""
+    effects = str(label["effect"]).split("+")
+    inside = all(effect in SPECS for effect in effects)
+    kind = "sound" if effects == [NONE] else "outside" if not inside else "pair" if effects[1:] else "single"
+    parameters = label["parameters"]
+    sizes = {
+        effect: amplitude_of(effect, parameters.get(effect, {}) if effects[1:] else parameters)
+        for effect in effects
+        if inside
+    }
+    truth = dict(label) | {
+        "effect": "+".join(sorted(effects)),
+        "amplitudes": {effect: size for effect, size in sizes.items() if size is not None},
+        "parameters": dict(parameters) | ({"physics": label["effect"]} if kind == "outside" else {}),
+    }
+    known = relatives.get(str(label["effect"]), RELATIVES.get(str(label["effect"]), ()))
+    return {"kind": kind, "attempts": [truth], "relatives": known}
+
+
+def row_of(run: Mapping[str, Any], answers: Path) -> dict[str, Any]:
+    """One case's answer as the tables take it. A drift's bound is in N/s, as its label."""
+    row = dict(run) | {"ablation": "whole", "attempt": 0, "peaks_N": [1.0]}
+    path = answers / f"{run['case']}.json"
+    if not path.is_file():
+        return row | {"failure": run.get("said", "no answer")}
+    said = json.loads(path.read_text(encoding="utf-8"))
+    others = answers / BASELINES
+    known = json.loads(others.read_text(encoding="utf-8"))["answers"] if others.is_file() else {}
+    verdict = [said["verdict"]] if isinstance(said["verdict"], str) else said["verdict"]
+    return row | {
+        "detected": said["detected"],
+        "verdict": ["+".join(sorted(name.split("+"))) for name in verdict],
+        "p": said["p_value"],
+        "ranking": [
+            {
+                "effect": "+".join(sorted(one["effect"].split("+"))),
+                "probability": one["probability"],
+                "refitted": one["refitted"],
+                "parameters": {
+                    name: {"interval": None} | parameter for name, parameter in one["parameters"].items()
+                },
+            }
+            for one in said["ranking"]
+        ],
+        "E_before": with_interval(said["E_MPa"]["before"]),
+        "E_after": with_interval(said["E_MPa"]["after"]),
+        "heldout": {"before": said["fit"]["heldout_rms_before"], "after": said["fit"]["heldout_rms_after"]},
+        "baselines": known.get(run["case"], {}),
+    }
+
+
+def with_interval(modulus: Mapping[str, float]) -> dict[str, Any]:
+    """A modulus with its 90 % interval."""
+    spread = NINETY * modulus["sd"]
+    return {**modulus, "interval": [modulus["value"] - spread, modulus["value"] + spread]}
+
+
+def main() -> int:
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--out", type=Path, default=Path("mismatch.csv"))
-    parser.add_argument("--limit", type=int, default=None, help="at most so many cases")
-    parser.add_argument("--ablation", nargs="+", choices=ABLATIONS, default=[WHOLE])
-    parser.add_argument("--work", type=Path, default=None, help="keep meshes here between runs")
-    parser.add_argument(
-        "--jobs", type=int, default=2, help="as of drupe explain; there one per core, at most 4"
-    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, places in COMMANDS.items():
+        command = commands.add_parser(name)
+        for place in places:
+            command.add_argument(place, type=Path, help=HELP[place])
+        if name == "score":
+            command.add_argument("--manifest", type=Path, help="manifest.json of concealed cases")
+            command.add_argument("--csv", type=Path, help="write one line per case to this file")
     chosen = parser.parse_args()
-    lines = chosen.out.with_suffix(".jsonl")
-    done = {(row["case"], row["ablation"]): row for row in rows_in(lines)}
-    cases = [case for folder in chosen.folders for case in cases_in(folder)][: chosen.limit]
-    rows, labels = [], {}
-    for folder, truth in cases:
-        name = "/".join(folder.resolve().parts[-2:])
-        labels[name] = label_of(truth)
-        keep = nullcontext(chosen.work / folder.name) if chosen.work else tempfile.TemporaryDirectory()
-        with keep as work:
-            for ablation in chosen.ablation:
-                without = tuple(truth["effect"].split("+")) if ablation == LEFT_OUT else ()
-                if without == (NONE,):
-                    continue
-                if (name, ablation) not in done:
-                    row, _ = explained(
-                        folder, Path(work), ablation=ablation, jobs=chosen.jobs, without=without
-                    )
-                    done[name, ablation] = {"case": name, "attempt": 0, **row}
-                    keep_line(lines, done[name, ablation])
-                    print(line_of(done[name, ablation]), flush=True)
-                rows.append(done[name, ablation])
-    if not rows:
-        raise SystemExit("no case with an answer in answers.json")
-    pd.DataFrame(case_table(rows, labels)).to_csv(chosen.out, index=False, float_format="%.6g")
-    print("\n".join(report(rows, labels)))
-    cpu_s = [row["cpu_s"] for row in rows]
-    print(f"a case: {np.median(cpu_s):.0f} s of CPU (most {max(cpu_s):.0f})\n{chosen.out}, {lines}")
+    places = [getattr(chosen, place).resolve() for place in COMMANDS[chosen.command]]
+    if chosen.command == "score":
+        return score(*places, chosen.manifest, chosen.csv)
+    if chosen.command == "explain":
+        print(json.dumps(explain(*places)))
+    else:
+        {"answer": answer, "baselines": answer_baselines}[chosen.command](*places)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

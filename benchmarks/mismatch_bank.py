@@ -30,17 +30,20 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, information_of
 from reduced_case import ReducedCase, reduced, store
-from sealed_answers import REFUSED
 
+from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import screened
+from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
+from pipeline.problem import BatchRefused
+from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
@@ -53,6 +56,10 @@ from samples.mismatch.bank import (
     simulated,
 )
 from samples.sample_failure import SampleFailure
+from tactile.tactile_failure import TactileFailure
+
+REFUSED = (BatchRefused, FruitEnded, ReconFailure, TactileFailure, FemFailure)
+"""Failures that cost one case, not the others."""
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mismatch_altered import LEFT_OUT
 from parameter_errors import parameter_errors
 from scipy.stats import binomtest
 
@@ -89,8 +88,6 @@ def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
         inside = IN_CATALOGUE.get(physics, physics)
         if inside in row.get("catalogue", ()):
             kind, name = "single", inside
-    if row["ablation"] == LEFT_OUT:
-        kind, physics, name = "outside", name, UNKNOWN
     return Scored(
         case=str(row["case"]),
         kind=kind,

@@ -39,12 +39,6 @@ def sealed(salt: str, label: Any) -> str:
     return hashlib.sha256((salt + canonical(label)).encode()).hexdigest()
 
 
-def seed_of(salt: str, *words: object) -> tuple[int, ...]:
-    """Eight 32-bit numbers for a random generator that follow from the salt and these words alone."""
-    digest = hashlib.sha256("/".join([salt, *map(str, words)]).encode()).digest()
-    return tuple(int.from_bytes(digest[k : k + 4], "big") for k in range(0, 32, 4))
-
-
 def read_salt(path: Path) -> str:
     """The salt of a file, without the newline at its end. Raises ValueError for one that can be guessed."""
     salt = path.read_text(encoding="utf-8").strip()

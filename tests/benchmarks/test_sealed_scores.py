@@ -72,11 +72,6 @@ def test_a_physics_that_the_catalogue_has_learnt_counts_as_a_single_effect():
     assert (one.kind, one.truth) == ("single", "drainage")
 
 
-def test_with_its_effect_left_out_a_single_case_is_outside_the_catalogue():
-    one = scored({**CASES["c"][1], "ablation": "effect-left-out"}, LABELS["c"])
-    assert (one.kind, one.truth, one.physics) == ("outside", "unknown", "skin")
-
-
 def test_a_drift_is_scored_in_newtons_of_the_simulated_peak():
     drift = {"newton_per_s": {"value": 0.11, "sd": 0.01, "interval": [0.09, 0.13]}}
     own = row("x", ["sensor_drift"], first="sensor_drift", parameters=drift)

@@ -7,7 +7,7 @@ import pytest
 from sealed_truths import label, put_on_path
 
 put_on_path()
-from sealing import broken_seals, canonical, order_of_commits, read_salt, sealed, seed_of  # noqa: E402
+from sealing import broken_seals, canonical, order_of_commits, read_salt, sealed  # noqa: E402
 
 SALT = "3f" * 32
 LABELS = {"case-001": label("single", "skin", Et_N_per_mm=1.25), "case-002": label("sound", "none")}
@@ -49,14 +49,6 @@ def test_a_salt_that_can_be_guessed_is_refused(tmp_path):
     (tmp_path / "salt.txt").write_text("hello\n")
     with pytest.raises(ValueError, match="holds 5 characters"):
         read_salt(tmp_path / "salt.txt")
-
-
-def test_seeds_follow_from_the_salt_and_the_case():
-    assert seed_of(SALT, "case-001", 0) == seed_of(SALT, "case-001", 0)
-    assert (
-        len({seed_of(SALT, "case-001", 0), seed_of(SALT, "case-001", 1), seed_of(SALT + "1", "case-001", 0)})
-        == 3
-    )
 
 
 def committed(folder, *steps):

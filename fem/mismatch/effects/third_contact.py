@@ -42,7 +42,7 @@ PLACE_SD_MM = 6.0
 1.5 % of the pads' push are 1 and 9 mm off."""
 LEAST_EVIDENCE = 20.0
 """ln evidence of the balance alone from which a third contact is looked at. The five of the first sealed
-proof (`benchmarks/sealed/sealed_proof.py check`) showed 44 to 93 before FREEDOMS, that of the second shows
+proof (`benchmarks/sealed/sealed_proof.py`) showed 44 to 93 before FREEDOMS, that of the second shows
 64; cases with nothing of the kind 18.5 at most, but where a pad is misplaced (which throws the moments out in
 the same way), drifts or two gels have faults. Of three simulated palms the two that bear 3 and 4 % of the
 pads' push show more, that of 2 % shows 18, and is missed. Chosen on all of these, so that they do not score

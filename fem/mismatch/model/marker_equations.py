@@ -45,7 +45,7 @@ The plain model's own error is about half of it, however quiet the sensor: it th
 variance at most. Most of that error is the mesh's, which is put back since
 (fem.mismatch.evidence.withheld_response); less was not tried with it. Chosen on sound fruit of linear flesh
 of the sealed proof: all three with noise below 0.012 were false alarms, two of nine up to 0.024, none of 25
-above (`benchmarks/sealed/sealed_proof.py check`)."""
+above (`benchmarks/sealed/sealed_proof.py`)."""
 _AT_ONCE = 24
 """Fields at once: memory, nothing else."""
 

@@ -1,7 +1,10 @@
-"""Scores of concealed cases on invented labels: seals, kinds, relatives, costs, other methods."""
+"""Scores on invented labels: seals, kinds, relatives, costs; other methods; the stored linear problem."""
 
 import hashlib
 import json
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,10 +12,18 @@ from sealed_truths import put_on_path
 from synthetic_problem import problem
 
 put_on_path()
+sys.path.append(str(Path(__file__).parents[1] / "fem"))
 from baselines import chosen_terms, sparse_regression, threshold_of  # noqa: E402
-from other_simulator import RELATIVES_FILE, main, relatives_in, scored_label  # noqa: E402
+from cramer_rao import amplitude_bounds  # noqa: E402
+from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
+from mismatch import RELATIVES_FILE, captured, main, relatives_in, scored_label  # noqa: E402
+from reduced_case import gains_of, store, stored  # noqa: E402
 
+from fem.mismatch import procedure  # noqa: E402
 from fem.mismatch.catalogue import SPECS  # noqa: E402
+from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin  # noqa: E402
+from fem.mismatch.evidence.grasp_equations import GraspEquations  # noqa: E402
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT  # noqa: E402
 from fem.mismatch.result import NONE  # noqa: E402
 
 EFFECTS = {
@@ -72,8 +83,8 @@ def proof(tmp_path):
 
 
 def scored(proof, monkeypatch, capsys, *more):
-    paths = [str(proof / name) for name in ("answers", "manifest.json", "labels.json")]
-    monkeypatch.setattr("sys.argv", ["other_simulator.py", "score", *paths, *more])
+    answers, labels, manifest = (str(proof / name) for name in ("answers", "labels.json", "manifest.json"))
+    monkeypatch.setattr("sys.argv", ["x", "score", answers, labels, "--manifest", manifest, *more])
     return main(), capsys.readouterr().out
 
 
@@ -81,7 +92,7 @@ def test_right_labels_are_scored(proof, monkeypatch, capsys):
     status, said = scored(proof, monkeypatch, capsys, "--csv", str(proof / "cases.csv"))
     assert status == 0
     for line in (
-        "all 5 labels have the hashes",
+        "5 labels, all with the hashes",
         "false alarms in sound cases: 0 of 1",
         "named first, all: 1 of 1",
         "pairs with both named: 1 of 1",
@@ -167,3 +178,39 @@ def test_sparse_regression_names_a_plain_effect_and_has_the_wanted_false_alarms(
     )
     seen = sparse_regression(problem({"clock_lag": 1.0}, seed=40).linear(), (0.5, 0.01), threshold=threshold)
     assert seen["order"][0] == "clock_lag"
+
+
+@pytest.fixture(scope="module")
+def linear_problem():
+    """Of a pad whose force is a fifth too large, by a catalogue of four; and the equations it has."""
+    case = injected_case(on_pad("left", lambda pad: replace(pad, force_N=1.2 * pad.force_N)))
+    forward, _ = procedure.plain_forward_model(case)
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    effects = tuple(module.EFFECT for module in (skin, pit_size, sensor_gain, clock_lag))
+    with captured() as kept:
+        procedure.screened(forward, recorded, effects)
+    return kept
+
+
+@pytest.mark.slow
+def test_the_linear_round_replays_from_the_file_to_the_same_gains(linear_problem, tmp_path):
+    store(tmp_path / "x.npz", linear_problem.case)
+    replayed = gains_of(stored(tmp_path / "x.npz").linear())
+    assert replayed == pytest.approx(linear_problem.case.facts["gains"], abs=1e-6)
+    assert max(replayed, key=replayed.__getitem__) == "sensor_gain"
+
+
+@pytest.mark.slow
+def test_a_bound_counts_every_sample_of_the_markers_and_the_balance_once(linear_problem):
+    """Not so many of the markers' as one, as in the linear round, nor the balance as often as they."""
+    case = linear_problem.case
+    exact, thin, thick = (
+        amplitude_bounds(information, case, E_MPa=E_MPA)
+        for information in (
+            linear_problem.information,
+            case.information(),
+            DESIGN_EFFECT * case.information(),
+        )
+    )
+    assert all(thick[name] < exact[name] < thin[name] for name in exact)
+    assert exact["sensor_gain"] > 2 * thick["sensor_gain"]
