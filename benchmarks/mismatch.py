@@ -330,7 +330,8 @@ def row_of(run: Mapping[str, Any], answers: Path) -> dict[str, Any]:
                 "probability": one["probability"],
                 "refitted": one["refitted"],
                 "parameters": {
-                    name: {"interval": None} | parameter for name, parameter in one["parameters"].items()
+                    name: parameter | {"interval": parameter.get("interval_90")}
+                    for name, parameter in one["parameters"].items()
                 },
             }
             for one in said["ranking"]

@@ -41,7 +41,10 @@ def candidate(name, probability, parameters):
         "effect": name,
         "probability": probability,
         "refitted": bool(parameters),
-        "parameters": {key: {"value": 1.1 * x, "sd": 0.1 * x} for key, x in parameters.items()},
+        "parameters": {
+            key: {"value": 1.1 * x, "sd": 0.05 * x, "interval_90": [0.95 * x, 1.25 * x]}
+            for key, x in parameters.items()
+        },
     }
 
 
