@@ -15,6 +15,7 @@ However small the gap, the amount is not: what asks for less than LEAST_AMOUNT o
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,13 +28,13 @@ from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import loose_flesh
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.signature_variant import AtGap, Variant, gap_of
+from fem.mismatch.signature_variant import AtGap, Variant, gap_of, significant
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
 GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
-"""Gaps of the signatures, mm: each some 30 to 100 % wider than the one before, as responses change by
-shares."""
+"""Gaps of the signatures, mm, at the plain model's 1/E: each 30 to 100 % wider than the one before, as
+responses change by shares."""
 LOWEST_MM, HIGHEST_MM = 0.005, 1.0
 """Bounds of the gap, mm: wide of those met (0.04 to 0.45 in samples.mismatch.effect_levels). Set by hand."""
 MOST_FRAMES = 30
@@ -83,16 +84,22 @@ class LoosePit:
     spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit."""
+        """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit.
+
+        The flesh is solved for a gap over 1/E. Its own 1/E is fitted afterwards, and with it the gap in mm.
+        """
         if not len(forward.base.mesh.pit_nodes):
             return []
         found = []
-        for way in (AtGap(gap_mm=gap, pit_turns=turns) for turns in (True, False) for gap in GAPS_MM):
+        for pit_turns, gap_mm in product((True, False), GAPS_MM):
             try:
-                unit = self._fixed_point(forward, way.gap_mm, pit_turns=way.pit_turns)
+                unit = _responses(forward, gap_mm / forward.compliance, pit_turns=pit_turns)
             except FemFailure as failure:
+                way = AtGap(gap_mm=gap_mm, pit_turns=pit_turns)
                 found.append(Signature(variant=way, columns=(), untried=failure.detail))
                 continue
+            share = _fitted(forward, unit) / forward.compliance
+            way = AtGap(gap_mm=significant(gap_mm * share, 3), pit_turns=pit_turns)
             more = [
                 forward.compliance * (loose - recording.tracks.unit_displacement)
                 for recording, loose in zip(forward.base.grasps, unit, strict=True)
@@ -140,15 +147,9 @@ class LoosePit:
     def _fixed_point(
         forward: ForwardModel, gap_mm: float, *, pit_turns: bool
     ) -> list[Float[np.ndarray, "_f _n 3"]]:
-        def unit(compliance: float) -> list[Float[np.ndarray, "_f _n 3"]]:
-            gap = gap_mm / compliance
-            return forward.each(
-                lambda recording: loose_response(forward, recording, gap, pit_turns=pit_turns)
-            )
-
         compliance = forward.compliance
         for _ in range(MOST_ROUNDS):
-            found, before = unit(compliance), compliance
+            found, before = _responses(forward, gap_mm / compliance, pit_turns=pit_turns), compliance
             compliance = _fitted(forward, found)
             if abs(compliance / before - 1) < STILL:
                 return found
@@ -160,6 +161,11 @@ class LoosePit:
 
 
 EFFECT: Effect = LoosePit()
+
+
+def _responses(forward: ForwardModel, gap: float, *, pit_turns: bool) -> list[Float[np.ndarray, "_f _n 3"]]:
+    """Of every recording, for a gap of so many mm MPa."""
+    return forward.each(lambda recording: loose_response(forward, recording, gap, pit_turns=pit_turns))
 
 
 def loose_response(
