@@ -30,8 +30,9 @@ RIDGE = 1e-10
 """Added to a scaled Gram matrix's diagonal, for columns that are twins to the last digit."""
 MOST_NAMES = 3
 """Names of a verdict at most, the largest term first. Set by hand."""
-TREES, MULTIPLES, DRAWS = 400, (2, 4, 8, 16), 8
-"""Of the forest: trees, sizes of the drawn effects in full bounds, and draws of each size and round."""
+TREES, MULTIPLES, DRAWS, FOLDS = 200, (2, 4, 8, 16), 4, 3
+"""Of the forest: trees, sizes of the drawn effects in full bounds, draws of each size and round, and parts of
+the cross-validation."""
 
 
 def modulus_alone(E: tuple[float, float]) -> dict[str, Any]:
@@ -152,14 +153,15 @@ class Forest:
 
     @classmethod
     def grown(cls, rounds: Sequence[LinearRound], *, false_alarms: float) -> "Forest":
-        """`none_at` gives the rounds this share of false alarms, each by a forest of the other rounds."""
+        """`none_at` gives the rounds this share of false alarms, each by a forest of other rounds."""
         names = tuple(sorted({name for linear in rounds for name in linear.equations.ways}))
         rng = np.random.default_rng(0)
         drawn = [_drawn(linear, names, rng) for linear in rounds]
         p_none = []
-        for k, linear in enumerate(rounds):
-            others = _fitted([each for j, each in enumerate(drawn) if j != k])
-            p_none.append(_p_of(others, NONE, _features(linear, names, linear.equations.right[None])))
+        for fold in range(FOLDS):
+            others = _fitted([each for j, each in enumerate(drawn) if j % FOLDS != fold])
+            for linear in rounds[fold::FOLDS]:
+                p_none.append(_p_of(others, NONE, _features(linear, names, linear.equations.right[None])))
         return cls(_fitted(drawn), names, float(np.quantile(p_none, false_alarms)))
 
     def answer(self, linear: LinearRound, E: tuple[float, float]) -> dict[str, Any]:
