@@ -157,11 +157,13 @@ class Forest:
         names = tuple(sorted({name for linear in rounds for name in linear.equations.ways}))
         rng = np.random.default_rng(0)
         drawn = [_drawn(linear, names, rng) for linear in rounds]
-        p_none = []
+        p_none: list[float] = []
         for fold in range(FOLDS):
             others = _fitted([each for j, each in enumerate(drawn) if j % FOLDS != fold])
-            for linear in rounds[fold::FOLDS]:
-                p_none.append(_p_of(others, NONE, _features(linear, names, linear.equations.right[None])))
+            p_none += [
+                _p_of(others, NONE, _features(linear, names, linear.equations.right[None]))
+                for linear in rounds[fold::FOLDS]
+            ]
         return cls(_fitted(drawn), names, float(np.quantile(p_none, false_alarms)))
 
     def answer(self, linear: LinearRound, E: tuple[float, float]) -> dict[str, Any]:
