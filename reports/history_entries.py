@@ -139,17 +139,15 @@ class LotDecisionEntry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptanceEntry:
-    """A sampling plan with its operating characteristic: probability of acceptance by the nonconforming
-    fruit in per cent; `lot_probability` for a lot of finite size. `refusals`: lots without a decision.
+    """A sampling plan with its operating characteristic: nonconforming fruit in per cent, probability of
+    acceptance; by attributes also that of one lot of this size. `refusals`: lots without a decision.
     """
 
     words: str
     risks: str
     class_name: str
     aql: float
-    percent: Float[np.ndarray, " p"]
-    probability: Float[np.ndarray, " p"]
-    lot_probability: Float[np.ndarray, " p"] | None
+    curve: Float[np.ndarray, "p _c"]
     decisions: tuple[LotDecisionEntry, ...]
     refusals: tuple[str, ...] = ()
 

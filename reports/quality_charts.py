@@ -12,11 +12,13 @@ def characteristic_chart(plan: AcceptanceEntry, *, width_px: int) -> Markup:
     """Probability of acceptance over nonconforming fruit, for a long series of lots (line) and for this lot
     (dashed); the AQL as an upright line.
     """
-    plot = _plot(padded([*plan.percent], from_zero=True), (0.0, 1.0), width_px)
+    percent, *probabilities = plan.curve.T
+    plot = _plot(padded([*percent], from_zero=True), (0.0, 1.0), width_px)
     parts = [plot.axis_x("Nonconforming fruit (%)"), plot.axis_y("Probability of acceptance")]
-    if plan.lot_probability is not None:
-        parts.append(plot.line(plan.percent, plan.lot_probability, class_="oc lot-size"))
-    parts.append(plot.line(plan.percent, plan.probability, class_="model pad0"))
+    parts += [
+        plot.line(percent, one, class_=class_)
+        for one, class_ in zip(probabilities, ("model pad0", "oc"), strict=False)
+    ]
     if plan.aql <= plot.x_limits[1]:
         x = plot.x(plan.aql)
         parts.append(rule(x, x, plot.top, plot.bottom, class_="limit", title=f"AQL {plan.aql:g} %"))

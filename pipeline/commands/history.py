@@ -95,14 +95,16 @@ def history(
     variables: Variables = False,
     oc: OcFile = None,
     oecd: Annotated[
-        int | None,
+        int,
         typer.Option(
             "--oecd",
+            min=0,
+            max=2,
             metavar="CHEEKS",
             help="State which fruit and cheeks each lot lacks for the OECD test of firmness: ten fruit of "
-            "each size, two cheeks each. CHEEKS: cheeks that one recording presses, 1 or 2.",
+            "each size, two cheeks each. CHEEKS: cheeks that one recording presses, 1 or 2; 0: no check.",
         ),
-    ] = None,
+    ] = 0,
     size_column: Annotated[
         str,
         typer.Option(

@@ -3,39 +3,28 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 LotSizes = Annotated[
     list[str] | None,
-    typer.Option(
-        "--lot-size",
-        metavar="[LOT=]FRUIT",
-        help="Fruit in the whole lot. LOT=FRUIT is the size of one lot of drupe history.",
+    Option(
+        "--lot-size", metavar="[LOT=]FRUIT", help="Fruit in the whole lot; LOT=FRUIT for one lot of several."
     ),
 ]
 Aql = Annotated[
     float,
-    typer.Option(
-        "--aql",
-        metavar="PERCENT",
-        help="Acceptance quality limit: per cent of nonconforming fruit, 0.01 to 10.",
-    ),
+    Option("--aql", metavar="PERCENT", help="Acceptance quality limit of nonconforming fruit, 0.01 to 10."),
 ]
 Level = Annotated[
-    str, typer.Option("--level", metavar="LEVEL", help="Inspection level: I, II, III, or S-1 to S-4.")
+    str, Option("--level", metavar="LEVEL", help="Inspection level: I, II, III, or S-1 to S-4.")
 ]
-Inspection = Annotated[
-    str, typer.Option("--inspection", metavar="KIND", help="normal, tightened or reduced inspection.")
-]
-Variables = Annotated[
-    bool,
-    typer.Option("--variables", help="Plan by variables (s method, one limit) instead of by attributes."),
-]
+Inspection = Annotated[str, Option("--inspection", metavar="KIND", help="normal, tightened or reduced.")]
+Variables = Annotated[bool, Option("--variables", help="Plan by variables (s method), not by attributes.")]
 OcFile = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--oc",
         metavar="FILE",
-        help="Write the operating characteristic to this table: .csv, .xlsx, .parquet or .json.",
+        help="Write the operating characteristic to this .csv, .xlsx, .parquet or .json.",
     ),
 ]

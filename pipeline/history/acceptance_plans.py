@@ -12,7 +12,7 @@ variables Student's noncentral t,  P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z th
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -39,7 +39,9 @@ LETTERS = {
 """Table I, a letter per row of lot sizes."""
 ROWS = "ABCDEFGHJKLMNPQRS"
 SIZES = (2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800, 1250, 2000, 3150)
+"""Fruit of the sample by row; S is of tightened inspection alone."""
 REDUCED_SIZES = (2, 2, 2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800)
+"""The same for reduced inspection."""
 ZERO_DIAGONAL = {"normal": 14, "tightened": 15, "reduced": 14}
 """Sum of the rows of letter and AQL, from 0, where the acceptance number is 0."""
 NUMBERS = {
@@ -49,6 +51,7 @@ NUMBERS = {
 }
 """Acceptance and rejection numbers from three diagonals past that of 0 on; the two between have arrows."""
 VARIABLES_LOTS = (8, 15, 25, 50, 90, 150, 280, 400, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
+"""Of the rows of table A-2 but the last one."""
 VARIABLES_LETTERS = {
     "S-3": "BBBBBBBCCDEFGHHH",
     "S-4": "BBBBBCDEEFGHIJKK",
@@ -59,7 +62,9 @@ VARIABLES_LETTERS = {
 """Table A-2 of ANSI/ASQ Z1.9."""
 VARIABLES_ROWS = "BCDEFGHIJKLMNP"
 VARIABLES_SIZES = (3, 4, 5, 7, 10, 15, 20, 25, 35, 50, 75, 100, 150, 200)
+"""Fruit of the sample by row of table B-1."""
 VARIABLES_AQLS = AQLS[5:]
+"""Per cent."""
 K = """
   -    -    -    -    -    -    -    -  1.12 .958 .765 .566
   -    -    -    -    -    -  1.45 1.34 1.17 1.01 .814 .617
@@ -79,7 +84,10 @@ K = """
 """Table B-1: k by letter and AQL. Normal inspection takes the AQL's column from the second on, tightened
 inspection from the first on; "-" is an arrow down.
 """
+OC_COLUMNS = ("nonconforming_percent", "acceptance_probability", "lot_acceptance_probability")
+"""Of the table of an operating characteristic."""
 CURVE_POINTS = 101
+"""Of an operating characteristic, which steps of a hundredth of its width show whole."""
 LEAST_ACCEPTED = 0.005
 """Probability of acceptance at which a curve ends."""
 
@@ -99,21 +107,11 @@ class Plan:
     letter: str
     n: int
 
-    @property
-    def words(self) -> str:
-        """In one sentence without its stop."""
-        kind, numbers = self._rule()
+    def _words(self, kind: str, numbers: str) -> str:
         return (
             f"Lot of {self.lot_size}, AQL {self.aql:g} %, level {self.level}, {self.inspection} inspection "
             f"by {kind}, code letter {self.letter}: n = {self.n}, {numbers}"
         )
-
-    def _rule(self) -> tuple[str, str]:
-        raise NotImplementedError
-
-    def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Probability that lots of a process with this share of nonconforming fruit are accepted."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +124,13 @@ class AttributesPlan(Plan):
     ac: int
     re: int
 
-    def _rule(self) -> tuple[str, str]:
-        return "attributes", f"Ac = {self.ac}, Re = {self.re}"
+    @property
+    def words(self) -> str:
+        """In one sentence without its stop."""
+        return self._words("attributes", f"Ac = {self.ac}, Re = {self.re}")
 
     def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Binomial."""
+        """Probability that lots of a process with this share of nonconforming fruit are accepted."""
         return np.asarray(binom.cdf(self.re - 1, self.n, share))
 
     def lot_acceptance(self, nonconforming: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
@@ -144,13 +144,18 @@ class VariablesPlan(Plan):
 
     k: float
 
-    def _rule(self) -> tuple[str, str]:
-        return "variables (s method)", f"k = {self.k:g}"
+    @property
+    def words(self) -> str:
+        """In one sentence without its stop."""
+        return self._words("variables (s method)", f"k = {self.k:g}")
 
     def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Of a normal characteristic with this share beyond the limit: noncentral t."""
+        """The same of a normal characteristic with this share beyond the limit."""
         z = norm.isf(np.clip(share, 1e-9, 1 - 1e-9))
         return np.asarray(nct.sf(math.sqrt(self.n) * self.k, self.n - 1, math.sqrt(self.n) * z))
+
+
+SamplingPlan: TypeAlias = AttributesPlan | VariablesPlan
 
 
 def attributes_plan(
@@ -223,7 +228,7 @@ def _require_known(
         raise NoPlan(f'found inspection "{inspection}", expected one of {", ".join(INSPECTIONS)}')
 
 
-def share_accepted_with(plan: Plan, probability: float) -> float:
+def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
     """Share of nonconforming fruit at which lots are accepted with this probability."""
 
     def beyond(share: float) -> float:
@@ -232,15 +237,14 @@ def share_accepted_with(plan: Plan, probability: float) -> float:
     return float(brentq(beyond, 1e-9, 1 - 1e-9))
 
 
-def operating_characteristic(plan: Plan) -> pd.DataFrame:
+def operating_characteristic(plan: SamplingPlan) -> pd.DataFrame:
     """Probability of acceptance by the nonconforming fruit, to where it falls to LEAST_ACCEPTED.
 
     Of plans by attributes also for this lot of finite size, with the nonconforming fruit rounded.
     """
     end = share_accepted_with(plan, LEAST_ACCEPTED) if plan.n < plan.lot_size else 2 * plan.aql / 100
     share = np.linspace(0.0, end, CURVE_POINTS)
-    columns = {"nonconforming_percent": 100 * share, "acceptance_probability": plan.acceptance(share)}
+    columns = dict(zip(OC_COLUMNS, (100 * share, plan.acceptance(share)), strict=False))
     if isinstance(plan, AttributesPlan):
-        fruit = np.round(share * plan.lot_size)
-        columns |= {"nonconforming_fruit": fruit, "lot_acceptance_probability": plan.lot_acceptance(fruit)}
+        columns[OC_COLUMNS[2]] = plan.lot_acceptance(np.round(share * plan.lot_size))
     return pd.DataFrame(columns).round(6)

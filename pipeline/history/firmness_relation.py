@@ -6,7 +6,8 @@ Each is fitted by least squares to the fruit of one cultivar over all lots of th
 smaller leave-one-out error in N is kept (Allen, Technometrics 16, 1974, 125: residual over 1 - leverage).
 A reading of one more fruit has the interval of that fit. E is a modulus at small load, and a plunger breaks
 flesh: the share of variance that E explains says how far the relation helps, and there is no conversion
-without a fit. Plungers of 8 and 11.1 mm have separate fits, because force does not scale with their area.
+without a fit. Relations differ between cultivars and seasons (Int. Agrophys. 14, 2000, 311). Plungers of 8
+and 11.1 mm have separate fits, because force does not scale with their area.
 """
 
 import re
@@ -25,14 +26,14 @@ from pipeline.history.softening import COVERAGE
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from reports.history_entries import FirmnessEntry
 
-PLUNGERS_MM = (8.0, 11.1)
-"""5/16 and 7/16 inch."""
-PLUNGER_TOLERANCE_MM = 0.1
+PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
+"""Diameters by how they are written."""
 UNITS = ("N", "kgf", "lbf")
-COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@\s*(?P<size>[\d./ ]+)\s*(?P<length>mm|in)\s*")
+COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@(?P<plunger>[^=@]+)")
 OWN_SCALE = "penetrometer_N"
 """A column of drupe's own, in N."""
 LINE_POINTS = 60
+"""Of a drawn line: one in 14 px of the widest chart."""
 _units: pint.UnitRegistry = pint.UnitRegistry()
 
 
@@ -67,17 +68,12 @@ def reading_of(text: str) -> Reading:
     unit = found["unit"]
     if unit not in UNITS:
         raise NoReading(f'found the unit "{unit}", expected a force: {", ".join(UNITS)}')
-    try:
-        inch_or_mm = _units.parse_expression(f"({found['size']}) * {found['length'].replace('in', 'inch')}")
-        size_mm = float(inch_or_mm.to("mm").magnitude)
-    except (pint.PintError, ArithmeticError, SyntaxError, ValueError, AttributeError):
-        size_mm = 0.0
-    plunger = [known for known in PLUNGERS_MM if abs(known - size_mm) <= PLUNGER_TOLERANCE_MM]
-    if not plunger:
-        found_size = f"{found['size'].strip()} {found['length']}"
-        raise NoReading(f'found a plunger of "{found_size}", expected 8 mm (5/16 in) or 11.1 mm (7/16 in)')
+    plunger_mm = PLUNGERS_MM.get(found["plunger"].replace(" ", ""))
+    if plunger_mm is None:
+        found_size, known = found["plunger"].strip(), ", ".join(PLUNGERS_MM)
+        raise NoReading(f'found a plunger of "{found_size}", expected one of {known}')
     newtons = float(_units.Quantity(1.0, unit).to("N").magnitude)
-    return Reading(column=found["column"].strip(), newtons=newtons, plunger_mm=plunger[0])
+    return Reading(column=found["column"].strip(), newtons=newtons, plunger_mm=plunger_mm)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +158,7 @@ def firmness_relations(
     pairs: dict[Key, list[tuple[float, float]]] = defaultdict(list)
     for batch in batches:
         for fruit in batch.fruit:
-            for plunger_mm in PLUNGERS_MM if fruit.fitted else ():
+            for plunger_mm in set(PLUNGERS_MM.values()) if fruit.fitted else ():
                 found = [one.of(fruit) for one in readings if one.plunger_mm == plunger_mm]
                 if known := [reading for reading in found if reading is not None]:
                     pairs[batch.group, plunger_mm].append((fruit.E_MPa, float(np.mean(known))))

@@ -9,13 +9,14 @@ from pathlib import Path
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
+from pipeline.history.acceptance_plans import OC_COLUMNS
 from pipeline.history.appraisers import APPRAISERS, gauge_entry
 from pipeline.history.firmness_relation import with_firmness
 from pipeline.history.history_store import HistoryStore
 from pipeline.history.history_table import COLUMNS, STATISTICS_COLUMNS, fruit_table, statistics_table
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import PRECISION, history_entry
-from pipeline.history.lot_quality import OC_COLUMNS, QualityWanted, characteristics, lots_quality
+from pipeline.history.lot_quality import QualityWanted, characteristics, lots_quality, quality_lines
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
 from pipeline.history.table_file import require_format, starts_with, table_bytes
@@ -75,7 +76,7 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
         said = [line for scale in wanted.fit for line in _fitted(store, scale, batches, now)]
         used = [fit for text in wanted.convert for fit in _asked(store, text, batches)]
         studies = [gauge_entry(batches, kind) for kind in wanted.gauge]
-        quality = lots_quality(batches, wanted.quality)
+        quality, relations = lots_quality(batches, wanted.quality)
         entry = history_entry(
             batches,
             conversions=store.conversions(),
@@ -84,20 +85,20 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
             precision=wanted.precision,
             now=now,
         )
-        entry = replace(entry, quality=quality.entry)
+        entry = replace(entry, quality=quality)
     if wanted.export is not None:
         fruit = fruit_table(batches, {(fit.scale, fit.group): fit for fit in used})
-        fruit = with_firmness(fruit, batches, quality.relations)
+        fruit = with_firmness(fruit, batches, relations)
         put(wanted.export, table_bytes(fruit, wanted.export.suffix.lower()))
     if wanted.statistics is not None:
         lots = statistics_table(batches, precision=wanted.precision)
         put(wanted.statistics, table_bytes(lots, wanted.statistics.suffix.lower()))
     if wanted.oc is not None:
-        put(wanted.oc, table_bytes(characteristics(quality.entry), wanted.oc.suffix.lower()))
+        put(wanted.oc, table_bytes(characteristics(quality), wanted.oc.suffix.lower()))
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
     said += [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
-    said += quality.said
+    said += quality_lines(quality)
     said += [
         f"version {fit.version} predicts {fit.scale} of {fit.group}, fitted {fit.fitted_utc[:10]}."
         for fit in used
@@ -196,7 +197,7 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
             partial(starts_with, columns=STATISTICS_COLUMNS),
             "a table of drupe history --statistics",
         ),
-        (wanted.oc, partial(starts_with, columns=OC_COLUMNS), "a table of drupe history --oc"),
+        (wanted.oc, partial(starts_with, columns=OC_COLUMNS[:2]), "a table of drupe history --oc"),
     ):
         if target is None:
             continue

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from pipeline.history.acceptance_plans import (
     AttributesPlan,
     NoPlan,
-    Plan,
+    SamplingPlan,
     VariablesPlan,
     attributes_plan,
     operating_characteristic,
@@ -56,7 +56,7 @@ class PlanWanted:
             raise NoPlan(f'--lot-size: found "{wrong[0]}", expected a number of fruit, or LOT=NUMBER')
         return {lot.strip(): int(size) for lot, _, size in parts}
 
-    def plan(self, lot: str = "") -> AttributesPlan | VariablesPlan:
+    def plan(self, lot: str = "") -> SamplingPlan:
         """Of a lot. Raises NoPlan."""
         size = self.sizes.get(lot, self.sizes.get(""))
         if size is None:
@@ -65,7 +65,7 @@ class PlanWanted:
         return make(size, self.aql, level=self.level, inspection=self.inspection)
 
 
-def plan_words(plan: Plan) -> tuple[str, str]:
+def plan_words(plan: SamplingPlan) -> tuple[str, str]:
     """The plan, and its risks."""
     first, *others = (
         f"{100 * share_accepted_with(plan, probability):.2g} % nonconforming fruit in {100 * probability:g} %"
@@ -78,7 +78,7 @@ def acceptance_entries(
     batches: Sequence[StoredBatch], class_name: str, wanted: PlanWanted
 ) -> Iterator[AcceptanceEntry]:
     """A plan each, with its curve and the decisions on its lots. Raises NoPlan where no lot has one."""
-    decisions: dict[AttributesPlan | VariablesPlan, list[LotDecisionEntry]] = {}
+    decisions: dict[SamplingPlan, list[LotDecisionEntry]] = {}
     refusals = []
     for on_day in _last_days(batches):
         try:
@@ -90,17 +90,13 @@ def acceptance_entries(
     if not decisions:
         raise NoPlan("; ".join(refusals) or "no batch has a fruit that counts")
     for plan, of_plan in decisions.items():
-        curve = operating_characteristic(plan)
         words, risks = plan_words(plan)
-        lot_curve = curve.get("lot_acceptance_probability")
         yield AcceptanceEntry(
             words=words,
             risks=risks,
             class_name=class_name,
             aql=plan.aql,
-            percent=curve["nonconforming_percent"].to_numpy(),
-            probability=curve["acceptance_probability"].to_numpy(),
-            lot_probability=None if lot_curve is None else lot_curve.to_numpy(),
+            curve=operating_characteristic(plan).to_numpy(),
             decisions=tuple(of_plan),
             refusals=tuple(refusals),
         )
@@ -120,9 +116,7 @@ def _name(batch: StoredBatch) -> str:
     return f"{batch.group}, {lot}, {batch.measured}"
 
 
-def _decision(
-    on_day: Sequence[StoredBatch], class_name: str, plan: AttributesPlan | VariablesPlan
-) -> LotDecisionEntry:
+def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan) -> LotDecisionEntry:
     ranges = {name: (low, high) for name, low, high in class_ranges(on_day[-1].limits)}
     if class_name not in ranges:
         known = ", ".join(ranges) or "none"

@@ -1,6 +1,6 @@
 """What a quality manager asks of lots: acceptance, samples for the test of firmness, readings."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.batch.write_guard import require_new_or_ours
 from pipeline.files.whole_file import put
-from pipeline.history.acceptance_plans import NoPlan, operating_characteristic
+from pipeline.history.acceptance_plans import OC_COLUMNS, NoPlan, operating_characteristic
 from pipeline.history.firmness_relation import (
     FirmnessRelation,
     Key,
@@ -18,95 +18,73 @@ from pipeline.history.firmness_relation import (
     reading_of,
 )
 from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, plan_words
-from pipeline.history.objective_test import CHEEKS, objective_samples
+from pipeline.history.objective_test import objective_samples
 from pipeline.history.stored_batch import StoredBatch
 from pipeline.history.table_file import require_format, starts_with, table_bytes
 from pipeline.problem import refused
 from reports.history_entries import QualityEntry
 
-OC_COLUMNS = ("nonconforming_percent", "acceptance_probability")
-"""First columns of the table of an operating characteristic."""
+COMMAND = "drupe history"
 
 
 @dataclass(frozen=True, kw_only=True)
 class QualityWanted:
     """Options of `drupe history`: `accept`: the class whose fruit conform. `oecd`: cheeks that one recording
-    presses. `firmness`: texts COLUMN=UNIT@PLUNGER.
+    presses, 0 without the test. `firmness`: texts COLUMN=UNIT@PLUNGER.
     """
 
     accept: str = ""
     plan: PlanWanted = field(default_factory=PlanWanted)
-    oecd: int | None = None
+    oecd: int = 0
     size_column: str = ""
     firmness: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class QualityFound:
-    """The page's part, sentences for the terminal, and the fitted relations."""
-
-    entry: QualityEntry = field(default_factory=QualityEntry)
-    said: tuple[str, ...] = ()
-    relations: Mapping[Key, FirmnessRelation] = field(default_factory=dict)
-
-
-def lots_quality(batches: Sequence[StoredBatch], wanted: QualityWanted) -> QualityFound:
-    """Raises BatchRefused where an option says what cannot be."""
+def lots_quality(
+    batches: Sequence[StoredBatch], wanted: QualityWanted
+) -> tuple[QualityEntry, dict[Key, FirmnessRelation]]:
+    """The page's part, and the fitted relations. Raises BatchRefused where an option says what cannot be."""
     if wanted.plan.lot_size and not wanted.accept:
-        raise refused("drupe history", "--lot-size needs --accept CLASS.")
-    if wanted.oecd is not None and not 1 <= wanted.oecd <= CHEEKS:
-        raise refused(
-            "drupe history", f"--oecd: found {wanted.oecd}, expected 1 or {CHEEKS} cheeks per recording."
-        )
-    if wanted.size_column and wanted.oecd is None:
-        raise refused("drupe history", "--size-column needs --oecd.")
+        raise refused(COMMAND, "--lot-size needs --accept CLASS.")
+    if wanted.size_column and not wanted.oecd:
+        raise refused(COMMAND, "--size-column needs --oecd.")
     try:
         plans = tuple(acceptance_entries(batches, wanted.accept, wanted.plan)) if wanted.accept else ()
-    except NoPlan as reason:
-        raise refused("--accept", f"{reason}.") from None
-    samples = (
-        ()
-        if wanted.oecd is None
-        else tuple(
-            objective_samples(batches, cheeks_per_recording=wanted.oecd, size_column=wanted.size_column)
-        )
-    )
-    try:
         relations = list(firmness_relations(batches, [reading_of(text) for text in wanted.firmness]))
-    except NoReading as reason:
-        raise refused("--firmness", f"{reason}.") from None
+    except (NoPlan, NoReading) as reason:
+        raise refused(COMMAND, f"{reason}.") from None
     if wanted.firmness and not relations:
-        raise refused(
-            "--firmness", "no fruit has a reading in these columns; check their names in fruits.csv."
-        )
-    said = [f"{one.words}. {one.risks}." for one in plans]
-    said += [f"{lot.name}: {lot.verdict}: {lot.words}." for one in plans for lot in one.decisions]
-    said += [f"{refusal}." for one in plans for refusal in one.refusals]
-    said += [f"{sample.name}: {sample.words}." for sample in samples]
-    said += [f"{entry.title}: {entry.words}." for _, entry, _ in relations]
-    return QualityFound(
-        entry=QualityEntry(plans=plans, samples=samples, firmness=tuple(entry for _, entry, _ in relations)),
-        said=tuple(said),
-        relations={key: fit for key, _, fit in relations if fit is not None},
-    )
+        raise refused(COMMAND, "no fruit has a reading in the columns of --firmness; check their names.")
+    samples = objective_samples(batches, wanted.oecd, size_column=wanted.size_column) if wanted.oecd else ()
+    firmness = tuple(entry for _, entry, _ in relations)
+    fitted = {key: fit for key, _, fit in relations if fit is not None}
+    return QualityEntry(plans=plans, samples=tuple(samples), firmness=firmness), fitted
+
+
+def quality_lines(quality: QualityEntry) -> Iterator[str]:
+    """What the terminal says of it."""
+    for plan in quality.plans:
+        yield f"{plan.words}. {plan.risks}."
+        yield from (f"  {lot.name}: {lot.verdict}: {lot.words}." for lot in plan.decisions)
+        yield from (f"  no decision: {refusal}." for refusal in plan.refusals)
+    yield from (f"{sample.name}: {sample.words}." for sample in quality.samples)
+    yield from (f"{entry.title}: {entry.words}." for entry in quality.firmness)
 
 
 def characteristics(quality: QualityEntry) -> pd.DataFrame:
     """Operating characteristics of all plans, one below the other."""
-    frames = []
-    for plan in quality.plans:
-        columns = dict(zip(OC_COLUMNS, (plan.percent, plan.probability), strict=True))
-        frames.append(
-            pd.DataFrame({**columns, "lot_acceptance_probability": plan.lot_probability, "plan": plan.words})
-        )
-    return pd.concat(frames, ignore_index=True).round(6)
+    curves = [
+        pd.DataFrame(plan.curve, columns=list(OC_COLUMNS[: plan.curve.shape[1]])).assign(plan=plan.words)
+        for plan in quality.plans
+    ]
+    return pd.concat(curves, ignore_index=True)
 
 
 def sampling_plan(wanted: PlanWanted, oc: Path | None) -> Iterator[str]:
     """The plan in words, and its curve as a table at `oc`. Raises BatchRefused."""
     if oc is not None:
         require_format(oc, "--oc")
-        require_new_or_ours(oc, partial(starts_with, columns=OC_COLUMNS), "a table of drupe plan --oc")
+        require_new_or_ours(oc, partial(starts_with, columns=OC_COLUMNS[:2]), "a table of drupe plan --oc")
     if not wanted.lot_size:
         raise refused("drupe plan", "needs --lot-size, the number of fruit in the lot.")
     try:

@@ -18,7 +18,7 @@ FRUIT, CHEEKS = 10, 2
 
 
 def objective_samples(
-    batches: Sequence[StoredBatch], *, cheeks_per_recording: int, size_column: str = ""
+    batches: Sequence[StoredBatch], cheeks_per_recording: int, *, size_column: str = ""
 ) -> Iterator[ObjectiveSampleEntry]:
     """Of every lot, day and size, oldest first; fruit in doubt and reference bodies do not count.
 
