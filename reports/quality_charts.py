@@ -57,9 +57,8 @@ def firmness_chart(relation: FirmnessEntry, *, width_px: int) -> Markup:
 
 
 def _plot(x_limits: tuple[float, float], y_limits: tuple[float, float], width_px: int) -> Plot:
-    low, high = x_limits
     return Plot(
-        x_limits=(max(low, 0.0), high),
+        x_limits=(max(x_limits[0], 0.0), x_limits[1]),
         y_limits=(max(y_limits[0], 0.0), y_limits[1]),
         left=52.0,
         right=width_px - 14.0,

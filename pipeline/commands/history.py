@@ -102,14 +102,12 @@ def history(
             max=2,
             metavar="CHEEKS",
             help="State which fruit and cheeks each lot lacks for the OECD test of firmness: ten fruit of "
-            "each size, two cheeks each. CHEEKS: cheeks that one recording presses, 1 or 2; 0: no check.",
+            "each size, two cheeks each. CHEEKS: cheeks that one recording presses, 1 or 2.",
         ),
     ] = 0,
     size_column: Annotated[
         str,
-        typer.Option(
-            "--size-column", metavar="NAME", help="With --oecd: your column with the size of a fruit."
-        ),
+        typer.Option("--size-column", metavar="NAME", help="With --oecd: your column with sizes."),
     ] = "",
     firmness: Annotated[
         list[str] | None,

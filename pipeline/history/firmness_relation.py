@@ -180,19 +180,13 @@ def with_firmness(
 ) -> pd.DataFrame:
     """The table of fruit with predicted readings and their 90 % intervals, within the moduli fitted."""
     rows = [(batch.group, fruit) for batch in batches for fruit in batch.fruit]
-    added = {}
-    for plunger_mm in sorted({plunger_mm for _, plunger_mm in relations}):
+    for (group, plunger_mm), relation in sorted(relations.items()):
         cells = np.full((len(rows), 3), np.nan)
-        for (group, of_relation_mm), relation in relations.items():
-            at = [
-                k
-                for k, (of_fruit, fruit) in enumerate(rows)
-                if (of_fruit, of_relation_mm) == (group, plunger_mm)
-                and fruit.E_known_MPa is None
-                and relation.E_low_MPa <= fruit.E_MPa <= relation.E_high_MPa
-            ]
-            if at:
-                cells[at] = relation.predicted(np.array([rows[k][1].E_MPa for k in at])).round(2)
+        for k, (of_fruit, fruit) in enumerate(rows):
+            cells[k, 0] = fruit.E_MPa if of_fruit == group and fruit.E_known_MPa is None else np.nan
+        known = (cells[:, 0] >= relation.E_low_MPa) & (cells[:, 0] <= relation.E_high_MPa)
+        cells[known], cells[~known] = relation.predicted(cells[known, 0]).round(2), np.nan
         for column, part in zip(cells.T, ("predicted", "low", "high"), strict=True):
-            added[f"firmness_{plunger_mm:g}mm_N_{part}"] = pd.Series(column, dtype=object)
-    return table.assign(**added)
+            name, added = f"firmness_{plunger_mm:g}mm_N_{part}", pd.Series(column, dtype=object)
+            table[name] = table[name].combine_first(added) if name in table else added
+    return table

@@ -112,7 +112,8 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     """
     if not wanted.forget:
         raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
-    if outs or wanted.html or wanted.export or wanted.statistics or wanted.fit or wanted.convert:
+    pages = wanted.html or wanted.export or wanted.statistics or wanted.oc
+    if outs or pages or wanted.fit or wanted.convert or wanted.quality != QualityWanted():
         raise refused(COMMAND, "--forget allows only --store and --dry-run; write page and table afterwards.")
     if wanted.store is None or not wanted.store.exists():
         raise refused(str(wanted.store or COMMAND), "--forget needs a store; name it with --store.")

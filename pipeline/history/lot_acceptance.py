@@ -3,7 +3,7 @@
 By attributes each fruit is inside the class or not. By variables, ln E of the fruit is taken as normal, and
 the class must have one limit: Q = (ln U - mean) / s or (mean - ln L) / s is compared with k. A lot's sample
 is of its last day, without fruit in doubt. Where there are more fruit than the plan needs, the sample is the
-first n by the SHA-256 of batch and fruit: a draw that does not depend on E.
+first n by the SHA-256 of lot, day and fruit: a draw that does not depend on E.
 """
 
 import hashlib
@@ -122,9 +122,13 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
         known = ", ".join(ranges) or "none"
         raise NoPlan(f'batch.toml has no class "{class_name}"; its classes: {known}')
     low, high = ranges[class_name]
-    fruit = {(batch.key, one.fruit_id): one.E_MPa for batch in on_day for one in batch.fruit if one.fitted}
-    drawn = sorted(fruit, key=lambda key: hashlib.sha256("\n".join(key).encode()).hexdigest())
-    E_MPa = np.array([fruit[key] for key in drawn[: plan.n]])
+    fruit = [
+        (hashlib.sha256(f"{batch.lot}\n{batch.measured}\n{one.fruit_id}".encode()).hexdigest(), one.E_MPa)
+        for batch in on_day
+        for one in batch.fruit
+        if one.fitted
+    ]
+    E_MPa = np.array([E for _, E in sorted(fruit)[: plan.n]])
     top = math.inf if high is None else high
     if isinstance(plan, AttributesPlan):
         verdict, words = _by_attributes(plan, E_MPa, low, top)
@@ -152,9 +156,8 @@ def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: floa
     if (low > 0) == upper:
         found = "has two limits" if upper else "has no limit"
         raise NoPlan(f"a plan by variables needs a class with one limit, and this one {found}")
-    if len(E_MPa) < plan.n:
-        found = f"{len(E_MPa)} fruit are measured"
-        return MORE, f"{found}; the plan needs {plan.n} fruit: grade {plan.n - len(E_MPa)} more"
+    if (found := len(E_MPa)) < plan.n:
+        return MORE, f"{found} fruit are measured; the plan needs {plan.n}: grade {plan.n - found} more"
     Q = quality_index(np.log(E_MPa), limit=math.log(high if upper else low), upper=upper)
     verdict, how = (ACCEPT, "at least") if plan.k <= Q else (REJECT, "below")
     return verdict, f"Q = {Q:.3g} of ln E, {how} k = {plan.k:g}"
