@@ -240,11 +240,12 @@ def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
 def operating_characteristic(plan: SamplingPlan) -> pd.DataFrame:
     """Probability of acceptance by the nonconforming fruit, to where it falls to LEAST_ACCEPTED.
 
-    Of plans by attributes also for this lot of finite size, with the nonconforming fruit rounded.
+    Of plans by attributes also for this lot of finite size; they are stated at whole numbers of fruit.
     """
     end = share_accepted_with(plan, LEAST_ACCEPTED) if plan.n < plan.lot_size else 2 * plan.aql / 100
-    share = np.linspace(0.0, end, CURVE_POINTS)
-    columns = dict(zip(OC_COLUMNS, (100 * share, plan.acceptance(share)), strict=False))
+    share, added = np.linspace(0.0, end, CURVE_POINTS), []
     if isinstance(plan, AttributesPlan):
-        columns[OC_COLUMNS[2]] = plan.lot_acceptance(np.round(share * plan.lot_size))
-    return pd.DataFrame(columns).round(6)
+        fruit = np.unique(np.ceil(share * plan.lot_size))
+        share, added = fruit / plan.lot_size, [plan.lot_acceptance(fruit)]
+    columns = (100 * share, plan.acceptance(share), *added)
+    return pd.DataFrame(dict(zip(OC_COLUMNS, columns, strict=False))).round(6)

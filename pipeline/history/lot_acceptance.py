@@ -156,11 +156,11 @@ def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: floa
     if (low > 0) == upper:
         found = "has two limits" if upper else "has no limit"
         raise NoPlan(f"a plan by variables needs a class with one limit, and this one {found}")
-    if (found := len(E_MPa)) < plan.n:
-        return MORE, f"{found} fruit are measured; the plan needs {plan.n}: grade {plan.n - found} more"
+    if (fruit := len(E_MPa)) < plan.n:
+        return MORE, f"{fruit} fruit are measured; the plan needs {plan.n}: grade {plan.n - fruit} more"
     Q = quality_index(np.log(E_MPa), limit=math.log(high if upper else low), upper=upper)
     verdict, how = (ACCEPT, "at least") if plan.k <= Q else (REJECT, "below")
-    return verdict, f"Q = {Q:.3g} of ln E, {how} k = {plan.k:g}"
+    return verdict, f"Q = {Q:.4g} of ln E, {how} k = {plan.k:g}"
 
 
 def quality_index(values: Float[np.ndarray, " n"], *, limit: float, upper: bool) -> float:
