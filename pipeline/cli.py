@@ -28,6 +28,7 @@ from pipeline.commands.history import history
 from pipeline.commands.judge import judge
 from pipeline.commands.mat import mat
 from pipeline.commands.new import new
+from pipeline.commands.plan import plan
 from pipeline.commands.report import report
 from pipeline.commands.robot import robot
 from pipeline.commands.sample import sample
@@ -86,6 +87,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     report: "Rebuild ranking and report from stored results.",
     judge: "Record a person's verdict on a fruit, next to its E.",
     history: "Show how lots soften over days and when they are ready.",
+    plan: "Show how many fruit of a lot to inspect.",
     convert: "Convert gel frames, tables or other formats to a recording.",
     calibrate: "Calibrate a sensor, or measure a rig's compliance.",
     sensor: "Write the description of a commercial sensor.",

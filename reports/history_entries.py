@@ -129,6 +129,69 @@ class GaugeEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LotDecisionEntry:
+    """A lot on its last day, and what the sampling plan says of it."""
+
+    name: str
+    verdict: str
+    words: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcceptanceEntry:
+    """A sampling plan with its operating characteristic: nonconforming fruit in per cent, probability of
+    acceptance; by attributes also that of one lot of this size. `refusals`: lots without a decision.
+    """
+
+    words: str
+    risks: str
+    class_name: str
+    aql: float
+    curve: Float[np.ndarray, "p _c"]
+    decisions: tuple[LotDecisionEntry, ...]
+    refusals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectiveSampleEntry:
+    """Fruit of one size of a lot: what a test of firmness needs of them. `cheeks`: by fruit, E in MPa (sd) of
+    each recording.
+    """
+
+    name: str
+    fruit: int
+    fruit_missing: int
+    cheeks_missing: tuple[str, ...]
+    words: str
+    cheeks: tuple[tuple[str, tuple[tuple[float, float | None], ...]], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirmnessEntry:
+    """Readings of a penetrometer (N) against E (MPa), with the fitted relation and its 90 % band; no line
+    where none was fitted.
+    """
+
+    title: str
+    words: str
+    E_MPa: Float[np.ndarray, " n"]
+    reading_N: Float[np.ndarray, " n"]
+    line: Float[np.ndarray, "t 4"] | None = None
+    """E in MPa; reading, and low and high end for one more fruit, in N."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class QualityEntry:
+    """What a quality manager asked for: decisions by sampling plans, samples of the test of firmness, and
+    relations to penetrometers.
+    """
+
+    plans: tuple[AcceptanceEntry, ...] = ()
+    samples: tuple[ObjectiveSampleEntry, ...] = ()
+    firmness: tuple[FirmnessEntry, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class HistoryEntry:
     """The whole page. `alarms`: what reference bodies say of the gripper that calls for somebody.
     `comparisons`: sentences on grippers and sensors. `precision`: of the mean, by which fruit are counted.
@@ -144,3 +207,4 @@ class HistoryEntry:
     comparisons: tuple[str, ...] = ()
     gauges: tuple[GaugeEntry, ...] = ()
     precision: float = 0.05
+    quality: QualityEntry = QualityEntry()

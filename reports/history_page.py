@@ -6,6 +6,7 @@ from reports.charts_batch import control_chart
 from reports.history_charts import lots_chart, softening_chart
 from reports.history_entries import HistoryEntry
 from reports.html_templates import page_environment
+from reports.quality_charts import characteristic_chart, firmness_chart
 
 PAGE_TITLE = "History of graded batches"
 """By which a page of an earlier run is known."""
@@ -18,6 +19,8 @@ def history_html(history: HistoryEntry) -> str:
         "control_chart": control_chart,
         "softening_chart": softening_chart,
         "lots_chart": lots_chart,
+        "characteristic_chart": characteristic_chart,
+        "firmness_chart": firmness_chart,
     }
     return environment.get_template("templates/history.html.j2").render(
         history=history, made=f"{history.made_utc:%Y-%m-%d %H:%M} UTC", title=PAGE_TITLE

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.commands.plan_options import Aql, Inspection, Level, LotSizes, OcFile, Variables
 from pipeline.safe_start import elsewhere
 
 
@@ -78,6 +79,45 @@ def history(
             help="Predict these readings in the table. drupe uses the newest stored fit, or version N.",
         ),
     ] = None,
+    accept: Annotated[
+        str,
+        typer.Option(
+            "--accept",
+            metavar="CLASS",
+            help="Decide on each lot by a sampling plan (see drupe plan). Fruit of its last day outside this "
+            "class are nonconforming. Needs --lot-size.",
+        ),
+    ] = "",
+    lot_size: LotSizes = None,
+    aql: Aql = 4.0,
+    level: Level = "II",
+    inspection: Inspection = "normal",
+    variables: Variables = False,
+    oc: OcFile = None,
+    oecd: Annotated[
+        int,
+        typer.Option(
+            "--oecd",
+            min=0,
+            max=2,
+            metavar="CHEEKS",
+            help="State which fruit and cheeks each lot lacks for the OECD test of firmness: ten fruit of "
+            "each size, two cheeks each. CHEEKS: cheeks that one recording presses, 1 or 2.",
+        ),
+    ] = 0,
+    size_column: Annotated[
+        str,
+        typer.Option("--size-column", metavar="NAME", help="With --oecd: your column with sizes."),
+    ] = "",
+    firmness: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--firmness",
+            metavar="COLUMN=UNIT@PLUNGER",
+            help="Fit readings of a penetrometer in your column to E, for each cultivar: unit N, kgf or lbf, "
+            'plunger 8mm or 11.1mm. Repeat it for a second cheek. Example: "cheek 1=kgf@8mm".',
+        ),
+    ] = None,
     forget: Annotated[
         list[str] | None,
         typer.Option(
@@ -110,6 +150,8 @@ def history(
         from pipeline.exit_status import DOUBTED
         from pipeline.history.history_summary import summary_lines
         from pipeline.history.keeping import HistoryWanted, forget_named, make_history
+        from pipeline.history.lot_acceptance import PlanWanted
+        from pipeline.history.lot_quality import QualityWanted
 
     wanted = HistoryWanted(
         store=store,
@@ -121,13 +163,27 @@ def history(
         fit=tuple(fit or ()),
         convert=tuple(convert or ()),
         forget=tuple(forget or ()),
+        oc=oc,
+        quality=QualityWanted(
+            accept=accept,
+            plan=PlanWanted(
+                lot_size=tuple(lot_size or ()),
+                aql=aql,
+                level=level,
+                inspection=inspection,
+                variables=variables,
+            ),
+            oecd=oecd,
+            size_column=size_column,
+            firmness=tuple(firmness or ()),
+        ),
     )
     if wanted.forget or dry_run:
         for line in forget_named(outs or [], wanted, dry_run=dry_run):
             typer.echo(line)
         return
     made = make_history(outs or [], wanted, now=datetime.now(UTC))
-    for line in summary_lines(made, [path for path in (html, export, statistics) if path is not None]):
+    for line in summary_lines(made, [path for path in (html, export, statistics, oc) if path is not None]):
         typer.echo(line)
     if made.entry.alarms:
         raise typer.Exit(DOUBTED)

@@ -1,7 +1,7 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -9,11 +9,14 @@ from pathlib import Path
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
+from pipeline.history.acceptance_plans import OC_COLUMNS
 from pipeline.history.appraisers import APPRAISERS, gauge_entry
+from pipeline.history.firmness_relation import with_firmness
 from pipeline.history.history_store import HistoryStore
 from pipeline.history.history_table import COLUMNS, STATISTICS_COLUMNS, fruit_table, statistics_table
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import PRECISION, history_entry
+from pipeline.history.lot_quality import QualityWanted, characteristics, lots_quality, quality_lines
 from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
 from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
 from pipeline.history.table_file import require_format, starts_with, table_bytes
@@ -31,7 +34,8 @@ class HistoryWanted:
     """What is asked for. `fit`: scales whose conversions are fitted anew and kept; `convert`: a scale whose
     readings are predicted, "shore_oo" by the last version or "shore_oo@2". `forget`: batches, lots or fruit
     that the store is to forget. `export`: a table of fruit; `statistics`: one of lots, with the fruit that
-    their means need for `precision` (a share). `gauge`: "gripper", "sensor" or both.
+    their means need for `precision` (a share). `gauge`: "gripper", "sensor" or both. `oc`: a table of the
+    operating characteristics of sampling plans.
     """
 
     store: Path | None = None
@@ -43,6 +47,8 @@ class HistoryWanted:
     fit: tuple[str, ...] = ()
     convert: tuple[str, ...] = ()
     forget: tuple[str, ...] = ()
+    oc: Path | None = None
+    quality: QualityWanted = field(default_factory=QualityWanted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +76,7 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
         said = [line for scale in wanted.fit for line in _fitted(store, scale, batches, now)]
         used = [fit for text in wanted.convert for fit in _asked(store, text, batches)]
         studies = [gauge_entry(batches, kind) for kind in wanted.gauge]
+        quality, relations = lots_quality(batches, wanted.quality)
         entry = history_entry(
             batches,
             conversions=store.conversions(),
@@ -78,15 +85,20 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
             precision=wanted.precision,
             now=now,
         )
+        entry = replace(entry, quality=quality)
     if wanted.export is not None:
         fruit = fruit_table(batches, {(fit.scale, fit.group): fit for fit in used})
+        fruit = with_firmness(fruit, batches, relations)
         put(wanted.export, table_bytes(fruit, wanted.export.suffix.lower()))
     if wanted.statistics is not None:
         lots = statistics_table(batches, precision=wanted.precision)
         put(wanted.statistics, table_bytes(lots, wanted.statistics.suffix.lower()))
+    if wanted.oc is not None:
+        put(wanted.oc, table_bytes(characteristics(quality), wanted.oc.suffix.lower()))
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
     said += [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
+    said += quality_lines(quality)
     said += [
         f"version {fit.version} predicts {fit.scale} of {fit.group}, fitted {fit.fitted_utc[:10]}."
         for fit in used
@@ -100,7 +112,8 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     """
     if not wanted.forget:
         raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
-    if outs or wanted.html or wanted.export or wanted.statistics or wanted.fit or wanted.convert:
+    pages = wanted.html or wanted.export or wanted.statistics or wanted.oc
+    if outs or pages or wanted.fit or wanted.convert or wanted.quality != QualityWanted():
         raise refused(COMMAND, "--forget allows only --store and --dry-run; write page and table afterwards.")
     if wanted.store is None or not wanted.store.exists():
         raise refused(str(wanted.store or COMMAND), "--forget needs a store; name it with --store.")
@@ -166,7 +179,13 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
         raise refused(COMMAND, f"--precision: found {found}, expected per cent of the mean, 0 to 100.")
     if wanted.store is None and wanted.fit:
         raise refused(COMMAND, "--fit stores its result; name a store with --store.")
-    for table, option in ((wanted.export, "--export"), (wanted.statistics, "--statistics")):
+    if wanted.oc is not None and not wanted.quality.accept:
+        raise refused(COMMAND, "--oc writes the curve of a sampling plan; add --accept CLASS.")
+    for table, option in (
+        (wanted.export, "--export"),
+        (wanted.statistics, "--statistics"),
+        (wanted.oc, "--oc"),
+    ):
         if table is not None:
             require_format(table, option)
     if wanted.store is not None:
@@ -179,6 +198,7 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
             partial(starts_with, columns=STATISTICS_COLUMNS),
             "a table of drupe history --statistics",
         ),
+        (wanted.oc, partial(starts_with, columns=OC_COLUMNS[:2]), "a table of drupe history --oc"),
     ):
         if target is None:
             continue

@@ -1,0 +1,251 @@
+"""Acceptance sampling plans: how many fruit of a lot to inspect, and when to accept the lot.
+
+Attributes: the code letters and the single sampling plans of MIL-STD-105E (1989), tables I, II-A, II-B and
+II-C, which ISO 2859-1 shares for normal and tightened inspection. A plan depends on the sum of the rows of
+code letter and AQL alone: down a diagonal of the table the product of n and AQL is the same. Variables: the s
+method with one specification limit, of ANSI/ASQ Z1.9, tables A-2 and B-1 (those of ISO 3951:1989).
+
+Operating characteristics are exact: binomial (a long series of lots) or hypergeometric (this lot), and for
+variables Student's noncentral t,  P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z the normal quantile of 1 - p
+(Lieberman and Resnikoff, J. Am. Stat. Assoc. 50, 1955, 457).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.optimize import brentq
+from scipy.stats import binom, hypergeom, nct, norm
+
+LEVELS = ("S-1", "S-2", "S-3", "S-4", "I", "II", "III")
+"""Inspection levels, special ones first."""
+INSPECTIONS = ("normal", "tightened", "reduced")
+AQLS = (0.010, 0.015, 0.025, 0.040, 0.065, 0.10, 0.15, 0.25, 0.40, 0.65, 1.0, 1.5, 2.5, 4.0, 6.5, 10.0)
+"""Acceptance quality limits in per cent of nonconforming fruit; greater ones count defects, not fruit."""
+LARGEST_LOTS = (8, 15, 25, 50, 90, 150, 280, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
+"""Of the rows of code letters but the last one, which has no end."""
+LETTERS = {
+    "S-1": "AAAABBBBCCCCDDD",
+    "S-2": "AAABBBCCCDDDEEE",
+    "S-3": "AABBCCDDEEFFGGH",
+    "S-4": "AABCCDEEFGGHJJK",
+    "I": "AABCCDEFGHJKLMN",
+    "II": "ABCDEFGHJKLMNPQ",
+    "III": "BCDEFGHJKLMNPQR",
+}
+"""Table I, a letter per row of lot sizes."""
+ROWS = "ABCDEFGHJKLMNPQRS"
+SIZES = (2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800, 1250, 2000, 3150)
+"""Fruit of the sample by row; S is of tightened inspection alone."""
+REDUCED_SIZES = (2, 2, 2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800)
+"""The same for reduced inspection."""
+ZERO_DIAGONAL = {"normal": 14, "tightened": 15, "reduced": 14}
+"""Sum of the rows of letter and AQL, from 0, where the acceptance number is 0."""
+NUMBERS = {
+    "normal": tuple((c, c + 1) for c in (1, 2, 3, 5, 7, 10, 14, 21)),
+    "tightened": tuple((c, c + 1) for c in (1, 2, 3, 5, 8, 12, 18)),
+    "reduced": ((0, 2), (1, 3), (1, 4), (2, 5), (3, 6), (5, 8), (7, 10), (10, 13)),
+}
+"""Acceptance and rejection numbers from three diagonals past that of 0 on; the two between have arrows."""
+VARIABLES_LOTS = (8, 15, 25, 50, 90, 150, 280, 400, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
+"""Of the rows of table A-2 but the last one."""
+VARIABLES_LETTERS = {
+    "S-3": "BBBBBBBCCDEFGHHH",
+    "S-4": "BBBBBCDEEFGHIJKK",
+    "I": "BBBCDEFGGHIJKLMN",
+    "II": "BBCDEFGHIJKLMNPP",
+    "III": "CDEFGHIJJKLMNPPP",
+}
+"""Table A-2 of ANSI/ASQ Z1.9."""
+VARIABLES_ROWS = "BCDEFGHIJKLMNP"
+VARIABLES_SIZES = (3, 4, 5, 7, 10, 15, 20, 25, 35, 50, 75, 100, 150, 200)
+"""Fruit of the sample by row of table B-1."""
+VARIABLES_AQLS = AQLS[5:]
+"""Per cent."""
+K = """
+  -    -    -    -    -    -    -    -  1.12 .958 .765 .566
+  -    -    -    -    -    -  1.45 1.34 1.17 1.01 .814 .617
+  -    -    -    -    -  1.65 1.53 1.40 1.24 1.07 .874 .675
+  -    -    -  2.00 1.88 1.75 1.62 1.50 1.33 1.15 .955 .755
+  -    -  2.24 2.11 1.98 1.84 1.72 1.58 1.41 1.23 1.03 .828
+2.53 2.42 2.32 2.20 2.06 1.91 1.79 1.65 1.47 1.30 1.09 .886
+2.58 2.47 2.36 2.24 2.11 1.96 1.82 1.69 1.51 1.33 1.12 .917
+2.61 2.50 2.40 2.26 2.14 1.98 1.85 1.72 1.53 1.35 1.14 .936
+2.65 2.54 2.45 2.31 2.18 2.03 1.89 1.76 1.57 1.39 1.18 .969
+2.71 2.60 2.50 2.35 2.22 2.08 1.93 1.80 1.61 1.42 1.21 1.00
+2.77 2.66 2.55 2.41 2.27 2.12 1.98 1.84 1.65 1.46 1.24 1.03
+2.80 2.69 2.58 2.43 2.29 2.14 2.00 1.86 1.67 1.48 1.26 1.05
+2.84 2.73 2.61 2.47 2.33 2.18 2.03 1.89 1.70 1.51 1.29 1.07
+2.85 2.73 2.62 2.47 2.33 2.18 2.04 1.89 1.70 1.51 1.29 1.07
+"""
+"""Table B-1: k by letter and AQL. Normal inspection takes the AQL's column from the second on, tightened
+inspection from the first on; "-" is an arrow down.
+"""
+OC_COLUMNS = ("nonconforming_percent", "acceptance_probability", "lot_acceptance_probability")
+"""Of the table of an operating characteristic."""
+CURVE_POINTS = 101
+"""Of an operating characteristic, which steps of a hundredth of its width show whole."""
+LEAST_ACCEPTED = 0.005
+"""Probability of acceptance at which a curve ends."""
+
+
+class NoPlan(ValueError):
+    """Why there is no plan, a sentence."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Inspect `n` fruit of a lot of `lot_size`; `letter`: of the row of the tables that was used."""
+
+    lot_size: int
+    aql: float
+    level: str
+    inspection: str
+    letter: str
+    n: int
+
+    def _words(self, kind: str, numbers: str) -> str:
+        return (
+            f"Lot of {self.lot_size}, AQL {self.aql:g} %, level {self.level}, {self.inspection} inspection "
+            f"by {kind}, code letter {self.letter}: n = {self.n}, {numbers}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttributesPlan(Plan):
+    """Accept the lot with at most `ac` nonconforming fruit in the sample, reject it with `re` or more.
+
+    Reduced inspection accepts it between the two as well, and the next lot gets normal inspection.
+    """
+
+    ac: int
+    re: int
+
+    @property
+    def words(self) -> str:
+        """In one sentence without its stop."""
+        return self._words("attributes", f"Ac = {self.ac}, Re = {self.re}")
+
+    def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """Probability that lots of a process with this share of nonconforming fruit are accepted."""
+        return np.asarray(binom.cdf(self.re - 1, self.n, share))
+
+    def lot_acceptance(self, nonconforming: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """Probability that this lot is accepted, by how many of its fruit are nonconforming."""
+        return np.asarray(hypergeom.cdf(self.re - 1, self.lot_size, nonconforming, self.n))
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariablesPlan(Plan):
+    """Accept the lot where the sample's mean is `k` of its standard deviations or more inside the limit."""
+
+    k: float
+
+    @property
+    def words(self) -> str:
+        """In one sentence without its stop."""
+        return self._words("variables (s method)", f"k = {self.k:g}")
+
+    def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """The same of a normal characteristic with this share beyond the limit."""
+        z = norm.isf(np.clip(share, 1e-9, 1 - 1e-9))
+        return np.asarray(nct.sf(math.sqrt(self.n) * self.k, self.n - 1, math.sqrt(self.n) * z))
+
+
+SamplingPlan: TypeAlias = AttributesPlan | VariablesPlan
+
+
+def attributes_plan(
+    lot_size: int, aql: float, *, level: str = "II", inspection: str = "normal"
+) -> AttributesPlan:
+    """The plan of MIL-STD-105E. The sample is the whole lot where the table's is as large. Raises NoPlan.
+
+    >>> plan = attributes_plan(1000, 1.0)
+    >>> plan.letter, plan.n, plan.ac, plan.re
+    ('J', 80, 2, 3)
+    """
+    _require_known(lot_size, aql, AQLS, level, LETTERS, inspection)
+    row = ROWS.index(LETTERS[level][sum(lot_size > most for most in LARGEST_LOTS)])
+    row, ac, re = _cell(row, AQLS.index(aql), inspection)
+    n = (REDUCED_SIZES if inspection == "reduced" else SIZES)[row]
+    asked: dict[str, Any] = {"lot_size": lot_size, "aql": aql, "level": level, "inspection": inspection}
+    return AttributesPlan(**asked, letter=ROWS[row], n=min(n, lot_size), ac=ac, re=re)
+
+
+def _cell(row: int, column: int, inspection: str) -> tuple[int, int, int]:
+    """Row of the plan to use, and its numbers, after the arrows of the table are followed."""
+    numbers, past = NUMBERS[inspection], row + column - ZERO_DIAGONAL[inspection]
+    last_row = len(ROWS) - 1 if inspection == "tightened" else len(ROWS) - 2
+    zero_row = row - past
+    if past == 0 and not (inspection == "tightened" and row == 0):
+        return row, 0, 1
+    if past < 0:
+        return zero_row, 0, 1
+    arrow_up = past == 1 and inspection != "tightened" and row > 0
+    if past < 3:
+        below = zero_row + 3
+        return (zero_row, 0, 1) if arrow_up or below > last_row else (below, *numbers[0])
+    kept = min(past - 3, len(numbers) - 1)
+    return row - (past - 3 - kept), *numbers[kept]
+
+
+def variables_plan(
+    lot_size: int, aql: float, *, level: str = "II", inspection: str = "normal"
+) -> VariablesPlan:
+    """The s plan of ANSI/ASQ Z1.9 for one specification limit, normal or tightened. Raises NoPlan.
+
+    >>> plan = variables_plan(300, 1.0)
+    >>> plan.letter, plan.n, plan.k
+    ('H', 20, 1.82)
+    """
+    _require_known(lot_size, aql, VARIABLES_AQLS, level, VARIABLES_LETTERS, inspection)
+    if inspection == "reduced":
+        raise NoPlan("drupe has no reduced inspection by variables; expected normal or tightened")
+    row = VARIABLES_ROWS.index(VARIABLES_LETTERS[level][sum(lot_size > most for most in VARIABLES_LOTS)])
+    column = VARIABLES_AQLS.index(aql) + (inspection == "normal")
+    cells = [line.split()[column] for line in K.strip().splitlines()]
+    row = next(at for at in range(row, len(cells)) if cells[at] != "-")
+    n, k = VARIABLES_SIZES[row], float(cells[row])
+    if n > lot_size:
+        raise NoPlan(f"the plan needs {n} fruit, but the lot has {lot_size}; use a plan by attributes")
+    asked: dict[str, Any] = {"lot_size": lot_size, "aql": aql, "level": level, "inspection": inspection}
+    return VariablesPlan(**asked, letter=VARIABLES_ROWS[row], n=n, k=k)
+
+
+def _require_known(
+    lot_size: int, aql: float, aqls: tuple[float, ...], level: str, levels: dict[str, str], inspection: str
+) -> None:
+    if lot_size < 2:
+        raise NoPlan(f"found a lot of {lot_size} fruit, expected 2 or more")
+    if aql not in aqls:
+        raise NoPlan(f"found AQL {aql:g} %, expected one of {', '.join(f'{one:g}' for one in aqls)}")
+    if level not in levels:
+        raise NoPlan(f'found inspection level "{level}", expected one of {", ".join(levels)}')
+    if inspection not in INSPECTIONS:
+        raise NoPlan(f'found inspection "{inspection}", expected one of {", ".join(INSPECTIONS)}')
+
+
+def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
+    """Share of nonconforming fruit at which lots are accepted with this probability."""
+
+    def beyond(share: float) -> float:
+        return float(plan.acceptance(np.array([share]))[0]) - probability
+
+    return float(brentq(beyond, 1e-9, 1 - 1e-9))
+
+
+def operating_characteristic(plan: SamplingPlan) -> pd.DataFrame:
+    """Probability of acceptance by the nonconforming fruit, to where it falls to LEAST_ACCEPTED.
+
+    Of plans by attributes also for this lot of finite size; they are stated at whole numbers of fruit.
+    """
+    end = share_accepted_with(plan, LEAST_ACCEPTED) if plan.n < plan.lot_size else 2 * plan.aql / 100
+    share, added = np.linspace(0.0, end, CURVE_POINTS), []
+    if isinstance(plan, AttributesPlan):
+        fruit = np.unique(np.ceil(share * plan.lot_size))
+        share, added = fruit / plan.lot_size, [plan.lot_acceptance(fruit)]
+    columns = (100 * share, plan.acceptance(share), *added)
+    return pd.DataFrame(dict(zip(OC_COLUMNS, columns, strict=False))).round(6)

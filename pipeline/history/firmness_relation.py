@@ -1,0 +1,192 @@
+"""Readings of a penetrometer against E: the user's columns of fruits.csv, and a relation fitted to them.
+
+    F = a + b E + e        or        ln F = a + b ln E + e
+
+Each is fitted by least squares to the fruit of one cultivar over all lots of the store. The law with the
+smaller leave-one-out error in N is kept (Allen, Technometrics 16, 1974, 125: residual over 1 - leverage).
+A reading of one more fruit has the interval of that fit. E is a modulus at small load, and a plunger breaks
+flesh: the share of variance that E explains says how far the relation helps, and there is no conversion
+without a fit. Relations differ between cultivars and seasons (Int. Agrophys. 14, 2000, 311). Plungers of 8
+and 11.1 mm have separate fits, because force does not scale with their area.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pint
+from jaxtyping import Float
+
+from pipeline.history.scale_conversion import FEWEST_FRUIT, LEAST_SPAN
+from pipeline.history.softening import COVERAGE
+from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from reports.history_entries import FirmnessEntry
+
+PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
+"""Diameters by how they are written."""
+UNITS = ("N", "kgf", "lbf")
+COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@(?P<plunger>[^=@]+)")
+OWN_SCALE = "penetrometer_N"
+"""A column of drupe's own, in N."""
+LINE_POINTS = 60
+"""Of a drawn line: one in 14 px of the widest chart."""
+_units: pint.UnitRegistry = pint.UnitRegistry()
+
+
+class NoReading(ValueError):
+    """Why a text names no column of readings, a sentence."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """A column of fruits.csv with readings of a penetrometer: its force in N and its plunger in mm."""
+
+    column: str
+    newtons: float
+    plunger_mm: float
+
+    def of(self, fruit: StoredFruit) -> float | None:
+        """The fruit's reading, N; None where it has none."""
+        cell = fruit.penetrometer_N if self.column == OWN_SCALE else fruit.columns.get(self.column)
+        return float(cell) * self.newtons if isinstance(cell, int | float) and cell > 0 else None
+
+
+def reading_of(text: str) -> Reading:
+    """Of a text COLUMN=UNIT@PLUNGER. Raises NoReading.
+
+    >>> one = reading_of("cheek 1=kgf@5/16 in")
+    >>> one.column, round(one.newtons, 5), one.plunger_mm
+    ('cheek 1', 9.80665, 8.0)
+    """
+    found = COLUMN.fullmatch(text)
+    if found is None:
+        raise NoReading(f'found "{text}", expected COLUMN=UNIT@PLUNGER, for example "cheek 1=kgf@11.1mm"')
+    unit = found["unit"]
+    if unit not in UNITS:
+        raise NoReading(f'found the unit "{unit}", expected a force: {", ".join(UNITS)}')
+    plunger_mm = PLUNGERS_MM.get(found["plunger"].replace(" ", ""))
+    if plunger_mm is None:
+        found_size, known = found["plunger"].strip(), ", ".join(PLUNGERS_MM)
+        raise NoReading(f'found a plunger of "{found_size}", expected one of {known}')
+    newtons = float(_units.Quantity(1.0, unit).to("N").magnitude)
+    return Reading(column=found["column"].strip(), newtons=newtons, plunger_mm=plunger_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirmnessRelation:
+    """The fitted law, `power` for the logarithmic one. `fit`: of statsmodels; `error_N`: the leave-one-out
+    error, rms; `explained`: the share of the readings' variance that it predicts so.
+    """
+
+    power: bool
+    fit: Any
+    E_low_MPa: float
+    E_high_MPa: float
+    error_N: float
+    explained: float
+
+    def predicted(self, E_MPa: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t 3"]:
+        """The reading of one more fruit with each E, N, and both ends of its 90 % interval."""
+        frame = self.fit.get_prediction(_design(E_MPa, self.power)).summary_frame(alpha=1 - COVERAGE)
+        cells = frame[["mean", "obs_ci_lower", "obs_ci_upper"]].to_numpy()
+        return np.asarray(np.exp(cells) if self.power else np.maximum(cells, 0.0))
+
+    @property
+    def words(self) -> str:
+        """As an equation, with its scatter."""
+        a, b = self.fit.params
+        law = f"{a:.3g} N {'+' if b >= 0 else '-'} {abs(b):.3g} N/MPa E"
+        if self.power:
+            law = f"{np.exp(a):.3g} N (E / MPa)^{b:.3g}"
+        return (
+            f"F = {law}, fitted to {self.fit.nobs:.0f} fruit of {self.E_low_MPa:.3g} to "
+            f"{self.E_high_MPa:.3g} MPa. Left-out readings differ from it by {self.error_N:.2g} N (rms); it "
+            f"explains {100 * self.explained:.0f} % of their variance"
+        )
+
+
+def _design(E_MPa: Float[np.ndarray, " n"], power: bool) -> Float[np.ndarray, "n 2"]:
+    return np.stack([np.ones_like(E_MPa), np.log(E_MPa) if power else E_MPa], axis=1)
+
+
+def _law(E_MPa: Float[np.ndarray, " n"], F: Float[np.ndarray, " n"], power: bool) -> FirmnessRelation:
+    from statsmodels.regression.linear_model import OLS
+
+    fit = OLS(np.log(F) if power else F, _design(E_MPa, power)).fit()
+    left_out = fit.get_influence().resid_press
+    error = F - np.exp(np.log(F) - left_out) if power else left_out
+    spread = float(np.sum((F - (F.sum() - F) / (len(F) - 1)) ** 2))  # of each from the mean of all others
+    return FirmnessRelation(
+        power=power,
+        fit=fit,
+        E_low_MPa=float(E_MPa.min()),
+        E_high_MPa=float(E_MPa.max()),
+        error_N=float(np.sqrt(np.mean(error**2))),
+        explained=1 - float(np.sum(error**2)) / spread if spread > 0 else 0.0,
+    )
+
+
+def firmness_relation(
+    E_MPa: Float[np.ndarray, " n"], reading_N: Float[np.ndarray, " n"]
+) -> FirmnessRelation | str:
+    """The better of the two laws; else why there is none, a sentence without its stop."""
+    if len(E_MPa) < FEWEST_FRUIT:
+        return f"{len(E_MPa)} fruit have both E and a reading; the fit needs at least {FEWEST_FRUIT}"
+    if (span := float(np.ptp(np.log(E_MPa)))) < LEAST_SPAN:
+        return (
+            f"E of the {len(E_MPa)} fruit spans a factor of {np.exp(span):.2f}; the fit needs at least "
+            f"{np.exp(LEAST_SPAN):.2f}: add riper or firmer fruit"
+        )
+    best = min((_law(E_MPa, reading_N, power) for power in (False, True)), key=lambda law: law.error_N)
+    if best.explained <= 0:
+        return f"E predicts left-out readings of the {len(E_MPa)} fruit no better than their mean does"
+    return best
+
+
+Key = tuple[str, float]
+"""A cultivar (StoredBatch.group), and the plunger in mm."""
+
+
+def firmness_relations(
+    batches: Sequence[StoredBatch], readings: Sequence[Reading]
+) -> Iterator[tuple[Key, FirmnessEntry, FirmnessRelation | None]]:
+    """Of each cultivar and plunger with readings; those of one fruit (its cheeks) are averaged."""
+    pairs: dict[Key, list[tuple[float, float]]] = defaultdict(list)
+    for batch in batches:
+        for fruit in batch.fruit:
+            for plunger_mm in set(PLUNGERS_MM.values()) if fruit.fitted else ():
+                found = [one.of(fruit) for one in readings if one.plunger_mm == plunger_mm]
+                if known := [reading for reading in found if reading is not None]:
+                    pairs[batch.group, plunger_mm].append((fruit.E_MPa, float(np.mean(known))))
+    for (group, plunger_mm), both in sorted(pairs.items()):
+        E, F = np.array(both).T
+        relation, title = firmness_relation(E, F), f"{group}, plunger of {plunger_mm:g} mm"
+        if isinstance(relation, str):
+            words = f"not fitted: {relation}"
+            yield (group, plunger_mm), FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F), None
+            continue
+        at = np.linspace(E.min(), E.max(), LINE_POINTS)
+        line = np.column_stack([at, relation.predicted(at)])
+        entry = FirmnessEntry(title=title, words=relation.words, E_MPa=E, reading_N=F, line=line)
+        yield (group, plunger_mm), entry, relation
+
+
+def with_firmness(
+    table: pd.DataFrame, batches: Sequence[StoredBatch], relations: Mapping[Key, FirmnessRelation]
+) -> pd.DataFrame:
+    """The table of fruit with predicted readings and their 90 % intervals, within the moduli fitted."""
+    rows = [(batch.group, fruit) for batch in batches for fruit in batch.fruit]
+    for (group, plunger_mm), relation in sorted(relations.items()):
+        cells = np.full((len(rows), 3), np.nan)
+        for k, (of_fruit, fruit) in enumerate(rows):
+            cells[k, 0] = fruit.E_MPa if of_fruit == group and fruit.E_known_MPa is None else np.nan
+        known = (cells[:, 0] >= relation.E_low_MPa) & (cells[:, 0] <= relation.E_high_MPa)
+        cells[known], cells[~known] = relation.predicted(cells[known, 0]).round(2), np.nan
+        for column, part in zip(cells.T, ("predicted", "low", "high"), strict=True):
+            name, added = f"firmness_{plunger_mm:g}mm_N_{part}", pd.Series(column, dtype=object)
+            table[name] = table[name].combine_first(added) if name in table else added
+    return table

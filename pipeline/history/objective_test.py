@@ -1,0 +1,78 @@
+"""Whether the sample of a lot suffices for the test of firmness that inspectors do.
+
+OECD Fruit and Vegetables Scheme, Guidelines on objective tests (2018): at least ten fruit of each size, drawn
+at random, and firmness on two opposite sides of each fruit. E takes the place of the penetrometer's reading.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from reports.history_entries import ObjectiveSampleEntry
+
+FRUIT, CHEEKS = 10, 2
+"""Of each size, and of each fruit."""
+
+
+def objective_samples(
+    batches: Sequence[StoredBatch], cheeks_per_recording: int, *, size_column: str = ""
+) -> Iterator[ObjectiveSampleEntry]:
+    """Of every lot, day and size, oldest first; fruit in doubt and reference bodies do not count.
+
+    `cheeks_per_recording`: sides that one recording presses and measures. `size_column`: the user's own
+    column with the size; without it all fruit of a lot are one size.
+    """
+
+    def of_one(row: tuple[StoredBatch, StoredFruit]) -> tuple[str, ...]:
+        batch, fruit = row
+        size = str(fruit.columns.get(size_column, "not stated")) if size_column else ""
+        lot = f"lot {batch.lot}" if batch.lot else "without a lot"
+        return batch.group, lot, f"{batch.measured}", size
+
+    rows = [(batch, fruit) for batch in batches for fruit in batch.fruit if fruit.fitted]
+    for key, group in groupby(sorted(rows, key=of_one), key=of_one):
+        name = ", ".join([*key[:3], *([f"size {key[3]}"] if size_column else [])])
+        yield _sample(name, [fruit for _, fruit in group], cheeks_per_recording)
+
+
+def _sample(name: str, fruit: Sequence[StoredFruit], per_recording: int) -> ObjectiveSampleEntry:
+    cheeks = [(one.fruit_id, _cheeks(one)) for one in fruit]
+    lacking = [(name, left) for name, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
+    missing = max(FRUIT - len(fruit), 0)
+    words = f"{len(fruit)} fruit, at least {FRUIT} are needed"
+    if missing:
+        words += f": grade {missing} more"
+    if lacking:
+        words += f"; {sum(left for _, left in lacking)} cheeks of {len(lacking)} fruit are missing"
+    if not missing and not lacking:
+        words += ", with two cheeks each: the sample suffices"
+    spread = _difference([[E for E, _ in both] for _, both in cheeks if len(both) > 1])
+    return ObjectiveSampleEntry(
+        name=name,
+        fruit=len(fruit),
+        fruit_missing=missing,
+        cheeks_missing=tuple(f"{name} ({left})" for name, left in lacking),
+        words=words + spread,
+        cheeks=tuple(cheeks),
+    )
+
+
+def _cheeks(fruit: StoredFruit) -> tuple[tuple[float, float | None], ...]:
+    """E and its standard deviation by each recording alone; of the fruit where its one recording has none."""
+    single = tuple(
+        (one.E_MPa, one.E_sd_MPa) for one in fruit.grasps if one.E_MPa is not None and one.E_MPa > 0
+    )
+    return single or ((fruit.E_MPa, fruit.E_sd_MPa),)
+
+
+def _difference(E_MPa: Sequence[Sequence[float]]) -> str:
+    """How far recordings of one fruit lie apart, in words: the pooled standard deviation of ln E."""
+    if not E_MPa:
+        return ""
+    squares = sum(float(((np.log(E) - np.log(E).mean()) ** 2).sum()) for E in E_MPa)
+    degrees = sum(len(E) - 1 for E in E_MPa)
+    sd = 100 * math.sqrt(squares / degrees)
+    return f"; E of single recordings of {len(E_MPa)} fruit differs within a fruit by {sd:.1f} % (sd)"
