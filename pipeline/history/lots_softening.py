@@ -25,8 +25,12 @@ FEWEST_LOTS = 3
 METHOD = "powell"
 """Of the optimiser. A spread of zero lies on the border, where methods by gradients do not converge."""
 
-ON_THE_BORDER = ("The MLE may be on the boundary", "The random effects covariance matrix is singular")
-"""How warnings of statsmodels begin that a spread of zero between lots gives."""
+ON_THE_BORDER = (
+    "The MLE may be on the boundary",
+    "The random effects covariance matrix is singular",
+    "The Hessian matrix at the estimated parameter values is not positive definite",
+)
+"""How warnings of statsmodels begin that a spread of zero between lots gives; no Hessian is used here."""
 
 
 @dataclass(frozen=True, kw_only=True)
