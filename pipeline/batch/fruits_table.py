@@ -235,7 +235,8 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     column that stands twice one would be lost.
     """
     lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
-    begun, rows = 1, []
+    begun = 1
+    rows: list[tuple[int, list[str]]] = []
     try:
         for cells in lines:
             names = [name.strip() for name in cells]
