@@ -1,6 +1,7 @@
 """What is wrong with a batch, said so that staff can mend it."""
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,3 +40,19 @@ class BatchRefused(Exception):
 def refused(place: Path | str, sentence: str) -> BatchRefused:
     """The refusal for one problem, of a file or an option."""
     return BatchRefused([Problem(str(place), sentence)])
+
+
+def nearest(written: str, known: Iterable[str], otherwise: str, *, cutoff: float = 0.6) -> str:
+    """The known name that was likely meant, as a question; `otherwise` where none is like it."""
+    near = difflib.get_close_matches(written, list(known), n=1, cutoff=cutoff)
+    return f'did you mean "{near[0]}"?' if near else otherwise
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names with commas, the first `most` of them.
+
+    >>> listed(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

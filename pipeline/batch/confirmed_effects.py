@@ -1,6 +1,5 @@
 """Effects that a batch's settings hold as confirmed: `[[mismatch]]` in batch.toml, which grading uses."""
 
-import difflib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, Entry
 from pipeline.files.plain_file import printable
+from pipeline.problem import nearest
 from tactile.correction import ComplianceFault, DriftFault, Fault, GainFault, LagFault, PoseFault
 from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
 
@@ -51,8 +51,7 @@ class ConfirmedEffect(BaseModel):
     @classmethod
     def _known(cls, effect: str) -> str:
         if effect not in SPECS:
-            near = difflib.get_close_matches(effect, SPECS, n=1)
-            hint = f'did you mean "{near[0]}"?' if near else f"known effects: {', '.join(SPECS)}"
+            hint = nearest(effect, SPECS, f"known effects: {', '.join(SPECS)}")
             raise ValueError(f"grading knows no such effect; {hint}")
         return effect
 

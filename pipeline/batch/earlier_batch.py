@@ -32,14 +32,26 @@ class EarlierBatch:
         head = f"# Settings of {self.root.resolve().name}, by drupe new --like. All keys: docs/formats.md\n\n"
         return head + as_toml({**kept, **named})
 
-    def copy_files(self, batch: Path) -> None:
-        """Copies the mat, and the files inside the batch that the settings name. Raises OSError."""
+    def _named_files(self) -> Iterator[Path]:
+        """The mat, and the files inside the batch that the settings name, by their names there."""
         folder = BatchFolder(self.root)
         files = [folder.mat, *own_files(folder, self.settings)]
         if (model := self.settings.recon.geometry_model) is not None:
             files += model_files(self.root / model)
-        for path in files:
-            if path.is_file() and path.is_relative_to(self.root) and ".." not in path.parts:
+        return (
+            path
+            for path in files
+            if path.is_file() and path.is_relative_to(self.root) and ".." not in path.parts
+        )
+
+    def _leaves(self, path: Path) -> bool:
+        """Whether links lead out of the batch: what lies there may be no part of it."""
+        return not path.resolve().is_relative_to(self.root.resolve())
+
+    def copy_files(self, batch: Path) -> None:
+        """Copies those files, but for links that lead out of the batch. Raises OSError."""
+        for path in self._named_files():
+            if not self._leaves(path):
                 target = batch / path.relative_to(self.root)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, target)
@@ -54,6 +66,8 @@ class EarlierBatch:
         if settings.mismatch:
             names = ", ".join(sorted({effect.effect for effect in settings.mismatch}))
             yield f"confirmed effects ({names}): drupe copies none; run `drupe explain` on the new fruit"
+        for path in filter(self._leaves, self._named_files()):
+            yield f"{path}: is a link to a file outside {self.root}, which drupe does not copy"
         chart = settings.reference.chart
         for name in (settings.category, settings.pit.prior, settings.rig, chart):
             if name and (".." in Path(name).parts or Path(name).is_absolute()):

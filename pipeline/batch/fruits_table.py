@@ -179,9 +179,10 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     if columns > MOST_COLUMNS:
         found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
         raise refused(path, found)
-    if wrong := _misread(text):
-        raise BatchRefused([*problems, Problem(str(path), wrong)])
-    rows = _rows(text)
+    try:
+        rows = _rows(text)
+    except ValueError as error:
+        raise BatchRefused([*problems, Problem(str(path), str(error))]) from None
     if not rows:
         raise refused(path, "is empty; the first line names the columns.")
     names = [name.strip() for name in rows[0][1]]
@@ -229,13 +230,33 @@ def _torn_number(names: list[str], cells: list[str]) -> str:
 def _rows(text: str) -> list[tuple[int, list[str]]]:
     """Each row's first line and its cells; rows of empty cells are none, and a cell may go over several
     lines.
+
+    Raises ValueError where no cells can be told: an open quotation mark swallows the rows below it, and of a
+    column that stands twice one would be lost.
     """
     lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
-    begun, rows = 1, []
-    for cells in lines:
-        if any(cell.strip() for cell in cells):
-            rows.append((begun, cells))
-        begun = lines.line_num + 1
+    begun = 1
+    rows: list[tuple[int, list[str]]] = []
+    try:
+        for cells in lines:
+            names = [name.strip() for name in cells]
+            twice = "" if rows else next((name for name in names if name and names.count(name) > 1), "")
+            if twice:
+                raise ValueError(f'has the column "{twice[:80]}" twice; remove one of them.')
+            if any(len(cell) > MOST_CELL for cell in cells):
+                raise csv.Error("field limit")
+            if any(names):
+                rows.append((begun, cells))
+            begun = lines.line_num + 1
+    except csv.Error as error:
+        if "field limit" in str(error):
+            sentence = f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
+            raise ValueError(sentence) from None
+        sentence = (
+            f"line {begun} has an open quotation mark, or text after a closing one. Remove the mark, "
+            "or quote the whole cell and double the marks inside it."
+        )
+        raise ValueError(sentence) from None
     return rows
 
 
@@ -249,31 +270,6 @@ def _with_commas(text: str, separator: str) -> str:
     except csv.Error:
         return text
     return out.getvalue()
-
-
-def _misread(text: str) -> str:
-    """A sentence where no cells can be told: an open quotation mark swallows the rows below it, and of a
-    column that stands twice one would be lost.
-    """
-    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
-    begun, names = 1, [""]
-    try:
-        for row in lines:
-            if not any(names):
-                names = [name.strip() for name in row]
-                if twice := next((name for name in names if name and names.count(name) > 1), ""):
-                    return f'has the column "{twice[:80]}" twice; remove one of them.'
-            if any(len(cell) > MOST_CELL for cell in row):
-                return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
-            begun = lines.line_num + 1
-    except csv.Error as error:
-        if "field limit" in str(error):
-            return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
-        return (
-            f"line {begun} has an open quotation mark, or text after a closing one. Remove the mark, "
-            "or quote the whole cell and double the marks inside it."
-        )
-    return ""
 
 
 def _row(

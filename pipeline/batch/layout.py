@@ -17,7 +17,6 @@ from pipeline.files.manifest import (
     enter,
     is_claimed,
     is_ours,
-    json_in,
     remove,
     strange_list,
     writing_alone,
@@ -33,7 +32,7 @@ PARTS = ("photos", "photos-flipped", "grasps")
 INPUTS = ("batch.toml", "fruits.csv", "case.toml", "mat.json")
 """Files of a batch or a case."""
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
-"""What stages keep, of this version and of earlier ones."""
+"""What stages keep."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +248,7 @@ class FruitResults:
 
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
-        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+        claim(self.root)
         claim(self.cache)
 
     def forget(self) -> None:
@@ -264,21 +263,10 @@ class FruitResults:
             return
         yield from (path for path in (*self.files, self.cache) if path.is_symlink())
         yield from strange_list(self.root)
-        if not self._made_by_an_earlier_version():
-            yield from (path for path in self.files if _stands(path) and not is_ours(path))
-            unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
-            if unknown and not self.cache.is_symlink():
-                yield self.cache
-
-    def _made_by_an_earlier_version(self) -> bool:
-        """One that kept no list: its record vouches for the files of a fruit, a killed run's stages too."""
-        if is_claimed(self.root):
-            return False
-        if _says(self.record, "drupe-fruit-record"):
-            return True
-        if self.cache.is_symlink() or not self.cache.is_dir() or not _holds_stages(self.cache):
-            return False
-        return any(CACHE_FILE.fullmatch(path.name) for path in self.cache.iterdir())
+        yield from (path for path in self.files if _stands(path) and not is_ours(path))
+        unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
+        if unknown and not self.cache.is_symlink():
+            yield self.cache
 
     def sweep(self) -> None:
         """Removes unfinished files of killed runs."""
@@ -324,16 +312,15 @@ class Results:
 
     def claim(self) -> None:
         """Begins the list of what is written here."""
-        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+        claim(self.root)
 
     def in_the_way(self, tables: Iterable[Path] = ()) -> Iterator[Path]:
         """What stands where the batch's own results would be written, and is not drupe's. `tables`: those of
         `tables_on_request` that are asked for.
         """
         yield from strange_list(self.root)
-        vouched = self.files if self._made_by_an_earlier_version() else ()
         written = (*self.files, self.run, *tables)
-        yield from (path for path in written if path not in vouched and _stands(path) and not is_ours(path))
+        yield from (path for path in written if _stands(path) and not is_ours(path))
 
     def inputs_inside(self) -> Iterator[Path]:
         """What shows that this is a batch or a case, and no folder of results."""
@@ -346,9 +333,6 @@ class Results:
             names += [one.path for one in found]
         inside = (f"{name}/{part}" for name in names for part in PARTS)
         yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands
-
-    def _made_by_an_earlier_version(self) -> bool:
-        return not is_claimed(self.root) and _says(self.provenance, "drupe-batch-result")
 
     def fruit(self, fruit_id: str) -> FruitResults:
         """The results of one fruit."""
@@ -370,11 +354,6 @@ def write_whole(path: Path, content: bytes | str) -> None:
 
 def _stands(path: Path) -> bool:
     return path.is_symlink() or path.exists()
-
-
-def _says(path: Path, name: str) -> bool:
-    said = json_in(path)
-    return isinstance(said, dict) and said.get("format") == name
 
 
 def _holds_stages(cache: Path) -> bool:

@@ -17,7 +17,7 @@ from pipeline.batch.scratch import moved_in, scratch
 from pipeline.files.plain_file import not_plain
 from pipeline.files.toml_text import toml_value
 from pipeline.files.whole_file import NotWritten
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem, listed
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
 from recon.pit.priors import known_categories
@@ -218,6 +218,4 @@ def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterato
 
 
 def _named(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:SHOWN])
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return f"{shown}{more} {'has' if len(names) == 1 else 'have'}"
+    return f"{listed(names, SHOWN)} {'has' if len(names) == 1 else 'have'}"

@@ -1,6 +1,5 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
-import difflib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
@@ -258,8 +257,8 @@ def as_named(root: Path, named: str) -> str:
 def _refused(
     folder: BatchFolder, key: str, named: str, failure: ReconFailure, known: Sequence[str]
 ) -> BatchRefused:
-    near = [] if _is_file(named) else difflib.get_close_matches(named.lower(), known, n=1, cutoff=0.75)
-    sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
+    near = "" if _is_file(named) else nearest(named.lower(), known, "", cutoff=0.75)
+    sentence = f'found "{named}"; {near}' if near else failure.detail
     return refused(folder.settings, f'"{key}": {sentence}')
 
 
@@ -282,8 +281,7 @@ def _read_priors(
         name = settings.category if category is None else category.category
         problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
     if prior is not None and not prior.has_pit and bare and not settings.pit.none:
-        shown = ", ".join(bare[:6]) + (", ..." if len(bare) > 6 else "")
-        lack = f"{shown} {'has' if len(bare) == 1 else 'have'}"
+        lack = f"{listed(bare, 6)} {'has' if len(bare) == 1 else 'have'}"
         problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
     return category, prior, problems
 
@@ -392,11 +390,9 @@ def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...] | None)
     for effect in settings.mismatch if rows is not None else ():
         for fruit_id in effect.fruits or ():
             if fruit_id not in known:
-                near = difflib.get_close_matches(fruit_id, known, n=1)
-                hint = f'did you mean "{near[0]}"?' if near else "remove it."
                 yield (
                     f'"mismatch": {effect.effect} names fruit "{fruit_id}", which is not in fruits.csv; '
-                    f"{hint}"
+                    f"{nearest(fruit_id, known, 'remove it.')}"
                 )
 
 

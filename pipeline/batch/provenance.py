@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
-from pipeline.batch.layout import write_whole
+from pipeline.batch.layout import Results, write_whole
+from pipeline.files.manifest import json_in
+from pipeline.problem import refused
+
+FORMAT = "drupe-batch-result"
 
 
 def versions() -> dict[str, str]:
@@ -54,14 +58,14 @@ def write_provenance(
     `faults`: what sensors or jaws have wrong in the whole batch.
     """
     content = {
-        "format": "drupe-batch-result",
+        "format": FORMAT,
         "version": 1,
         "batch": batch,
         "versions": versions(),
         "settings": settings,
         "inputs": inputs,
-        "started_utc": _utc(started),
-        "finished_utc": None if finished is None else _utc(finished),
+        "started_utc": utc_text(started),
+        "finished_utc": None if finished is None else utc_text(finished),
         "exit_status": exit_status,
         "force": force,
         "screened": screened,
@@ -72,5 +76,23 @@ def write_provenance(
     write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
 
 
-def _utc(at: datetime) -> str:
+def read_provenance(results: Results) -> dict[str, Any] | None:
+    """What batch.json says; None where there is none."""
+    said = json_in(results.provenance)
+    return said if isinstance(said, dict) and said.get("format") == FORMAT else None
+
+
+def require_provenance(results: Results) -> dict[str, Any]:
+    """The same; raises BatchRefused where there is none, with the folder that was likely meant."""
+    if (said := read_provenance(results)) is not None:
+        return said
+    inside = results.root / "results"
+    hint = (
+        f"did you mean {inside}?" if Results(inside).provenance.is_file() else "give the folder from --out."
+    )
+    raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
+
+
+def utc_text(at: datetime) -> str:
+    """A time in UTC by ISO 8601, to the second."""
     return at.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

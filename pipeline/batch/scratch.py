@@ -7,7 +7,7 @@ import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -46,16 +46,27 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
 @contextmanager
 def temporary_files_in(folder: Path) -> Iterator[None]:
     """Inside the block, temporary files of this process and of those it starts lie in `folder`."""
-    before, known = tempfile.tempdir, os.environ.get("TMPDIR")
-    tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
+    before, tempfile.tempdir = tempfile.tempdir, str(folder)
+    try:
+        with environment({"TMPDIR": str(folder)}):
+            yield
+    finally:
+        tempfile.tempdir = before
+
+
+@contextmanager
+def environment(values: Mapping[str, str | None]) -> Iterator[None]:
+    """Variables that processes started inside the block find; None: which they do not."""
+    before = dict(os.environ)
+    os.environ.update({name: value for name, value in values.items() if value is not None})
+    for name in [name for name, value in values.items() if value is None]:
+        os.environ.pop(name, None)
     try:
         yield
     finally:
-        tempfile.tempdir = before
-        if known is None:
-            os.environ.pop("TMPDIR", None)
-        else:
-            os.environ["TMPDIR"] = known
+        for name in values:
+            os.environ.pop(name, None)
+        os.environ.update({name: before[name] for name in values if name in before})
 
 
 def _made(place: Path, prefix: str) -> tuple[Path, int]:

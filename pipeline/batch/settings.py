@@ -1,7 +1,6 @@
 """`batch.toml`: the settings of a batch, read strictly (unknown keys are refused)."""
 
 import datetime
-import difflib
 import itertools
 import math
 import re
@@ -22,7 +21,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 from pipeline.batch.fruits_table import COLUMNS, USER_COLUMN, canonical
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem, nearest, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
@@ -429,9 +428,8 @@ def _sentence(error: Any, model: type[BaseModel]) -> str:
         return f'the required key "{key}" is missing; add it{example}.'
     if error["type"] == "extra_forbidden":
         known = _known_keys(location[:-1], model)
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
-        return f'unknown key "{key}"; {hint}'
+        hint = f"known keys here: {', '.join(known)}."
+        return f'unknown key "{key}"; {nearest(str(location[-1]), known, hint)}'
     slip = _likely_slip(str(location[-1]), error["input"])
     return f'"{key}": {_expected(error)}{slip or "."}'
 

@@ -16,6 +16,7 @@ from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, meshes_named, names_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
 from pipeline.files.plain_file import not_plain
+from pipeline.problem import listed
 from recon.cameras.photos import SUFFIXES as PHOTOS
 
 KINDS: dict[str, tuple[str, ...]] = {
@@ -103,9 +104,8 @@ def _in_sentences(found: Iterable[tuple[Path, str]], used: Callable[[], set[Path
 
 
 def _sentence(paths: list[Path], why: str) -> str:
-    names = ", ".join(path.name for path in paths[:MOST_NAMED])
-    more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
-    return f"{names}{more} {'is' if len(paths) == 1 else 'are'} not used: {why}."
+    names = listed([path.name for path in paths], MOST_NAMED)
+    return f"{names} {'is' if len(paths) == 1 else 'are'} not used: {why}."
 
 
 def kind_of(path: Path) -> str:
@@ -145,12 +145,11 @@ def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
             continue
         inside = [p for p in islice(_files_in(place), MOST_ENTRIES) if kind_of(p) not in ("", "unknown")]
         if inside:
-            held = f"it holds {inside[0].name}" + (f" and {len(inside) - 1} more" if inside[1:] else "")
-            yield (
-                place,
-                f"{held}, but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it "
-                "or move the files",
+            held = listed([path.name for path in inside], 1)
+            why = (
+                "but a fruit's folders are photos/, photos-flipped/ and grasps/; rename it or move the files"
             )
+            yield place, f"it holds {held}, {why}"
 
 
 _NO_INPUT = "drupe does not read this kind of file; move it away, or convert it"

@@ -1,7 +1,5 @@
 """What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
 
-import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,7 +14,7 @@ from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.run.checking import ImplausibleNumbers
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
@@ -115,11 +113,7 @@ _NO_CASE = f"case.toml: does not exist; a case holds {_HOLDS}."
 def _which_fruit(root: Path) -> str:
     folder = BatchFolder(root).fruits
     known = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
-    return f"is a batch; choose a fruit with --fruit ({_in_short(known) or 'it has none yet'})."
-
-
-def _in_short(fruit_ids: Sequence[str]) -> str:
-    return ", ".join(fruit_ids[:6]) + (", ..." if len(fruit_ids) > 6 else "")
+    return f"is a batch; choose a fruit with --fruit ({listed(known, 6) or 'it has none yet'})."
 
 
 def _of_its_own(folder: CaseFolder, work: Path) -> Case:
@@ -162,9 +156,8 @@ def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
     """A note for each key that is not known; a slip of the pen in a known one is refused."""
     notes, problems = [], []
     for key in said.model_extra or {}:
-        near = difflib.get_close_matches(key, CaseSettings.model_fields, n=1, cutoff=0.75)
-        if near:
-            problems.append(Problem(str(path), f'unknown key "{key}"; did you mean "{near[0]}"?'))
+        if hint := nearest(key, CaseSettings.model_fields, "", cutoff=0.75):
+            problems.append(Problem(str(path), f'unknown key "{key}"; {hint}'))
         else:
             notes.append(f'case.toml: drupe does not know the key "{key}" and ignored it.')
     if problems:
@@ -180,8 +173,8 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
     except ReconFailure as failure:
         if said.category.endswith(".toml"):
             raise refused(folder.settings, f'"category": {failure.detail}') from None
-        near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
-        hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
+        known = known_categories()
+        hint = nearest(said.category.lower(), known, f"known are {', '.join(known)}.", cutoff=0.75)
         why = f", or name a known category: {hint}"
     indented = bool(said.of_specimen.stated) or not folder.fruit_ply.is_file()
     pit = indented or folder.pit_ply.is_file() or (prior is not None and prior.has_pit)
@@ -202,8 +195,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     batch = open_batch(root, force=True)
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:
-        near = difflib.get_close_matches(fruit_id, known, n=1)
-        hint = f'did you mean "{near[0]}"?' if near else f"there are: {_in_short(known) or 'none yet'}."
+        hint = nearest(fruit_id, known, f"there are: {listed(known, 6) or 'none yet'}.")
         raise refused(batch.folder.table, f'has no fruit "{fruit_id}"; {hint}')
     if said := ImplausibleNumbers(batch).said(batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])

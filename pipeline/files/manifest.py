@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -73,15 +73,15 @@ def _json(path: Path, *, most_bytes: int) -> Any:
         return None
 
 
-def claim(folder: Path, *, vouched: Iterable[Path] = ()) -> None:
-    """Begins the list of `folder`, with the files of `vouched`, unless it has one. Raises NotWritten."""
+def claim(folder: Path) -> None:
+    """Begins the list of `folder`, unless it has one. Raises NotWritten."""
     if is_claimed(folder):
         return
     with suppress(OSError):  # what cannot be made is said where the list is written
         folder.mkdir(parents=True, exist_ok=True)
     with _alone(folder):
         if not is_claimed(folder):
-            _write(folder, {path.name: [_hash(path)] for path in vouched if _is_plain(path)})
+            _write(folder, {})
 
 
 @contextmanager

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+from pipeline.batch.provenance import utc_text
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
@@ -142,7 +143,7 @@ def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now
                 scale=scale,
                 group=group,
                 version=max(versions, default=0) + 1,
-                fitted_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+                fitted_utc=utc_text(now),
             )
         except NotFitted as reason:
             yield f"{scale}, {group}: not fitted: {reason}."

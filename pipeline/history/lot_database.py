@@ -1,4 +1,4 @@
-"""The file of `drupe history --store`: an SQLite database with the tables of `lot_tables`.
+"""The file of `drupe history --store`: an SQLite database with the tables of `migrations`.
 
 It is the user's to name and drupe's alone to write: another file, or another program's database, is refused.
 Alembic brings a store of an earlier version to today's tables. Revisions are only added; `--forget` alone
@@ -21,13 +21,11 @@ from sqlalchemy.pool import NullPool
 
 from pipeline.files.plain_file import not_plain
 from pipeline.history.history_store import DamagedRow, HistoryStore
-from pipeline.history.lot_rows import digest, read_store, write_store
+from pipeline.history.lot_rows import read_store, write_store
 from pipeline.problem import BatchRefused, Problem, refused
 
 APPLICATION = 0x44525550
 """SQLite's application_id of a store: "DRUP" in ASCII."""
-JSON_ROWS_VERSION = 2
-"""SQLite's user_version of the last stores that Alembic did not make."""
 WAIT_S = 20.0
 """Seconds that another run of drupe is waited for."""
 
@@ -85,9 +83,8 @@ def _no_place(path: Path) -> str:
 
 
 def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -> None:
-    """Makes today's tables in a new store, or moves those of an earlier version into them."""
+    """Makes today's tables in a new store, or brings those of an earlier version up to date."""
     application = connection.exec_driver_sql("PRAGMA application_id").scalar()
-    version = connection.exec_driver_sql("PRAGMA user_version").scalar()
     if new and application == 0:
         connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
     elif application != APPLICATION:
@@ -101,32 +98,14 @@ def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -
     script = ScriptDirectory.from_config(config)
     steps = {step.revision for step in script.walk_revisions()}
     stands_at = MigrationContext.configure(connection).get_current_revision()
-    if stands_at is None and not new:
-        if version != JSON_ROWS_VERSION:
-            raise _unfit(path, f"comes from another version of drupe ({version})")
-        _require_sound_json_rows(connection, path)
-        command.stamp(config, "json_rows")
-        connection.exec_driver_sql("PRAGMA user_version = 0")
-    elif stands_at is not None and stands_at not in steps:
+    if not new and stands_at not in steps:
         raise _unfit(
             path, f'comes from another version of drupe (its tables are "{stands_at}"); update drupe'
         )
     if stands_at != script.get_current_head():
         command.upgrade(config, "head")
-
-
-def _require_sound_json_rows(connection: Connection, path: Path | None) -> None:
-    """Raises BatchRefused where a row of a store of version 2 differs from its SHA-256, or one is lost."""
-    digests = []
-    for table in ("row", "conversion"):
-        for *cells, sha256 in connection.exec_driver_sql(f"SELECT * FROM {table}"):
-            digests.append(sha256)
-            if sha256 != digest(table, *cells):
-                sentence = f"{' '.join(map(str, cells[:3]))} is damaged (its SHA-256 differs)"
-                raise _unfit(path, sentence)
-    whole = connection.exec_driver_sql("SELECT sha256 FROM whole").scalar()
-    if whole != digest("whole", *sorted(digests)):
-        raise _unfit(path, "lacks rows that were written, or has others (the SHA-256 of all rows is another)")
+    if stands_at is None:
+        write_store(connection, HistoryStore(path=path))
 
 
 def _require_sound(stored: HistoryStore, *, damaged_too: bool) -> None:

@@ -16,6 +16,7 @@ from pipeline.history.lot_statistics import class_ranges, lot_statistics, share_
 from pipeline.history.scale_conversion import ScaleConversion
 from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from pipeline.problem import listed
 from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
     ConversionEntry,
@@ -131,11 +132,10 @@ def _notes(batches: Sequence[StoredBatch], *, several_limits: bool) -> Iterable[
         )
     for batch in batches:
         if missing := batch.missing:
-            more = len(missing) - MOST_NAMED
             yield MISSING.format(
                 key=batch.key,
                 folder=batch.folder,
-                names=", ".join(missing[:MOST_NAMED]) + (f" and {more} more" if more > 0 else ""),
+                names=listed(missing, MOST_NAMED),
                 they="it" if len(missing) == 1 else "they",
                 s="s" if len(missing) == 1 else "",
                 first=missing[0],

@@ -1,4 +1,9 @@
-"""A store's batches and conversions as rows of the tables, and back; every row is checked by its SHA-256."""
+"""A store's batches and conversions as rows of the tables, and back; every row is checked by its SHA-256.
+
+The steps in `migrations/versions` define the tables; a column holds the field of its name. `revision`,
+`fruit` and `conversion` have the SHA-256 of all that a row says, rows that it refers to included; `whole` has
+the SHA-256 of all those, by which a lost row is noticed. Days are ISO 8601 text, as SQLite has them.
+"""
 
 import hashlib
 import json
@@ -8,37 +13,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, FromClause, TableClause, delete, insert, select
+from sqlalchemy import Connection, FromClause, MetaData, Table, delete, insert, select
 
 from pipeline.history.history_store import DamagedRow, HistoryStore
-from pipeline.history.lot_tables import (
-    CONVERSION,
-    CONVERSION_KEY,
-    FRUIT,
-    GRASP,
-    GRIPPER,
-    KEY,
-    LOT,
-    REVISION,
-    SENSOR,
-    WHOLE,
-)
 from pipeline.history.revisions import KeptBatch, KeptRow, canonical
 from pipeline.history.scale_conversion import ScaleConversion
 
+KEY = ("batch", "fruit_id", "revision")
+"""Of fruit; a batch has no `fruit_id`."""
+CONVERSION_KEY = ("scale", "group", "version")
 JSON_COLUMNS = ("limits", "listed", "columns")
-DESCRIBED = (LOT, GRIPPER, SENSOR)
-_NOT_CONTENT = {
-    "batch",
-    "revision",
-    "graded_utc",
-    "sha256",
-    "id",
-    "position",
-    *(f"{t.name}_id" for t in DESCRIBED),
-}
+DESCRIBED = ("lot", "gripper", "sensor")
+"""Tables that a revision refers to."""
+_OF_THE_ROW = ("batch", "revision", "graded_utc", "sha256", "id", "position")
+_NOT_CONTENT = {*_OF_THE_ROW, *(f"{name}_id" for name in DESCRIBED)}
 """Columns that a row's content, the fields of StoredBatch or StoredFruit, does not have."""
 Cells = dict[str, Any]
+Tables = Mapping[str, Table]
 
 
 def digest(*cells: object) -> str:
@@ -49,8 +40,8 @@ def digest(*cells: object) -> str:
 def read_store(connection: Connection, path: Path | None) -> HistoryStore:
     """All sound rows, the others in `damaged`. Raises sqlalchemy.exc.DatabaseError."""
     stored, by_batch = HistoryStore(path=path), defaultdict[str, list[KeptRow]](list)
-    digests = []
-    for cells, grasps in _rows(connection):
+    tables, digests = _tables(connection), []
+    for cells, grasps in _rows(connection, tables):
         batch, fruit_id, revision = (cells.get(name, "") for name in KEY)
         digests.append(str(cells["sha256"]))
         content = _content(cells, grasps)
@@ -67,7 +58,7 @@ def read_store(connection: Connection, path: Path | None) -> HistoryStore:
     for batch, rows in by_batch.items():
         if any(not row.fruit_id for row in rows):
             stored.kept[batch] = KeptBatch(key=batch, rows=tuple(rows))
-    for line in connection.execute(select(CONVERSION)):
+    for line in connection.execute(select(tables["conversion"])):
         cells = dict(line._mapping)
         digests.append(str(sha256 := cells.pop("sha256")))
         if sha256 == _conversion_digest(cells):
@@ -76,7 +67,7 @@ def read_store(connection: Connection, path: Path | None) -> HistoryStore:
             named = f"{cells['scale']}@{cells['version']} of {cells['group']}"
             words = f"the conversion {named} is damaged (its SHA-256 is another)"
             stored.damaged.append(DamagedRow("", "", words))
-    whole = connection.execute(select(WHOLE)).scalars().all()
+    whole = connection.execute(select(tables["whole"])).scalars().all()
     if not stored.damaged and whole != [_whole(digests)]:
         words = "lacks rows that were written, or has others (the SHA-256 of all rows is another)"
         stored.damaged.append(DamagedRow("", "", words))
@@ -85,45 +76,56 @@ def read_store(connection: Connection, path: Path | None) -> HistoryStore:
 
 def write_store(connection: Connection, stored: HistoryStore) -> None:
     """Adds the rows that the database lacks, and removes those that were forgotten."""
+    tables = _tables(connection)
     wanted = {
         (key, row.fruit_id, row.revision): row for key, kept in stored.kept.items() for row in kept.rows
     }
-    known = {tuple(cells.get(name, "") for name in KEY) for cells, _ in _rows(connection)}
+    known = {tuple(cells.get(name, "") for name in KEY) for cells, _ in _rows(connection, tables)}
     for batch, fruit_id, revision in known - wanted.keys():
-        for table in (GRASP, FRUIT) if fruit_id else (REVISION,):
+        for table in (tables["grasp"], tables["fruit"]) if fruit_id else (tables["revision"],):
             cells = dict(zip(KEY, (batch, fruit_id, revision), strict=True))
             named = [table.c[name] == cells[name] for name in KEY if name in table.c]
             connection.execute(delete(table).where(*named))
     for key in sorted(wanted.keys() - known, key=lambda key: (key[2], key[0], key[1])):
-        _add_row(connection, key[0], wanted[key])
-    fitted = {
-        tuple(line) for line in connection.execute(select(*(CONVERSION.c[name] for name in CONVERSION_KEY)))
-    }
+        _add_row(connection, tables, key[0], wanted[key])
+    conversion, revision = tables["conversion"], tables["revision"]
+    keys = select(*(conversion.c[name] for name in CONVERSION_KEY))
+    fitted = {tuple(line) for line in connection.execute(keys)}
     for fit_key, fit in stored.fitted.items():
         if fit_key not in fitted:
             cells = asdict(fit)
-            connection.execute(insert(CONVERSION).values({**cells, "sha256": _conversion_digest(cells)}))
-    for table in DESCRIBED:
-        used = select(REVISION.c[f"{table.name}_id"]).where(REVISION.c[f"{table.name}_id"].is_not(None))
-        connection.execute(delete(table).where(table.c.id.not_in(used)))
-    digests = [
-        line for table in (REVISION, FRUIT, CONVERSION) for line in connection.scalars(select(table.c.sha256))
-    ]
-    connection.execute(delete(WHOLE))
-    connection.execute(insert(WHOLE).values(sha256=_whole(digests)))
+            connection.execute(insert(conversion).values({**cells, "sha256": _conversion_digest(cells)}))
+    for name in DESCRIBED:
+        used = select(revision.c[f"{name}_id"]).where(revision.c[f"{name}_id"].is_not(None))
+        connection.execute(delete(tables[name]).where(tables[name].c.id.not_in(used)))
+    hashed = (revision, tables["fruit"], conversion)
+    digests = [line for table in hashed for line in connection.scalars(select(table.c.sha256))]
+    connection.execute(delete(tables["whole"]))
+    connection.execute(insert(tables["whole"]).values(sha256=_whole(digests)))
 
 
-def _rows(connection: Connection) -> list[tuple[Cells, list[Cells]]]:
+def _tables(connection: Connection) -> Tables:
+    """The tables by name, as they are in the database."""
+    found = MetaData()
+    found.reflect(connection)
+    return found.tables
+
+
+def _rows(connection: Connection, tables: Tables) -> list[tuple[Cells, list[Cells]]]:
     """Rows of revisions with what describes them, then of fruit with their grasps."""
-    described: FromClause = REVISION
-    for table in DESCRIBED:
-        described = described.outerjoin(table, REVISION.c[f"{table.name}_id"] == table.c.id)
-    columns = [*REVISION.c, *(column for table in DESCRIBED for column in table.c if column.name != "id")]
+    revision, grasp_table = tables["revision"], tables["grasp"]
+    described: FromClause = revision
+    for name in DESCRIBED:
+        described = described.outerjoin(tables[name], revision.c[f"{name}_id"] == tables[name].c.id)
+    columns = [
+        *revision.c,
+        *(column for name in DESCRIBED for column in tables[name].c if column.name != "id"),
+    ]
     revisions = connection.execute(select(*columns).select_from(described)).mappings()
     grasps = defaultdict[tuple[Any, ...], list[Cells]](list)
-    for grasp in connection.execute(select(GRASP).order_by(GRASP.c.position)).mappings():
+    for grasp in connection.execute(select(grasp_table).order_by(grasp_table.c.position)).mappings():
         grasps[tuple(grasp[name] for name in KEY)].append(dict(grasp))
-    fruit = [dict(row) for row in connection.execute(select(FRUIT)).mappings()]
+    fruit = [dict(row) for row in connection.execute(select(tables["fruit"])).mappings()]
     return [
         *((dict(row), []) for row in revisions),
         *((row, grasps[tuple(row[name] for name in KEY)]) for row in fruit),
@@ -148,9 +150,9 @@ def _without_keys(cells: Cells, also: set[str]) -> Cells:
     return {name: cell for name, cell in cells.items() if name not in _NOT_CONTENT | also}
 
 
-def _add_row(connection: Connection, batch: str, row: KeptRow) -> None:
+def _add_row(connection: Connection, tables: Tables, batch: str, row: KeptRow) -> None:
     fields = row.fields
-    table = FRUIT if row.fruit_id else REVISION
+    table = tables["fruit" if row.fruit_id else "revision"]
     cells = {
         name: json.dumps(cell) if name in JSON_COLUMNS else cell
         for name, cell in fields.items()
@@ -158,17 +160,17 @@ def _add_row(connection: Connection, batch: str, row: KeptRow) -> None:
     }
     cells |= {"batch": batch, "revision": row.revision, "graded_utc": row.graded_utc}
     cells["sha256"] = digest("row", batch, row.fruit_id, row.revision, row.graded_utc, row.content)
-    if table is REVISION:
-        cells |= {f"{t.name}_id": _described_id(connection, t, fields) for t in DESCRIBED}
-    else:
+    if row.fruit_id:
         cells["fruit_id"] = row.fruit_id
+    else:
+        cells |= {f"{name}_id": _described_id(connection, tables[name], fields) for name in DESCRIBED}
     connection.execute(insert(table).values(cells))
     for position, grasp in enumerate(fields.get("grasps", ())):
         key = {name: cells[name] for name in KEY}
-        connection.execute(insert(GRASP).values({**key, "position": position, **grasp}))
+        connection.execute(insert(tables["grasp"]).values({**key, "position": position, **grasp}))
 
 
-def _described_id(connection: Connection, table: TableClause, fields: Mapping[str, Any]) -> int | None:
+def _described_id(connection: Connection, table: Table, fields: Mapping[str, Any]) -> int | None:
     """Of the table's row that says the same, made where there is none; None where nothing is said."""
     cells = {column.name: fields.get(column.name, "") for column in table.c if column.name != "id"}
     if not any(cells.values()):

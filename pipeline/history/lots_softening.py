@@ -25,6 +25,13 @@ FEWEST_LOTS = 3
 METHOD = "powell"
 """Of the optimiser. A spread of zero lies on the border, where methods by gradients do not converge."""
 
+ON_THE_BORDER = (
+    "The MLE may be on the boundary",
+    "The random effects covariance matrix is singular",
+    "The Hessian matrix at the estimated parameter values is not positive definite",
+)
+"""How warnings of statsmodels begin that a spread of zero between lots gives; no Hessian is used here."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LotsSoftening:
@@ -52,7 +59,9 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
     design = np.concatenate(list(designs.values()))
     groups = np.repeat(list(lots), [len(ln_E) for ln_E in logs.values()])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a spread of zero lies on the border, and is a right answer
+        # A spread of zero lies on the border, and is a right answer.
+        for said in ON_THE_BORDER:
+            warnings.filterwarnings("ignore", message=said)
         model = MixedLM(np.concatenate(list(logs.values())), design, groups=groups, exog_re=design)
         try:
             fit = model.fit(reml=True, method=METHOD)

@@ -12,8 +12,9 @@ from typing import Any
 from pydantic.dataclasses import dataclass
 
 from pipeline.batch.layout import Results
+from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
-from pipeline.files.manifest import json_in, why_damaged
+from pipeline.files.manifest import why_damaged
 from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem, refused
 
@@ -117,15 +118,9 @@ class StoredBatch:
 def stored_batch(out: Path) -> StoredBatch:
     """The batch whose results are in `out`. Raises BatchRefused where there are none that can be read."""
     results = Results(out)
-    said = json_in(results.provenance)
     if results.provenance.is_file() and (why := why_damaged(results.provenance)):
         raise refused(results.provenance, f"{why}; {GRADE_AGAIN}")
-    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
-        inner = out / "results"
-        hint = "give the folder that --out named"
-        if Results(inner).provenance.is_file():
-            hint = f"did you mean {inner}?"
-        raise refused(out, f"contains no results of drupe grade (batch.json); {hint}")
+    said = require_provenance(results)
     if said.get("exit_status") is None:
         raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
     try:

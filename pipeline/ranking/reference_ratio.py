@@ -8,13 +8,14 @@ assumed of the sensor's scales (pipeline.fruit.sensor_scale), and their spread i
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
+from pipeline.batch.provenance import utc_text
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
@@ -366,7 +367,7 @@ def own_points(
     """The rows of one batch; `inputs` are the SHA-256 of its files by their path in it."""
     return [
         Point(
-            time_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            time_utc=utc_text(now),
             lot=safe_cell(lot) or "",
             reference_id=body.fruit_id,
             E_known_MPa=float(f"{body.E_known_MPa:.6g}"),

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.problem import listed
 from reports.entries import BatchEntry, FruitEntry, ranked, without_references
 from reports.words import remarks, screen_words
 
@@ -48,7 +49,7 @@ def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
             ids.setdefault(sentence, []).append(fruit_id)
     ordered = sorted(ids.items(), key=lambda one: -len(one[1]))
     lines = [
-        f"{lead}: {'all fruit' if len(those) == len(said) > 1 else _ids(those)}: {sentence}"
+        f"{lead}: {'all fruit' if len(those) == len(said) > 1 else listed(those, MOST_IDS)}: {sentence}"
         for sentence, those in ordered[:MOST_LINES]
     ]
     left = len(ordered) - len(lines)
@@ -63,7 +64,7 @@ def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
     for fruit in fruits:
         if fruit.ok and fruit.screen is not None and (said := screen_words(fruit.screen)):
             by_line.setdefault(said, []).append(fruit.fruit_id)
-    return [f"{line}: {_ids(ids)}" for line, ids in by_line.items()]
+    return [f"{line}: {listed(ids, MOST_IDS)}" for line, ids in by_line.items()]
 
 
 def to_inspect(fruits: Sequence[FruitEntry]) -> list[str]:
@@ -75,11 +76,6 @@ def to_inspect(fruits: Sequence[FruitEntry]) -> list[str]:
         for fruit in fruits
         if fruit.suspicion is not None
     ]
-
-
-def _ids(ids: Sequence[str]) -> str:
-    more = f" and {len(ids) - MOST_IDS} more" if len(ids) > MOST_IDS else ""
-    return f"{', '.join(ids[:MOST_IDS])}{more}"
 
 
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:

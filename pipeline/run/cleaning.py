@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.batch.layout import CACHE_FILE, FruitResults, Results
 from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import is_lock_file
-from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours, json_in
+from pipeline.files.manifest import LIST_LOCK, MANIFEST, is_claimed, is_ours
 from pipeline.files.whole_file import MARK
 from pipeline.problem import refused
 
@@ -31,8 +31,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
     No link is followed. Raises BatchRefused where `out` holds no results, or a run is writing there.
     """
     results = Results(out)
-    said = json_in(results.provenance)
-    if out.is_symlink() or not (is_claimed(out) or isinstance(said, dict)):
+    if out.is_symlink() or not is_claimed(out):
         sentence = "is not a results folder of drupe grade; give the folder from --out."
         raise refused(out, sentence)
     with nullcontext() if dry else results_lock(out):

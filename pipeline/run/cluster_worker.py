@@ -1,14 +1,19 @@
 """What one worker of a cluster does: it looks whether it is what the run needs, and works on one fruit."""
 
 import multiprocessing
+import pickle
 import platform
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import Any
+
+from distributed import get_worker
+from distributed.core import Status
 
 from pipeline.batch.batch_fruits import is_run
 from pipeline.batch.cache import ROOMS, code_version, file_hash
@@ -20,6 +25,8 @@ from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
 OWN_MIB = 500.0
 """What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker,
 as much for its nanny, and as much again for what grows."""
+WORKING = (Status.running, Status.paused, Status.closing_gracefully)
+"""A worker's states in which it goes on with its fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,3 +143,52 @@ def fruit_here(
     except BatchRefused as refused:  # no temporary folder
         return Unfit(str(refused))
     return None
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A fruit that is begun where this is unpickled."""
+
+    order: FruitOrder
+    topic: str
+
+    def __reduce__(self) -> tuple:
+        return fruit_on_worker, (self.order, self.topic)
+
+
+def packed_fruit(order: FruitOrder, topic: str) -> bytes:
+    """A fruit for a worker, whose task is `pickle.loads`: every worker has that, and one that cannot load
+    drupe fails in the task. What dask itself cannot unpickle ends the worker without a word.
+    """
+    return pickle.dumps(_Call(order, topic))
+
+
+def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
+    """On a worker: one fruit, whose stages go to the run that asked for it."""
+    worker = get_worker()
+    key = worker.get_current_task()
+    most_MiB = _most_MiB(worker)
+    if why := unfit(order.needs, threads=worker.state.nthreads, most_MiB=most_MiB):
+        return Unfit(why, worker.address)
+
+    def wanted() -> bool:
+        """Until the run takes the fruit back or is gone, or the worker has lost its scheduler."""
+        task = worker.state.tasks.get(key)
+        return worker.status in WORKING and task is not None and task.state == "executing"
+
+    def tell(stage: str) -> None:
+        worker.log_event(topic, (order.fruit_id, stage))
+
+    ended = fruit_here(order, tell=tell, wanted=wanted, most_MiB=most_MiB)
+    return replace(ended, worker=worker.address) if isinstance(ended, Unfit) else ended
+
+
+def fit_on_worker(needs: RunNeeds, dask_worker: Any) -> str:
+    """On a worker: why it cannot work for the run; empty where it can."""
+    return unfit(needs, threads=dask_worker.state.nthreads, most_MiB=_most_MiB(dask_worker))
+
+
+def _most_MiB(worker: Any) -> float | None:
+    """Memory that a worker leaves to a fruit's process, lest both are killed; None: it has no limit."""
+    limit = worker.memory_manager.memory_limit
+    return max(0.0, limit / 2**20 - OWN_MIB) if limit else None

@@ -10,7 +10,6 @@ from importlib import metadata
 from pipeline.batch.cache import ROOMS, code_version, file_hash
 from pipeline.problem import refused
 from pipeline.run.batch_run import BatchRun
-from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Engine
 from pipeline.safe_start import elsewhere
 
@@ -62,11 +61,6 @@ class WorkPlace:
             raise refused(option, sentence)
 
 
-def local_pool(jobs: int, *, time_limit_s: float, most_MiB: float | None = None) -> Engine:
-    """Processes of this machine, each of which may hold `most_MiB` (None: no limit)."""
-    return LocalPool(jobs=jobs, time_limit_s=time_limit_s, most_MiB=most_MiB)
-
-
 def cluster_of(
     place: WorkPlace,
     run: BatchRun,
@@ -78,7 +72,7 @@ def cluster_of(
 ) -> Engine:
     """The cluster that `place` names, for so many fruit of the run."""
     with elsewhere():
-        from pipeline.run.cluster import Cluster, ClusterPlace
+        from pipeline.run.cluster import Cluster
         from pipeline.run.cluster_worker import RunNeeds, python_version
 
     settings = run.batch.folder.settings.absolute()
@@ -92,9 +86,10 @@ def cluster_of(
         mark=place.mark,
         per_fruit_MiB=per_fruit_MiB,
     )
-    workers = min(place.jobs or 1, fruits) if place.slurm else 0
     return Cluster(
-        ClusterPlace(address=place.scheduler, workers=workers, tls=place.tls),
+        place.scheduler,
+        workers=min(place.jobs or 1, fruits) if place.slurm else 0,
+        tls=place.tls,
         needs=needs,
         time_limit_s=time_limit_s,
         tell=tell,

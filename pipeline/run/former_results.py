@@ -13,9 +13,9 @@ from typing import Any
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
-from pipeline.files.manifest import json_in
+from pipeline.batch.provenance import read_provenance
 from pipeline.files.plain_file import printable
-from pipeline.problem import refused
+from pipeline.problem import listed, refused
 
 LABEL = ("lot", "harvest_date", "cultivar", "category")
 """Settings by which people tell batches apart."""
@@ -69,8 +69,7 @@ def require_same_batch(results: Results, batch: BatchIdentity, option: str) -> N
 
 def former_batch(results: Results) -> BatchIdentity | None:
     """The batch whose results these are; None where there are none, or none that can be read."""
-    said = json_in(results.provenance)
-    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
+    if (said := read_provenance(results)) is None:
         return None
     folder = said.get("batch")
     settings, inputs, outcomes = (_table(said.get(name)) for name in ("settings", "inputs", "outcomes"))
@@ -121,6 +120,4 @@ def _table(value: object) -> Mapping[str, Any]:
 
 
 def _listed(fruit: frozenset[str]) -> str:
-    names = sorted(fruit)
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return f"fruit {', '.join(map(printable, names[:SHOWN]))}{more}"
+    return f"fruit {printable(listed(sorted(fruit), SHOWN))}"

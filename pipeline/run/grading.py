@@ -29,7 +29,7 @@ from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.console import utc_now
-from pipeline.run.engines import WorkPlace, cluster_of, local_pool
+from pipeline.run.engines import WorkPlace, cluster_of
 from pipeline.run.former_results import identity, require_same_batch
 from pipeline.run.fruit_queue import FruitQueue, WaitingFruit
 from pipeline.run.fruit_records import ended_record, with_forced
@@ -38,6 +38,7 @@ from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_
 from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar, report, report_of_records
+from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
@@ -267,7 +268,7 @@ def _processes(todo: Sequence[WaitingFruit], options: GradeOptions, console: Con
     fit = _jobs(todo, options.jobs, console)
     free_MiB = free_memory_MiB()
     most_MiB = None if free_MiB is None else share_MiB(min(fit, len(todo)), need_MiB, free_MiB=free_MiB)
-    return local_pool(fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
+    return LocalPool(jobs=fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
 
 
 def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:

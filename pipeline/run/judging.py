@@ -1,6 +1,5 @@
 """`drupe judge`: a person's verdict on a graded fruit, kept beside its E."""
 
-import difflib
 import re
 from collections.abc import Sequence
 from datetime import datetime
@@ -9,11 +8,11 @@ from typing import Any
 
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import Results
+from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.verdicts import Verdict, add_verdict
-from pipeline.files.manifest import json_in
 from pipeline.files.plain_file import printable, read_head
-from pipeline.problem import refused
+from pipeline.problem import listed, nearest, refused
 from reports.language import LANGUAGES
 
 
@@ -31,11 +30,7 @@ def judge_fruit(
 
 def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[str, ...]]:
     """The fruit's record and the classes of its batch. Raises BatchRefused where there is none."""
-    said = json_in(results.provenance)
-    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
-        inside = results.root / "results"
-        hint = f"did you mean {inside}?" if Results(inside).provenance.is_file() else "give the --out folder."
-        raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
+    said = require_provenance(results)
     record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
     if record is None:
         known = [str(name) for name in said.get("outcomes") or ()]
@@ -49,11 +44,7 @@ def _classes(said: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _near(written: str, known: Sequence[str], what: str) -> str:
-    near = difflib.get_close_matches(written, known, n=1)
-    if near:
-        return f'did you mean "{near[0]}"?'
-    more = f" and {len(known) - 6} more" if len(known) > 6 else ""
-    return f"known {what}: {', '.join(map(printable, known[:6]))}{more}."
+    return nearest(written, known, f"known {what}: {printable(listed(known, 6))}.")
 
 
 def language_of(report: Path, otherwise: str) -> str:

@@ -1,5 +1,6 @@
 """Progress for people: a live bar with the time left on a terminal, plain lines in a log."""
 
+import heapq
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -10,13 +11,49 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from pipeline.run.console import RunConsole
-from pipeline.run.time_left import TimeLeft
 
 MOST_LINES = 8
 """Fruit at work whose stages are shown below the bar."""
 WORDS_COLUMNS = 60
 """Columns of the terminal that the words beside the bar take at most."""
 UNKNOWN = "time remaining unknown"
+
+
+class TimeLeft:
+    """Each fruit takes what whole fruit took on average so far, and those that wait go to the processes as
+    they become free. Fruit that ended early count only while no other has ended.
+    """
+
+    def __init__(self, *, total: int, jobs: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.jobs, self._waiting, self._clock = jobs, total, clock
+        self._begun: dict[str, float] = {}
+        self._took: dict[bool, list[float]] = {True: [], False: []}
+
+    def begun(self, fruit_id: str) -> None:
+        """A fruit is worked on, for the first time or still."""
+        if fruit_id not in self._begun:
+            self._waiting -= 1
+            self._begun[fruit_id] = self._clock()
+
+    def done(self, fruit_id: str, *, whole: bool) -> None:
+        """A fruit has ended, after its last stage (`whole`) or in the middle of one."""
+        if fruit_id in self._begun:
+            self._took[whole].append(self._clock() - self._begun.pop(fruit_id))
+        else:
+            self._waiting -= 1
+
+    def seconds(self) -> float | None:
+        """Until the last fruit has ended; None while that is not known."""
+        took = self._took[True] or self._took[False]
+        if not took:
+            return None
+        mean_s, now_s = sum(took) / len(took), self._clock()
+        free = [max(0.0, mean_s - (now_s - begun)) for begun in self._begun.values()]
+        free += [0.0] * (self.jobs - len(free))
+        heapq.heapify(free)
+        for _ in range(self._waiting):
+            heapq.heapreplace(free, free[0] + mean_s)
+        return max(free)
 
 
 class _Said(ProgressColumn):
@@ -101,7 +138,7 @@ class BatchProgress:
         """A fruit begins a stage."""
         with self._lock:
             self._stage[fruit_id] = stage
-            self._time_left.stage(fruit_id, stage)
+            self._time_left.begun(fruit_id)
         if not self._lines:
             if isinstance(self._console, RunConsole):
                 self._console.note(f"{fruit_id}: {stage}")

@@ -10,10 +10,10 @@ from typing import Any
 from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
+from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
-from pipeline.files.manifest import json_in
 from pipeline.files.plain_file import printable
 from pipeline.problem import refused
 from pipeline.run.batch_run import BatchRun, ReportOptions
@@ -29,11 +29,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
     """
     options.require_parts()
     results = Results(out)
-    said = json_in(results.provenance)
-    if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
-        inside = Results(out / "results").provenance.is_file()
-        hint = f"; did you mean {out / 'results'}?" if inside else "; give the folder from --out."
-        raise refused(out, f"contains no results of drupe grade (batch.json){hint}")
+    said = require_provenance(results)
     root = batch or Path(str(said.get("batch", "")))
     if not BatchFolder(root).settings.is_file():
         sentence = (

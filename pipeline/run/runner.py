@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -22,7 +22,7 @@ from pebble import ProcessExpired
 from pebble.concurrent import process
 
 from pipeline.address_space import IN_WORDS
-from pipeline.batch.scratch import scratch, temporary_files_in
+from pipeline.batch.scratch import environment, scratch, temporary_files_in
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
 from pipeline.safe_start import library_path, python_path, uncollected
@@ -67,7 +67,7 @@ class LocalPool:
             self._folder = held.enter_context(scratch())
             held.enter_context(temporary_files_in(_made(self._folder / "tmp")))
             held.enter_context(
-                _environment(
+                environment(
                     {
                         **dict.fromkeys(THREAD_VARIABLES, "1"),
                         "PYTHONSAFEPATH": "1",
@@ -217,25 +217,6 @@ def _ending(one: _Running, future: Any) -> Event:
 def _made(folder: Path) -> Path:
     folder.mkdir()
     return folder
-
-
-@contextmanager
-def _environment(values: Mapping[str, str | None]) -> Iterator[None]:
-    """Variables that processes started inside the block find; None: which they do not."""
-    before = {name: os.environ.get(name) for name in values}
-    _set(values)
-    try:
-        yield
-    finally:
-        _set(before)
-
-
-def _set(values: Mapping[str, str | None]) -> None:
-    for name, value in values.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
 
 
 def _begin(parent: int, folder: Path) -> None:

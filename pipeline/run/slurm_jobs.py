@@ -22,8 +22,6 @@ from pipeline.problem import refused
 from pipeline.run.cluster_worker import OWN_MIB
 
 _refused = partial(refused, "--slurm")
-MEMORY = "MEMORY"
-"""The resource (bytes) that a fruit asks for where workers declare it; the name of dask's own manual."""
 ANSWER_S = 60.0
 """Seconds in which sbatch must take or refuse the first jobs; later ones are not waited for. Set by hand: a
 busy controller of Slurm answers in some ten."""
@@ -95,11 +93,6 @@ def slurm_jobs(
             job_name="drupe",
             python=sys.executable,
             job_script_prologue=[*_configured("job-script-prologue"), "export PYTHONSAFEPATH=1"],
-            worker_extra_args=[
-                *_configured("worker-extra-args"),
-                "--resources",
-                f"{MEMORY}={memory_MiB * 2**20:.0f}",
-            ],
         )
     except (OSError, ValueError, RuntimeError) as error:
         raise _refused(f"Slurm does not work ({error}).") from None

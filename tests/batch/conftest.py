@@ -27,7 +27,7 @@ def _in_this_process() -> Iterator[None]:
     """For every `drupe grade` of these tests but `drupe_alone`; pictures of graded fruit are small."""
     small = partial(mesh_picture, view_px=110)
     with (
-        mock.patch.object(pipeline.run.grading, "local_pool", side_effect=lambda *_, **__: InThisProcess()),
+        mock.patch.object(pipeline.run.grading, "LocalPool", side_effect=lambda *_, **__: InThisProcess()),
         mock.patch.object(pipeline.fruit.stages, "mesh_picture", small),
     ):
         yield

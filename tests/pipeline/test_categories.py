@@ -185,7 +185,7 @@ def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
 
 
 def test_own_files_are_among_the_inputs_of_the_results(made, monkeypatch):
-    monkeypatch.setattr(pipeline.run.grading, "local_pool", lambda *_, **__: InThisProcess())
+    monkeypatch.setattr(pipeline.run.grading, "LocalPool", lambda *_, **__: InThisProcess())
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
     status, _ = grade(root, None, GradeOptions(jobs=1, time_limit_s=600), console=Console(quiet=True))
     assert status == 3  # no recordings

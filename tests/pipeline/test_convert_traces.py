@@ -1,10 +1,10 @@
 """`drupe convert` on tables of a load cell as machines write them: delimiters, names, units, sheets."""
 
-import zipfile
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from small_batches import run as command
 
@@ -132,43 +132,12 @@ def test_a_spreadsheet_of_old_asks_for_its_sheet_and_reads_the_row_of_units(tmp_
 
 def test_a_new_spreadsheet_is_read(tmp_path: Path) -> None:
     pytest.importorskip("python_calamine")
-    write_xlsx(tmp_path / "t.xlsx", ["time_s", "travel_mm", "force_N"], np.stack([TIMES, GONE, PRESSED], 1))
+    table = pd.DataFrame({"time_s": TIMES, "travel_mm": GONE, "force_N": PRESSED})
+    table.to_excel(tmp_path / "t.xlsx", index=False)
     converted(tmp_path, tmp_path / "t.xlsx")
     (tmp_path / "out.h5").unlink()
     (tmp_path / "broken.xlsx").write_bytes((tmp_path / "t.xlsx").read_bytes()[:300])
     assert "found a damaged or locked spreadsheet" in refused(tmp_path, tmp_path / "broken.xlsx")
-
-
-def write_xlsx(path: Path, names: list[str], rows: np.ndarray) -> None:
-    """The smallest workbook of ECMA-376 (sec. 18): one sheet, texts inline."""
-    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    packed = "http://schemas.openxmlformats.org/package/2006"
-    kind = "application/vnd.openxmlformats"
-    cells = "".join(f'<c t="inlineStr"><is><t>{name}</t></is></c>' for name in names)
-    body = "".join(f"<row>{''.join(f'<c><v>{value:.9g}</v></c>' for value in row)}</row>" for row in rows)
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr(
-            "[Content_Types].xml",
-            f'<Types xmlns="{packed}/content-types"><Default Extension="xml" ContentType="application/xml"/>'
-            f'<Default Extension="rels" ContentType="{kind}-package.relationships+xml"/>'
-            f'<Override PartName="/xl/workbook.xml" ContentType="{kind}-officedocument.spreadsheetml.sheet.'
-            'main+xml"/></Types>',
-        )
-        link = f'<Relationships xmlns="{packed}/relationships"><Relationship Id="r1" Type="{office}/'
-        file.writestr("_rels/.rels", f'{link}officeDocument" Target="xl/workbook.xml"/></Relationships>')
-        file.writestr(
-            "xl/workbook.xml",
-            f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets><sheet name="One" sheetId="1" r:id="r1"/>'
-            "</sheets></workbook>",
-        )
-        file.writestr(
-            "xl/_rels/workbook.xml.rels", f'{link}worksheet" Target="worksheets/sheet1.xml"/></Relationships>'
-        )
-        file.writestr(
-            "xl/worksheets/sheet1.xml",
-            f'<worksheet xmlns="{main}"><sheetData><row>{cells}</row>{body}</sheetData></worksheet>',
-        )
 
 
 @pytest.mark.parametrize(

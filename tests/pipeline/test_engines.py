@@ -9,7 +9,7 @@ from pipeline.batch.batch_fruits import BatchFruits, write_run
 from pipeline.batch.layout import Results
 from pipeline.problem import BatchRefused
 from pipeline.run import cluster
-from pipeline.run.cluster import Cluster, ClusterPlace
+from pipeline.run.cluster import Cluster
 from pipeline.run.engines import WorkPlace
 from pipeline.run.scheduling import Died, Finished, run_on
 
@@ -65,11 +65,14 @@ def test_one_that_cannot_be_begun_costs_itself_alone():
     ]  # fmt: skip
 
 
+def cluster_at(address, folder):
+    return Cluster(address, workers=2, needs=needs_of(folder), time_limit_s=9, tell=print)
+
+
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
-    place = ClusterPlace(address="tcp://127.0.0.1:9")
     with pytest.raises(BatchRefused) as refused:
-        list(run_on(Cluster(place, needs=needs_of(tmp_path), time_limit_s=9, tell=print), print, []))
+        list(run_on(cluster_at("tcp://127.0.0.1:9", tmp_path), print, []))
     assert str(refused.value).startswith("tcp://127.0.0.1:9: no dask scheduler answers there (")
     assert "start one with `dask scheduler`" in str(refused.value)
 
@@ -107,9 +110,8 @@ def test_this_machine_needs_no_extra(monkeypatch):
 
 def test_slurm_without_sbatch_is_said(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    place = ClusterPlace(address=None, workers=2)
     with pytest.raises(BatchRefused, match="--slurm: found no sbatch"):
-        list(run_on(Cluster(place, needs=needs_of(tmp_path), time_limit_s=9, tell=print), print, []))
+        list(run_on(cluster_at(None, tmp_path), print, []))
 
 
 def test_a_task_holds_the_place_of_the_batchs_ids_and_not_the_ids(tmp_path):

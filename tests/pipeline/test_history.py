@@ -221,7 +221,7 @@ def test_a_conversion_is_kept_by_version_and_applied_only_when_asked_for(drupe, 
     ("arguments", "said"),
     [
         ((), "needs results folders, or a store with --store"),
-        (("nowhere",), "contains no results of drupe grade (batch.json); give the folder that --out named"),
+        (("nowhere",), "contains no results of drupe grade (batch.json); give the folder from --out."),
         (("OUT", "--fit", "shore_oo"), "--fit stores its result; name a store"),
         (
             ("OUT", "--store", "S", "--fit", "brix"),

@@ -172,6 +172,22 @@ def test_a_file_outside_the_earlier_batch_is_named_where_it_means_another(drupe,
     assert f"../rig.toml: lies outside {earlier} and now means {tmp_path / 'deeper' / 'rig.toml'}" in made.out
 
 
+@pytest.mark.parametrize("link", ["rig.toml", "mat.json", "rigs"])
+def test_a_link_out_of_the_earlier_batch_is_named_and_not_copied(drupe, earlier, tmp_path, link):
+    """Somebody else may have made that batch, and a link of theirs may lead to any file of this user's."""
+    (tmp_path / "private").mkdir()
+    (tmp_path / "private" / "rig.toml").write_text("secret")
+    named = "rigs/rig.toml" if link == "rigs" else link
+    if link == "rigs":
+        settings = EARLIER.replace('"rig.toml"', '"rigs/rig.toml"')
+        (earlier / "batch.toml").write_text(settings, "utf-8")
+    (earlier / link).unlink(missing_ok=True)
+    (earlier / link).symlink_to(tmp_path / "private" / ("" if link == "rigs" else "rig.toml"))
+    made = drupe("new", tmp_path / "tuesday", "--like", earlier)
+    assert f"missing: {earlier / named}: is a link to a file outside {earlier}, which drupe does" in made.out
+    assert not (tmp_path / "tuesday" / named).exists()
+
+
 def test_lot_and_cultivar_are_in_the_template(drupe, photos, tmp_path):
     made = drupe("new", tmp_path / "b", "--photos", photos, "--lot", "H-08", "--cultivar", "Big\\Top")
     assert made.status == 0

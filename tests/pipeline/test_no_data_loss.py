@@ -219,26 +219,6 @@ def test_a_run_killed_between_list_and_file_leaves_nothing_unknown(tmp_path, mon
     assert results.record.read_text() == "third"
 
 
-def test_results_of_an_earlier_version_are_still_drupes_own(tmp_path):
-    results = Results(tmp_path)
-    fruit, killed, theirs = (results.fruit(name) for name in ("N01", "N02", "N03"))
-    for one in (fruit, killed, theirs):
-        one.root.mkdir(parents=True)
-        one.fruit_ply.write_text("mesh")
-    fruit.record.write_text(json.dumps({"format": "drupe-fruit-record"}))
-    killed.cache.mkdir()
-    (killed.cache / "mesh.npz").touch()
-    results.ranking.touch()
-    assert list(results.in_the_way()) == [results.ranking]
-    results.provenance.write_text(json.dumps({"format": "drupe-batch-result"}))
-    assert not list(results.in_the_way())
-    for one, strangers in ((fruit, []), (killed, []), (theirs, [theirs.fruit_ply])):
-        assert list(one.in_the_way()) == strangers
-        one.claim()
-        one.forget()
-        assert one.fruit_ply.exists() == bool(strangers)
-
-
 @pytest.mark.parametrize("name", [".written.json", "batch.json", "fruits/N01/.written.json"])
 @pytest.mark.parametrize("kind", ["pipe", "link", "deep", "strange"])
 def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_replaced(

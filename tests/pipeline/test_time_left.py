@@ -7,9 +7,7 @@ import random
 import pytest
 from rich.console import Console
 
-from pipeline.fruit.stage_log import StageLog
-from pipeline.run.progress import BatchProgress
-from pipeline.run.time_left import TimeLeft
+from pipeline.run.progress import BatchProgress, TimeLeft
 
 STAGES = {"mesh": 22.0, "flesh": 4.0, "modulus": 10.0, "picture": 1.0}
 WHOLE_S = sum(STAGES.values())
@@ -56,7 +54,7 @@ def said(total, jobs, **options):
         if stage is None:
             left.done(fruit, whole=whole)
         else:
-            left.stage(fruit, stage)
+            left.begun(fruit)
         if left.seconds() is not None:
             found.append((moment_s, left.seconds()))
     return found, end_s
@@ -86,32 +84,9 @@ def test_a_fruit_refused_at_once_does_not_make_the_others_look_short():
     assert at[2.0 + WHOLE_S] == pytest.approx(7 * WHOLE_S)  # and then a refused one
 
 
-def test_how_far_a_stage_is_makes_no_stage_of_its_own():
-    """What one fruit says of its frames is no work that the next, with others, has before it."""
-    clock = Clock()
-    left = TimeLeft(total=4, jobs=1, clock=clock)
-    for fruit, frames in enumerate((77, 84, 91)):
-        left.stage(str(fruit), "contact")
-        for done in (0, frames):
-            left.stage(str(fruit), f"contact: grasp-1: left, frame {done} of {frames}")
-            clock.now_s += 10
-        left.stage(str(fruit), "modulus")
-        clock.now_s += 5
-        left.done(str(fruit), whole=True)
-        assert left.seconds() == pytest.approx((3 - fruit) * 25)
-
-
-def test_the_frames_of_a_raw_grasp_are_told_as_progress_of_their_stage():
-    events = []
-    log = StageLog(events.append)
-    with log.stage("contact"):
-        log.progress("grasp-1: left, frame 1 of 4")
-    assert events == ["contact", "contact: grasp-1: left, frame 1 of 4"]
-
-
 def test_nothing_is_said_before_a_fruit_has_ended_and_nothing_is_left_at_the_end():
     left = TimeLeft(total=1, jobs=2, clock=Clock())
-    left.stage("a", "mesh")
+    left.begun("a")
     assert left.seconds() is None
     left.done("a", whole=True)
     assert left.seconds() == 0.0
@@ -181,9 +156,9 @@ def test_the_terminal_shows_stages_and_the_time_left_as_the_log_does(width):
         now_s = 70.0
         progress.done("N01", "E = 0.5 MPa", whole=True)
         progress.stage("N03", "photos")
-        assert "1/4 01:10, about 02:20 left" in drawn()
+        assert "1/4 01:10, about 01:10 left" in drawn()
         now_s = 100.0
-        assert "1/4 01:40, about 01:50 left" in drawn()
+        assert "1/4 01:40, about 01:10 left" in drawn()
         for number in range(4, 23):
             progress.stage(f"N{number:02d}", "photos")
         many = drawn()
