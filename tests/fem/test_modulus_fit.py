@@ -10,7 +10,6 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import (
     GAUGE_SD_MM,
     MarkerTracks,
-    about_episode_mean,
     fit_compliance,
     rigid_motion,
 )
@@ -137,21 +136,6 @@ def test_eliminating_places_and_scales_changes_nothing():
     compliance, sd = dense_fit(few, 0.004)
     assert fit.compliance == pytest.approx(compliance, rel=1e-7)
     assert fit.compliance_sd == pytest.approx(sd, rel=1e-6)
-
-
-def projections(episode):
-    """Per marker, the (t, t) matrix that takes each contact's mean out of a series."""
-    for series in episode.T:
-        same = (series[:, None] == series) & (series >= 0)
-        yield np.diag((series >= 0) * 1.0) - same / np.maximum(same.sum(axis=1, keepdims=True), 1)
-
-
-def test_means_of_contacts_are_those_of_the_projection():
-    rng = np.random.default_rng(5)
-    episode = np.sort(rng.integers(-1, 3, (9, 20)), axis=0)
-    values = rng.normal(size=(9, 20, 3))
-    dense = np.stack([p @ values[:, i] for i, p in enumerate(projections(episode))], axis=1)
-    np.testing.assert_allclose(about_episode_mean(values, episode), dense, atol=1e-14)
 
 
 def test_a_long_recording_fits_in_memory():
