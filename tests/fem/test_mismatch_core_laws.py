@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from coarse_fruit import HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM, fruit_mesh
 from fem_shapes import box
-from pinched_forward_model import COMPLIANCE, forward_of
+from pinched_forward_model import COMPLIANCE, forward_of, in_full
 from scipy.sparse import csr_array
 
 from fem.elements.assembly import unit_lame_constants
@@ -36,15 +36,6 @@ def changed_solid(forward: ForwardModel, more: csr_array) -> UnitModulusSolid:
     solid = forward.base.solid_of(forward.base.grasps[0])
     stiffness = csr_array(solid.stiffness + more)
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
-
-
-def in_full(forward: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
-    """c(t) of the recording on a solid of any law."""
-    recording = forward.base.grasps[0]
-    skin_nodes = forward.base.solid_of(recording).contact_nodes
-    loads = np.zeros_like(recording.moved)
-    loads[:, skin_nodes] = recording.nodal_of(recording.patterns)
-    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin_nodes]))
 
 
 def stiffness_of(forward: ForwardModel, tangent: np.ndarray) -> csr_array:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
-from pinched_forward_model import COMPLIANCE, forward_of
+from pinched_forward_model import COMPLIANCE, forward_of, in_full
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
@@ -24,13 +24,8 @@ def forward() -> ForwardModel:
 
 def solved(place: tuple[float, float, float, float]) -> np.ndarray:
     """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
-    recording = forward().base.grasps[0]
     mesh = with_pit_moved(fruit_mesh(), np.array(place))
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    skin = forward().base.solid_of(recording).contact_nodes
-    loads = np.zeros_like(recording.moved)
-    loads[:, skin] = recording.nodal_of(recording.patterns)
-    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin]))
+    return in_full(forward(), UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free"))
 
 
 def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:

@@ -38,23 +38,9 @@ def screen_of(case: MismatchCase) -> Screened:
     return screen(case, E_MPa=E_MPA, models=models_of(case), solids={"free": solid()})
 
 
-def none_needed(*_, **__):
-    raise AssertionError("factorised again")
-
-
-@cache
-def sound_models() -> list[GraspModel]:
-    return models_of(injected_case())
-
-
 @cache
 def sound() -> Screened:
-    """By grading's solid: nothing is assembled or factorised."""
-    models, solids = sound_models(), {"free": solid()}
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(UnitModulusSolid, "factorise", none_needed)
-        patched.setattr(baseline, "assemble", none_needed)
-        return screen(injected_case(), E_MPa=E_MPA, models=models, solids=solids)
+    return screen_of(injected_case())
 
 
 @cache
@@ -97,10 +83,20 @@ def test_a_sound_fruit_has_no_gain_and_no_drift():
 
 
 @pytest.mark.slow
-def test_a_solid_factorised_again_gives_the_same_as_gradings():
-    anew = screen(injected_case(), E_MPa=E_MPA, models=sound_models())
-    assert anew.p_value == pytest.approx(sound().p_value, rel=1e-3)
-    assert anew.gains == pytest.approx(sound().gains, abs=1e-2)
+def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
+    case = injected_case()
+    models = models_of(case)
+
+    def none_needed(*_, **__):
+        raise AssertionError("factorised again")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(UnitModulusSolid, "factorise", none_needed)
+        patched.setattr(baseline, "assemble", none_needed)
+        found = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
+    anew = screen(case, E_MPa=E_MPA, models=models)
+    assert anew.p_value == pytest.approx(found.p_value, rel=1e-3)
+    assert anew.gains == pytest.approx(found.gains, abs=1e-2)
 
 
 @pytest.mark.slow

@@ -189,39 +189,6 @@ def test_residuals_are_the_noise():
     assert np.isnan(fit.residual_mm[tracks.episode < 0]).all()
 
 
-def turned(tracks, turn, shift):
-    return replace(
-        tracks,
-        place_mm=tracks.place_mm @ turn.T + shift,
-        normal=tracks.normal @ turn.T,
-        position_mm=tracks.position_mm @ turn.T + shift,
-        unit_displacement=tracks.unit_displacement @ turn.T,
-        gel_displacement_mm=tracks.gel_displacement_mm @ turn.T,
-    )
-
-
-def test_the_frame_of_reference_does_not_matter():
-    tracks, force, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004, scale_sd=0.004)
-    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
-    there = fit_compliance(turned(tracks, turn, np.array([40.0, -7, 9])), scale_sd=0.004, fruit_moves=True)
-    assert there.compliance == pytest.approx(here.compliance, rel=1e-9)
-    assert there.compliance_sd == pytest.approx(here.compliance_sd, rel=1e-9)
-    assert force.shape == there.residual_mm.shape
-
-
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_units_of_force_scale_the_modulus(factor):
-    tracks, _, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004)
-    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
-    stiffer = fit_compliance(
-        replace(tracks, unit_displacement=factor * tracks.unit_displacement), scale_sd=0.004, fruit_moves=True
-    )
-    assert stiffer.compliance * factor == pytest.approx(here.compliance, rel=1e-9)
-    assert stiffer.compliance_sd * factor == pytest.approx(here.compliance_sd, rel=1e-9)
-
-
 def test_a_later_contact_has_a_place_of_its_own():
     tracks, _, _ = injected_tracks(np.random.default_rng(0))
     episode = tracks.episode.copy()
