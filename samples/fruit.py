@@ -177,12 +177,6 @@ def scanned_skin(
     return skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
 
 
-def mesh_volume_mm3(vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]) -> float:
-    """Volume inside a closed outward surface: sum of a . (b x c) / 6."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0)
-
-
 def on_its_base(skin: Skin) -> Skin:
     """The skin moved so that its lowest point is at z = 0 and its box is centred on the z axis."""
     low, high = box_mm(skin)

@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.cameras.printed_mat import Mat
+from recon.triangle_mesh import vertex_normals
 from samples.appearance import mat_texture, skin_colours, table_texture
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, box_mm, triple
-from samples.renderer import denoiser, layers_of, mesh_shape, mitsuba, sensor, vertex_normals
+from samples.renderer import denoiser, layers_of, mesh_shape, mitsuba, sensor
 from samples.scenes.light import Lamp, lamp_shape
 from samples.scenes.phone import Pipeline, developed
 from samples.viewpoints import Viewpoint, rings

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from samples.sample_failure import RendererMissing
 from samples.viewpoints import Viewpoint
@@ -92,18 +92,6 @@ def window_sensor(mi: Any, view: Viewpoint, window: tuple[int, int, int, int]) -
 def layers_of(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "_ _ 3"]]:
     """A rendered picture's channels in contiguous groups of three: colour, albedo, normal."""
     return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
-
-
-def vertex_normals(
-    points: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """Unit normals at vertices: the sum of the adjoining triangles' normals, weighted by their area."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    facet = np.cross(b - a, c - a)
-    total = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(total, triangles[:, k], facet)
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
 def mesh_shape(

@@ -14,12 +14,12 @@ import numpy as np
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
+from recon.triangle_mesh import volume_mm3
 from samples.fruit import (
     MESH_ERROR_MM,
     SampleFruit,
     box_mm,
     fruits_of_seed,
-    mesh_volume_mm3,
     scanned_mesh,
     skin_mesh,
 )
@@ -183,7 +183,7 @@ def _answer(fruit: SampleFruit) -> dict[str, Any]:
 
 
 def _volume_mm3(fruit: SampleFruit) -> float:
-    return mesh_volume_mm3(*skin_mesh(fruit.skin, cells=160))
+    return volume_mm3(*skin_mesh(fruit.skin, cells=160))
 
 
 def _named(progress: Progress, grasp: str) -> Progress:

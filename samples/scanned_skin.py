@@ -12,8 +12,8 @@ import trimesh
 from jaxtyping import Float, Int, UInt8
 from scipy.ndimage import map_coordinates
 
-from recon.native import open3d
 from recon.surface.orientation import volume_centre
+from recon.surface.ray_mesh import RayMesh
 from samples.appearance import linear_rgb
 from samples.fruit import Skin, triple
 from samples.sample_failure import SampleFailure
@@ -32,13 +32,8 @@ class Scan:
     texture: UInt8[np.ndarray, "h w 3"]
 
     @cached_property
-    def _rays(self) -> Any:
-        scene = open3d().t.geometry.RaycastingScene(nthreads=1)
-        tensor = open3d().core.Tensor
-        scene.add_triangles(
-            tensor(self.vertices.astype(np.float32)), tensor(self.triangles.astype(np.uint32))
-        )
-        return scene
+    def _rays(self) -> RayMesh:
+        return RayMesh(self.vertices, self.triangles)
 
     def met(
         self, start_mm: Float[np.ndarray, " 3"], directions: Float[np.ndarray, "k 3"]
@@ -47,17 +42,13 @@ class Scan:
 
         Raises SampleFailure where a ray meets no triangle.
         """
-        rays = np.concatenate([np.broadcast_to(start_mm, directions.shape), directions], axis=1)
-        hits = self._rays.cast_rays(open3d().core.Tensor(rays.astype(np.float32)), nthreads=1)
-        away = hits["t_hit"].numpy().astype(float)
+        away, corners, weights = self._rays.met(np.broadcast_to(start_mm, directions.shape), directions)
         if not np.all(np.isfinite(away)):
             missed = np.mean(~np.isfinite(away))
             raise SampleFailure(
                 f"{100 * missed:.1f} % of the scan is open; expected a closed mesh: repair it."
             )
-        second = hits["primitive_uvs"].numpy().astype(float)
-        weights = np.column_stack([1 - second.sum(axis=1), second])
-        return away, self.triangles[hits["primitive_ids"].numpy().astype(int)], weights
+        return away, corners, weights
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,18 +50,6 @@ def with_mid_edges(
     return np.vstack([nodes_mm, nodes_mm[edges].mean(axis=1)]), np.hstack([tets, of_tet + len(nodes_mm)])
 
 
-def smallest_dihedral_deg(
-    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"]
-) -> Float[np.ndarray, " m"]:
-    """The smallest angle between two faces of each straight tetrahedron, degrees (regular: 70.5)."""
-    corner = nodes_mm[tets[:, TET_FACES[:, :3]]]
-    normal = np.cross(corner[:, :, 1] - corner[:, :, 0], corner[:, :, 2] - corner[:, :, 0])
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    i, j = np.triu_indices(4, 1)
-    cosine = np.einsum("mfx,mfx->mf", normal[:, i], normal[:, j])
-    return np.asarray(np.degrees(np.pi - np.arccos(np.clip(cosine, -1, 1))).min(axis=1))
-
-
 def compact(
     nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"]
 ) -> tuple[np.ndarray, np.ndarray]:

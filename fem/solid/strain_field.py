@@ -98,10 +98,3 @@ def elastic_stress(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -
     stress = 2 * mu * strain
     stress[..., :3] += lame * strain[..., :3].sum(axis=-1, keepdims=True)
     return np.asarray(stress)
-
-
-def energy_density(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -> Float[np.ndarray, "*b"]:
-    """eps : D : eps / 2 for E = 1 MPa."""
-    mu, lame = unit_lame_constants(poisson_ratio)
-    trace = strain[..., :3].sum(axis=-1)
-    return np.asarray(mu * (strain**2 @ COUNT) + lame / 2 * trace**2)

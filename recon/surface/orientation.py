@@ -114,7 +114,7 @@ def _radii(
     skin: RayMesh, centre: Float[np.ndarray, "3"], directions: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, " k"]:
     """Distance of the surface from the centre in each direction."""
-    radius = skin.reached(np.broadcast_to(centre, directions.shape), directions)
+    radius, _, _ = skin.met(np.broadcast_to(centre, directions.shape), directions)
     return np.where(np.isfinite(radius), radius, np.median(radius))
 
 

@@ -29,16 +29,27 @@ class RayMesh:
         """The triangle's corners next to each point, and the shares of each in the nearest point."""
         asked = self._tensor(points.astype(np.float32))
         answer = self._scene.compute_closest_points(asked, nthreads=1)
-        u, v = answer["primitive_uvs"].numpy().T.astype(float)
-        corners = self._faces[answer["primitive_ids"].numpy().astype(int)]
-        return corners, np.stack([1 - u - v, u, v], axis=1)
+        return self._place(answer["primitive_ids"].numpy().astype(int), answer["primitive_uvs"].numpy())
 
-    def reached(
+    def met(
         self, start: Float[np.ndarray, "k 3"], ahead: Float[np.ndarray, "k 3"]
-    ) -> Float[np.ndarray, " k"]:
-        """How often the way `ahead` goes into a ray from `start` to its first face; inf without one."""
+    ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+        """How often the way `ahead` goes into a ray from `start` to its first face (inf without one, and then
+        any face's), the face's corners, and the shares of each in the place.
+        """
         rays = self._tensor(np.hstack([start, ahead]).astype(np.float32))
-        return np.asarray(self._scene.cast_rays(rays, nthreads=1)["t_hit"].numpy(), float)
+        answer = self._scene.cast_rays(rays, nthreads=1)
+        far = np.asarray(answer["t_hit"].numpy(), float)
+        faces = np.where(np.isfinite(far), answer["primitive_ids"].numpy(), 0).astype(int)
+        corners, shares = self._place(faces, answer["primitive_uvs"].numpy())
+        return far, corners, shares
+
+    def _place(
+        self, face: Int[np.ndarray, " k"], uv: Float[np.ndarray, "k 2"]
+    ) -> tuple[Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+        """Corners of faces, and the shares of each at barycentric coordinates."""
+        second = uv.astype(float)
+        return self._faces[face], np.column_stack([1 - second.sum(axis=1), second])
 
     def hidden(
         self, start: Float[np.ndarray, "k 3"], end: Float[np.ndarray, "k 3"]

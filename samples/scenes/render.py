@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from recon.triangle_mesh import vertex_normals
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
 from samples.renderer import (
@@ -16,7 +17,6 @@ from samples.renderer import (
     mesh_shape,
     mitsuba,
     sensor,
-    vertex_normals,
     window_sensor,
 )
 from samples.scanned_skin import ScannedSkin

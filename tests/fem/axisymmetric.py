@@ -7,7 +7,7 @@ Two dimensions make it cheap to be exact: a fine mesh has a few thousand nodes. 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 
 
@@ -17,6 +17,50 @@ def lagrange(x):
         np.stack([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2]),
         np.stack([x - 0.5, -2 * x, x + 0.5]),
     )
+
+
+@dataclass(frozen=True)
+class RingElements:
+    """Nine-node quadrilaterals of revolution: degrees of freedom, volumes, gradients and shapes over radius.
+
+    `gradient` (e, p, 2, 9) along r and z, `around` (e, p, 9), at the points p of each element e.
+    """
+
+    dof: np.ndarray
+    volume: np.ndarray
+    gradient: np.ndarray
+    around: np.ndarray
+
+    @classmethod
+    def of(cls, nodes):
+        """On a grid of nodes (2 m + 1, 2 n + 1, 2), lengths r and z."""
+        across, up = nodes.shape[:2]
+        corner = np.arange(across * up).reshape(across, up)[:-2:2, :-2:2].reshape(-1, 1)
+        elements = corner + np.add.outer(np.arange(3) * up, np.arange(3)).ravel()
+        at, weight = np.polynomial.legendre.leggauss(3)
+        value, slope = lagrange(at)
+        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
+        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
+        place = nodes.reshape(-1, 2)[elements]
+        jacobian = np.einsum("dpa,eax->epdx", local.reshape(2, 9, 9), place)
+        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local.reshape(2, 9, 9))
+        radius = np.einsum("pa,ea->ep", shape, place[:, :, 0])
+        volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
+        dof = (2 * elements[:, :, None] + np.arange(2)).reshape(len(elements), 18)
+        return cls(dof, volume, gradient, shape / radius[:, :, None])
+
+    def strains(self):
+        """rr, zz, tt, rz (doubled) of each degree of freedom, (e, p, 4, 18)."""
+        B = np.zeros((*self.volume.shape, 4, 9, 2))
+        B[:, :, 0, :, 0] = B[:, :, 3, :, 1] = self.gradient[:, :, 0]
+        B[:, :, 1, :, 1] = B[:, :, 3, :, 0] = self.gradient[:, :, 1]
+        B[:, :, 2, :, 0] = self.around
+        return B.reshape(*self.volume.shape, 4, 18)
+
+    def assembled(self, blocks, size):
+        """Elements' matrices (e, 18, 18) in one of `size` rows."""
+        pairs = (np.repeat(self.dof, 18, axis=1).ravel(), np.tile(self.dof, (1, 18)).ravel())
+        return csc_array(coo_array((blocks.ravel(), pairs), shape=(size, size)))
 
 
 @dataclass(frozen=True)
@@ -30,38 +74,15 @@ class Revolved:
     fixed: np.ndarray
     nu: float
 
-    @property
-    def elements(self):
-        rows, columns = self.nodes.shape[:2]
-        number = np.arange(rows * columns).reshape(rows, columns)
-        corner = number[:-2:2, :-2:2].reshape(-1, 1)
-        return corner + np.add.outer(np.arange(3) * columns, np.arange(3)).ravel()
-
     def stiffness(self):
-        """For unit modulus; strains rr, zz, tt, rz."""
-        at, weight = np.polynomial.legendre.leggauss(3)
-        value, slope = lagrange(at)
-        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
-        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
-        local = local.reshape(2, 9, 9)
-        x = self.nodes.reshape(-1, 2)[self.elements]
-        jacobian = np.einsum("dpa,eax->epdx", local, x)
-        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local)
-        radius = np.einsum("pa,ea->ep", shape, x[:, :, 0])
-        volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
-        strain = np.zeros((*gradient.shape[:2], 4, 9, 2))
-        strain[:, :, 0, :, 0] = strain[:, :, 3, :, 1] = gradient[:, :, 0]
-        strain[:, :, 1, :, 1] = strain[:, :, 3, :, 0] = gradient[:, :, 1]
-        strain[:, :, 2, :, 0] = shape / radius[:, :, None]
-        strain = strain.reshape(*gradient.shape[:2], 4, 18)
+        """For unit modulus."""
+        ring = RingElements.of(self.nodes)
+        strain = ring.strains()
         law = np.zeros((4, 4))
         law[:3, :3] = self.nu / ((1 + self.nu) * (1 - 2 * self.nu))
         law += np.diag([1.0, 1.0, 1.0, 0.5]) / (1 + self.nu)
-        blocks = np.einsum("ep,epki,kl,eplj->eij", volume, strain, law, strain, optimize=True)
-        dof = (2 * self.elements[:, :, None] + np.arange(2)).reshape(len(x), 18)
-        size = 2 * self.nodes[..., 0].size
-        pairs = (np.repeat(dof, 18, axis=1).ravel(), np.tile(dof, (1, 18)).ravel())
-        return csr_array(coo_array((blocks.ravel(), pairs), shape=(size, size)))
+        blocks = np.einsum("ep,epki,kl,eplj->eij", ring.volume, strain, law, strain, optimize=True)
+        return ring.assembled(blocks, self.nodes.size)
 
     def surface_displacement(self, traction_z):
         """Displacement (t, 2 m + 1, 2) of the loaded surface under tractions along z, functions of r."""
@@ -79,9 +100,17 @@ class Revolved:
                 np.add.at(load[:, -1, 1, frame], 2 * np.arange(len(spans)) + a, nodal[:, a])
         free = np.flatnonzero(~self.fixed.ravel())
         moved = np.zeros((self.fixed.size, len(traction_z)))
-        matrix = self.stiffness()[free][:, free].tocsc()
+        matrix = self.stiffness()[free][:, free]
         moved[free] = spsolve(matrix, load.reshape(-1, len(traction_z))[free])
         return np.moveaxis(moved.reshape(*self.nodes.shape[:2], 2, -1)[:, -1], -1, 0)
+
+
+def fixed_axis(nodes):
+    """Displacements that are zero: along r on the axis, both at the first node of each row."""
+    fixed = np.zeros(nodes.shape, dtype=bool)
+    fixed[0, :, 0] = True
+    fixed[:, 0] = True
+    return fixed
 
 
 def cored_ball(radius_mm: float, core_mm: float, nu: float) -> Revolved:
@@ -90,10 +119,8 @@ def cored_ball(radius_mm: float, core_mm: float, nu: float) -> Revolved:
     depth = np.linspace(1, 0, 41) ** 1.5
     ray = radius_mm - (radius_mm - core_mm) * depth
     nodes = np.stack([np.outer(np.sin(angle), ray), np.outer(np.cos(angle), ray)], axis=-1)
-    fixed = np.zeros(nodes.shape, dtype=bool)
-    fixed[0, :, 0] = True
+    fixed = fixed_axis(nodes)
     fixed[-1, :, 1] = True
-    fixed[:, 0] = True
     return Revolved(nodes, fixed, nu)
 
 
@@ -102,7 +129,4 @@ def cylinder(radius_mm: float, height_mm: float, nu: float) -> Revolved:
     across = radius_mm * np.linspace(0, 1, 81) ** 1.3
     up = height_mm * (1 - np.linspace(1, 0, 41) ** 1.5)
     nodes = np.stack(np.broadcast_arrays(across[:, None], up[None]), axis=-1)
-    fixed = np.zeros(nodes.shape, dtype=bool)
-    fixed[0, :, 0] = True
-    fixed[:, 0] = True
-    return Revolved(nodes, fixed, nu)
+    return Revolved(nodes, fixed_axis(nodes), nu)

@@ -7,8 +7,9 @@ from functools import cache
 
 import numpy as np
 from fem_shapes import ball
+from recorded_pad import recorded_pad
 
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.solid.linear_solid import UnitModulusSolid
@@ -37,7 +38,7 @@ def pinch() -> GraspHistory:
     """Four frames: two of pressing, one of shear within each pad, and one in which a single pad presses."""
     half_x = HALF_AXES_MM[0] * np.sqrt(1 - ((FLAT / HALF_AXES_MM[1:]) ** 2).sum(axis=1))
     bowl = 0.02 * np.exp(-(FLAT**2).sum(axis=1) / 8)
-    pads = []
+    pads, rest = [], np.column_stack([FLAT, np.zeros(len(FLAT))])
     for name, side in (("left", -1.0), ("right", 1.0)):
         place = locate(fruit_mesh(), np.column_stack([side * half_x, FLAT])).point_mm
         force = np.zeros((4, len(FLAT), 3))
@@ -45,18 +46,7 @@ def pinch() -> GraspHistory:
         force[2, :, 1:] = 0.3 * FLAT[:, ::-1] * bowl[:, None]
         force[3, :, 0] = -side * bowl * (side > 0)
         pads.append(
-            PadHistory(
-                name=name,
-                rest_mm=np.column_stack([FLAT, np.zeros(len(FLAT))]),
-                surface_mm=place,
-                position_mm=place + np.zeros_like(force),
-                gel_displacement_mm=np.zeros_like(force),
-                force_N=force,
-                episode=np.zeros(force.shape[:2], dtype=np.int64),
-                displacement_sd_mm=0.004,
-                force_sd_N=1e-4,
-                lag1=0.0,
-            )
+            recorded_pad(place, force, touching=True, sd_mm=0.004, sd_N=1e-4, name=name, rest_mm=rest)
         )
     return GraspHistory(time_s=np.arange(4.0), phase=("load",) * 4, pads=tuple(pads))
 

@@ -9,8 +9,7 @@ Continuum Mechanics for Finite Element Analysis", 2nd ed., 2008, eq. 6.28), or l
 from dataclasses import dataclass
 
 import numpy as np
-from axisymmetric import lagrange
-from scipy.sparse import coo_array, csc_array
+from axisymmetric import RingElements, fixed_axis
 from scipy.sparse.linalg import splu
 
 #: F as (rr, rz, zr, zz, tt): row and column in the 3 x 3 tensor with axes r, z, t
@@ -68,26 +67,13 @@ class CompressedSolid:
     bonded: bool = False
 
     def __post_init__(self):
-        across, up = self.nodes.shape[:2]
-        number = np.arange(across * up).reshape(across, up)
-        corner = number[:-2:2, :-2:2].reshape(-1, 1)
-        elements = corner + np.add.outer(np.arange(3) * up, np.arange(3)).ravel()
-        at, weight = np.polynomial.legendre.leggauss(3)
-        value, slope = lagrange(at)
-        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
-        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
-        place = self.nodes.reshape(-1, 2)[elements]
-        jacobian = np.einsum("dpa,eax->epdx", local.reshape(2, 9, 9), place)
-        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local.reshape(2, 9, 9))
-        radius = np.einsum("pa,ea->ep", shape, place[:, :, 0])
-        self.volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
-        B = np.zeros((*gradient.shape[:2], 5, 9, 2))
-        B[:, :, 0, :, 0] = B[:, :, 2, :, 1] = gradient[:, :, 0]
-        B[:, :, 1, :, 0] = B[:, :, 3, :, 1] = gradient[:, :, 1]
-        B[:, :, 4, :, 0] = shape / radius[:, :, None]
-        self.B = B.reshape(*gradient.shape[:2], 5, 18)
-        self.dof = (2 * elements[:, :, None] + np.arange(2)).reshape(len(elements), 18)
-        self.pairs = (np.repeat(self.dof, 18, axis=1).ravel(), np.tile(self.dof, (1, 18)).ravel())
+        self.ring = RingElements.of(self.nodes)
+        self.dof, self.volume = self.ring.dof, self.ring.volume
+        B = np.zeros((*self.volume.shape, 5, 9, 2))
+        B[:, :, 0, :, 0] = B[:, :, 2, :, 1] = self.ring.gradient[:, :, 0]
+        B[:, :, 1, :, 0] = B[:, :, 3, :, 1] = self.ring.gradient[:, :, 1]
+        B[:, :, 4, :, 0] = self.ring.around
+        self.B = B.reshape(*self.volume.shape, 5, 18)
         self.free = ~self.fixed.reshape(-1)
         self.down = 2 * self.tool + 1
         self.height = self.nodes.reshape(-1, 2)[self.tool, 1]
@@ -135,7 +121,7 @@ class CompressedSolid:
                 self.touching = touching
                 continue
             blocks = np.einsum("ep,epki,epkl,eplj->eij", self.volume, self.B, slope, self.B, optimize=True)
-            K = csc_array(coo_array((blocks.ravel(), self.pairs), shape=(len(self.u),) * 2))
+            K = self.ring.assembled(blocks, len(self.u))
             rhs = -inner - K @ jump
             step = jump
             step[free] = splu(K[free][:, free], permc_spec="MMD_AT_PLUS_A").solve(rhs[free])
@@ -209,9 +195,6 @@ def punched_slab(*, nu, radius, thickness, wide, inside=14, outside=16, down=14,
     x = np.linspace(0, 1, down + 1)
     z = thickness * _between(1 - (np.exp(3.5 * (1 - x)) - 1) / (np.exp(3.5) - 1))
     nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1)
-    fixed = np.zeros(nodes.shape, dtype=bool)
-    fixed[0, :, 0] = True
-    fixed[:, 0] = True
     number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
     tool = number[r < radius * (1 + 1e-9), -1]
-    return CompressedSolid(nodes=nodes, fixed=fixed, tool=tool, nu=nu, law=law, bonded=True)
+    return CompressedSolid(nodes=nodes, fixed=fixed_axis(nodes), tool=tool, nu=nu, law=law, bonded=True)

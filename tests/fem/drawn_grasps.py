@@ -11,10 +11,11 @@ from functools import cached_property
 
 import numpy as np
 from fem_shapes import ball
+from recorded_pad import recorded_pad
 from scipy.spatial import cKDTree
 
 from fem.elements.assembly import assemble
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import SurfacePoints, locate, skin_quadrature
 from fem.solid.discretisation_error import discretisation_error
@@ -280,7 +281,7 @@ def recorded(
     n, frames = len(FLAT_MM), AIR + len(RADII_MM)
     shift, turn = rng.normal(size=(frames, 3)) * MOTION_MM, rng.normal(size=(frames, 3)) * MOTION_RAD
     touching = np.linalg.norm(FLAT_MM, axis=1) < RADII_MM[:, None]
-    episode = np.concatenate([np.full((AIR, n), -1), np.where(touching, 0, -1)])
+    touching = np.concatenate([np.zeros((AIR, n), dtype=bool), touching])
     pads = []
     for pad, moved, force in zip(world.grasps[grasp], truth.moved_mm, truth.force_N, strict=True):
         moved, force = (np.concatenate([np.zeros((AIR, n, 3)), press * v]) for v in (moved, force))
@@ -292,17 +293,16 @@ def recorded(
         felt = felt + sensor.force_N * rng.normal(size=felt.shape)
         rigid = shift[:, None] + np.cross(turn[:, None], place[None])
         pads.append(
-            PadHistory(
+            recorded_pad(
+                place,
+                felt,
+                touching=touching,
+                sd_mm=said.displacement_mm,
+                sd_N=said.force_N,
                 name=pad.name,
                 rest_mm=np.column_stack([FLAT_MM, np.zeros(n)]),
-                surface_mm=place,
+                gel_mm=recording,
                 position_mm=place + moved / E_MPa + rigid + (recording - gel),
-                gel_displacement_mm=recording,
-                force_N=felt,
-                episode=episode,
-                displacement_sd_mm=said.displacement_mm,
-                force_sd_N=said.force_N,
-                lag1=0.0,
             )
         )
     return GraspHistory(time_s=np.arange(frames) / 30, phase=("air",) * AIR + PHASES, pads=tuple(pads))

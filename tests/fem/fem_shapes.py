@@ -3,7 +3,9 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from fem.mesh.tetrahedra import signed_volumes_mm3, with_mid_edges
+from fem.elements.shape_functions import TET_FACES
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.tetrahedra import boundary_faces, signed_volumes_mm3, with_mid_edges
 
 
 def ball(n_points: int, *, semi_axes_mm, centre_mm=(0.0, 0.0, 0.0)):
@@ -43,6 +45,15 @@ def cube_mesh(n: int, *, uneven: float = 0.25, seed: int = 0, bulge: float = 0.0
     return nodes, tets
 
 
+def cube_flesh(n: int, size_mm: float = 1.0, **uneven) -> FleshMesh:
+    """The cube as flesh without a pit."""
+    nodes, tets = cube_mesh(n, **uneven)
+    owner, face = boundary_faces(tets[:, :4])[1].T
+    return FleshMesh(
+        size_mm * nodes, tets, tets[owner[:, None], TET_FACES[face]], np.zeros(0, dtype=np.int64)
+    )
+
+
 def on_cube_surface(nodes):
     return np.flatnonzero(((nodes < 1e-9) | (nodes > 1 - 1e-9)).any(axis=1))
 
@@ -80,6 +91,16 @@ def star(width_mm, *, centre_mm=(0.0, 0.0, 0.0)):
         turn = 1 if tip.prod() > 0 else -1
         faces += [[k, *root[[i, (i + 1) % 3]][::turn]] for i in range(3)]
     return vertices + np.asarray(centre_mm), np.array(faces)
+
+
+def smallest_dihedral_deg(nodes_mm, tets):
+    """The smallest angle between two faces of each straight tetrahedron, degrees (regular: 70.5)."""
+    corner = nodes_mm[tets[:, TET_FACES[:, :3]]]
+    normal = np.cross(corner[:, :, 1] - corner[:, :, 0], corner[:, :, 2] - corner[:, :, 0])
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    i, j = np.triu_indices(4, 1)
+    cosine = np.einsum("mfx,mfx->mf", normal[:, i], normal[:, j])
+    return np.asarray(np.degrees(np.pi - np.arccos(np.clip(cosine, -1, 1))).min(axis=1))
 
 
 def _welded(vertices, faces):

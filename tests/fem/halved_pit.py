@@ -8,12 +8,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU
+from coarse_fruit import NU, PIT_MIDDLE_MM
 from fem_shapes import ball
-from injected_mismatch import E_MPA, TIME_S, Altered, Recording, bare_grasps, true_pads
+from injected_mismatch import E_MPA, TIME_S, Altered, Recording, bare_grasps, meshed, true_pads
 from scipy.sparse import csr_array, diags_array, hstack
 
-from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.model.parted_pit import EDGE_MM
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import pad_link
@@ -21,31 +21,19 @@ from fem.solid.rigid_core import pit_centre_mm, reduction
 from fem.sparse.solver import factorise
 
 PIT_HALF_AXES_MM = np.array([12.0, 11.0, 12.0])
-PIT_MIDDLE_MM = np.array([0.5, -0.8, 1.0])
-
-
-def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
-    """Flesh about the large pit, with short edges where the pads press."""
-    vertices, faces = ball(points, semi_axes_mm=HALF_AXES_MM)
-    vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
-    pit = ball(500, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
-    where = np.array([side * np.eye(3)[k] * HALF_AXES_MM[k] for k in (0, 1) for side in (1, -1)])
-    return tetrahedralise(
-        vertices, faces, *pit, edge_mm=edge_mm, refine_at_mm=where, refine_radius_mm=4.5,
-        refine_edge_mm=at_pads_mm,
-    )  # fmt: skip
+PIT = ball(500, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
 
 
 @cache
 def finders_mesh() -> FleshMesh:
     """The mesh that the finder is handed."""
-    return meshed(7.0, 2.8, 1000)
+    return meshed(7.0, 2.8, 1000, PIT)
 
 
 @cache
 def true_mesh() -> FleshMesh:
     """The mesh that the truth is solved on."""
-    return meshed(6.0, 2.0, 2000)
+    return meshed(6.0, 2.0, 2000, PIT)
 
 
 @cache

@@ -14,18 +14,18 @@ import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
 from jaxtyping import Int
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
+from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.refinement import Refit, refit
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
 
@@ -47,11 +47,13 @@ WAYS = ((0, 1), (1, 2))
 """Grasp by grasp: the axis along which the pads close, and that of their own x."""
 
 
-def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
-    """The coarse fruit, with short edges where the pads press."""
+def meshed(
+    edge_mm: float, at_pads_mm: float, points: int, pit: tuple[np.ndarray, np.ndarray] | None = None
+) -> FleshMesh:
+    """The coarse fruit, or flesh about another pit, with short edges where the pads press."""
     vertices, faces = ball(points, semi_axes_mm=HALF_AXES_MM)
     vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
-    pit = ball(300, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    pit = pit or ball(300, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
     where = np.array([side * np.eye(3)[k] * HALF_AXES_MM[k] for k in (0, 1) for side in (1, -1)])
     return tetrahedralise(
         vertices,
@@ -145,18 +147,10 @@ def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
     axes = pad_axes(grasp, side)
     place = locate(mesh, on_skin(grasp, side), within_mm=3.0).point_mm
     force = true_force() @ axes.T
-    return PadHistory(
-        name=name,
-        rest_mm=FLAT,
-        surface_mm=place,
-        position_mm=np.broadcast_to(place, force.shape).copy(),
-        gel_displacement_mm=-(true_force() / GEL_N_PER_MM) @ axes.T,
-        force_N=force,
-        episode=np.where(force.any(axis=2), 0, -1),
-        displacement_sd_mm=NOISE_MM,
-        force_sd_N=NOISE_N,
-        lag1=0.0,
-    )
+    return recorded_pad(
+        place, force, touching=force.any(axis=2), sd_mm=NOISE_MM, sd_N=NOISE_N, name=name, rest_mm=FLAT,
+        gel_mm=-(true_force() / GEL_N_PER_MM) @ axes.T,
+    )  # fmt: skip
 
 
 def bare_grasps(mesh: FleshMesh) -> tuple[list[list[PadHistory]], Int[np.ndarray, " s"]]:
@@ -271,17 +265,16 @@ def injected_case(
             pose = np.tile(np.eye(4), (len(TIME_S), 1, 1))
             pose[:, :3, :3], pose[:, :3, 3] = pad.axes, pad.origin_mm
             histories.append(
-                PadHistory(
+                recorded_pad(
+                    locate(fruit, pad.place_mm, within_mm=3.0).point_mm,
+                    force,
+                    touching=touching,
+                    sd_mm=NOISE_MM,
+                    sd_N=NOISE_N,
                     name=pad.name,
                     rest_mm=FLAT,
-                    surface_mm=locate(fruit, pad.place_mm, within_mm=3.0).point_mm,
                     position_mm=pad.position_mm + NOISE_MM * blur[0],
-                    gel_displacement_mm=pad.gel_mm + NOISE_MM * blur[0],
-                    force_N=force,
-                    episode=np.where(touching, 0, -1),
-                    displacement_sd_mm=NOISE_MM,
-                    force_sd_N=NOISE_N,
-                    lag1=0.0,
+                    gel_mm=pad.gel_mm + NOISE_MM * blur[0],
                 )
             )
             motions.append(
@@ -336,8 +329,7 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
     forward, _ = plain_forward_model(case)
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, [effect])
+    linear = screened_effects(forward, [effect])
     again = refit(forward, linear, [linear.best[0]])
     assert again is not None
     return forward, linear, again

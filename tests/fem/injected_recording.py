@@ -10,11 +10,12 @@ from functools import cache
 import numpy as np
 from axisymmetric import Revolved, cored_ball, cylinder
 from fem_shapes import ball
+from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import MODEL, TACTILE, ErrorBudget
 from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.modulus import ModulusEstimate, estimate_modulus
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
@@ -91,18 +92,19 @@ def recorded(
         gel_seen = gel * (1 + 0.004 * noise * rng.normal(size=(len(place), 1)))
         seen = place + mirror * unit / E_MPA + shift + [0, 0, surface_mm * side] + (gel_seen - gel)
         force_seen = mirror * force * (1 + 0.01 * noise * rng.normal(size=(len(place), 1)))
+        seen = seen + 0.004 * noise * rng.normal(size=seen.shape)
+        felt = force_seen + 1e-4 * noise * rng.normal(size=force.shape)
         pads.append(
-            PadHistory(
+            recorded_pad(
+                place,
+                felt,
+                touching=touching,
+                sd_mm=0.004 * noise,
+                sd_N=1e-4 * noise,
                 name=name,
                 rest_mm=np.column_stack([MARKERS, np.zeros(len(place))]),
-                surface_mm=place,
-                position_mm=seen + 0.004 * noise * rng.normal(size=seen.shape),
-                gel_displacement_mm=gel_seen,
-                force_N=force_seen + 1e-4 * noise * rng.normal(size=force.shape),
-                episode=np.where(touching, 0, -1),
-                displacement_sd_mm=0.004 * noise,
-                force_sd_N=1e-4 * noise,
-                lag1=0.0,
+                position_mm=seen,
+                gel_mm=gel_seen,
             )
         )
     return GraspHistory(time_s=np.arange(len(RADII_MM)) * 0.1, phase=PHASES, pads=tuple(pads))

@@ -11,6 +11,7 @@ from fem.grasp_history import GraspHistory
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import Baseline, baseline
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.solid.linear_solid import UnitModulusSolid
 
 COMPLIANCE = 4.0
 FRAMES = 8
@@ -80,3 +81,12 @@ def forward_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
     return ForwardModel(
         base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE
     )
+
+
+def in_full(forward: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
+    """c(t) of the recording on a solid of any law, its nodes numbered as those of the plain model."""
+    recording = forward.base.grasps[0]
+    skin = forward.base.solid_of(recording).contact_nodes
+    loads = np.zeros_like(recording.moved)
+    loads[:, skin] = recording.nodal_of(recording.patterns)
+    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin]))

@@ -1,11 +1,16 @@
 """The plain model of recordings on meshes that several tests share: each mesh is factorised once."""
 
+from collections.abc import Sequence
+
 from fem.estimation.compliance_fit import CompliantFit
 from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.effect import Effect
+from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import plain_forward_model as of_solids
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 _SOLIDS: dict[tuple[int, float, Support], UnitModulusSolid] = {}
@@ -33,3 +38,8 @@ def kept_solid(mesh: FleshMesh, poisson_ratio: float, support: Support) -> UnitM
             _SOLIDS.pop(next(iter(_SOLIDS)))
         _SOLIDS[key] = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support)
     return _SOLIDS[key]
+
+
+def screened_effects(forward: ForwardModel, effects: Sequence[Effect]) -> LinearRound:
+    """The effects' linear signatures on all recordings."""
+    return screened(forward, [GraspEquations.of(forward, one) for one in forward.base.grasps], effects)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from axisymmetric import lagrange
-from scipy.sparse import coo_array, csc_array
+from axisymmetric import RingElements, fixed_axis
 from scipy.sparse.linalg import splu
 
 TRACE = np.array([1.0, 1.0, 1.0, 0.0])
@@ -136,35 +135,15 @@ class PressedSlab:
         r = np.interp(np.arange(2 * len(r) - 1) / 2, np.arange(len(r)), r)
         x = np.linspace(0, 1, 2 * self.down + 1)
         z = self.thick_mm * (1 - (1 - x) ** 2.2)
-        self.shape = (len(r), len(z))
-        self.nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1).reshape(-1, 2)
-        number = np.arange(len(self.nodes)).reshape(self.shape)
-        corner = number[:-2:2, :-2:2].reshape(-1, 1)
-        elements = corner + np.add.outer(np.arange(3) * len(z), np.arange(3)).ravel()
-        at, weight = np.polynomial.legendre.leggauss(3)
-        value, slope = lagrange(at)
-        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
-        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
-        place = self.nodes[elements]
-        jacobian = np.einsum("dpa,eax->epdx", local.reshape(2, 9, 9), place)
-        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local.reshape(2, 9, 9))
-        radius = np.einsum("pa,ea->ep", shape, place[:, :, 0])
-        self.volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
-        B = np.zeros((*gradient.shape[:2], 4, 9, 2))
-        B[:, :, 0, :, 0] = B[:, :, 3, :, 1] = gradient[:, :, 0]
-        B[:, :, 1, :, 1] = B[:, :, 3, :, 0] = gradient[:, :, 1]
-        B[:, :, 2, :, 0] = shape / radius[:, :, None]
-        self.B = B.reshape(*gradient.shape[:2], 4, 18)
-        self.dof = (2 * elements[:, :, None] + np.arange(2)).reshape(len(elements), 18)
-        fixed = np.zeros((*self.shape, 2), dtype=bool)
-        fixed[0, :, 0] = True
-        fixed[:, 0] = True
-        self.free = ~fixed.ravel()
-        self.top = 2 * number[:, -1] + 1
+        nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1)
+        self.ring = RingElements.of(nodes)
+        self.dof, self.volume, self.B = self.ring.dof, self.ring.volume, self.ring.strains()
+        self.free = ~fixed_axis(nodes).ravel()
+        self.top = 2 * np.arange(nodes.size // 2).reshape(nodes.shape[:2])[:, -1] + 1
         self.top = self.top[r < 0.98 * self.radius_mm]
         r = r[r < 0.98 * self.radius_mm]
         self.gap = self.radius_mm - np.sqrt(self.radius_mm**2 - r**2)
-        self.u = np.zeros(2 * len(self.nodes))
+        self.u = np.zeros(nodes.size)
         self.touching = np.zeros(len(self.top), dtype=bool)
 
     def strain(self):
@@ -199,8 +178,7 @@ class PressedSlab:
             if calm and checked and not moved:
                 break
             blocks = np.einsum("ep,epki,epkl,eplj->eij", self.volume, self.B, slope, self.B, optimize=True)
-            pairs = (np.repeat(self.dof, 18, axis=1).ravel(), np.tile(self.dof, (1, 18)).ravel())
-            K = csc_array(coo_array((blocks.ravel(), pairs), shape=(len(self.u),) * 2))
+            K = self.ring.assembled(blocks, len(self.u))
             rhs = -inner - K @ jump
             step = jump
             step[free] = splu(K[free][:, free], permc_spec="MMD_AT_PLUS_A").solve(rhs[free])

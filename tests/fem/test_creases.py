@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from fem_shapes import ball, box, star, tetrahedron
+from fem_shapes import ball, box, smallest_dihedral_deg, star, tetrahedron
 
 from fem.elements.shape_functions import TET_EDGES, TET_FACES
 from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
 from fem.mesh.creases import creases_of
 from fem.mesh.flesh_mesh import t6_volume_mm3, tetrahedralise
-from fem.mesh.tetrahedra import boundary_faces, smallest_dihedral_deg
+from fem.mesh.tetrahedra import boundary_faces
 from fem.mesh.tetwild import simplified
 
 SKIN = box((30, 30, 30))

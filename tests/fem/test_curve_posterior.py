@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from press_trace import ball_trace
 from scipy.stats import norm
 
-from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import fit
 from fem.indentation.no_contact import pooled_noise
 from fem.indentation.posterior import CONTAINED, OTHER, PRESENT, posterior
-from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_effect import TraceEffect
 from fem.indentation.unknowns import Unknown
@@ -30,7 +29,7 @@ def fitted():
     time = np.linspace(0.0, 8.0, 60)
     travel = 0.1 * time - 0.1
     force = np.maximum(travel, 0) ** 1.5 + 1e-3 * np.random.default_rng(0).standard_normal(60)
-    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=5.0))
+    trace = ball_trace(time, force, travel)
     plain = linear_law(trace, thickness_mm=None, poisson_ratio=0.45)
     start = np.array([[u.mean for u in plain.unknowns]])
     known = fit(plain, trace, pooled_noise(trace), start, follow=1)

@@ -1,21 +1,16 @@
 import numpy as np
 import pytest
-from fem_shapes import box, cube_mesh
+from fem_shapes import box, cube_flesh
 
-from fem.elements.shape_functions import TET_FACES
 from fem.fem_failure import FemFailure
-from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mesh.surface_points import locate
-from fem.mesh.tetrahedra import boundary_faces
 from fem.solid.discretisation_error import discretisation_error
 from fem.solid.linear_solid import UnitModulusSolid
 
 
 def cube(n):
-    nodes, tets = cube_mesh(n, uneven=0.1)
-    owner, face = boundary_faces(tets[:, :4])[1].T
-    skin = tets[owner[:, None], TET_FACES[face]]
-    return FleshMesh(10 * nodes, tets, skin, np.zeros(0, dtype=np.int64))
+    return cube_flesh(n, 10.0, uneven=0.1)
 
 
 def pressed(n, poisson_ratio):

@@ -5,7 +5,6 @@ import pytest
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Entry, Scope
-from fem.mismatch.evidence.model_error import model_error_shares
 from fem.mismatch.next_grasp import TURNED, next_grasp
 
 
@@ -45,9 +44,3 @@ def test_every_effect_of_the_jaws_is_told_from_every_effect_of_the_fruit_by_turn
 
 def test_what_is_wrong_with_the_jaws_is_put_right_in_the_recordings_and_nothing_else_is():
     assert all((spec.enters is Entry.RECORDING) == spec.of_the_jaws for spec in SPECS.values())
-
-
-def test_the_model_error_has_a_share_of_effects_that_there_are():
-    shares = model_error_shares()
-    assert shares.keys() <= SPECS.keys()
-    assert all(0 < share < 1 for share in shares.values())

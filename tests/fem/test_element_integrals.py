@@ -5,7 +5,7 @@ from fem_shapes import cube_mesh
 import fem.elements.block_pattern
 from fem.elements.assembly import assemble, lumped_moments, unit_lame_constants
 from fem.elements.block_pattern import ElementPattern
-from fem.elements.gradients import gradient_products, inverse_3x3
+from fem.elements.gradients import gradient_products
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 
 
@@ -72,13 +72,6 @@ def test_pattern_is_the_same_when_keys_are_too_long_to_number(monkeypatch):
     long = ElementPattern.of(tets, n)
     assert (short.indices == long.indices).all()
     assert (short.gather.indices == long.gather.indices).all()
-
-
-def test_inverses_and_determinants_are_those_of_lapack():
-    matrices = np.random.default_rng(0).standard_normal((50, 3, 3))
-    inverse, det = inverse_3x3(matrices.transpose(1, 2, 0))
-    assert np.allclose(inverse.transpose(2, 0, 1), np.linalg.inv(matrices), rtol=1e-10)
-    assert np.allclose(det, np.linalg.det(matrices))
 
 
 def test_moments_of_a_cube_are_its_volume_and_its_centre():

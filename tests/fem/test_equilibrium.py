@@ -64,14 +64,22 @@ def stiffening(n=30):
     return Spring(lambda x: chain @ x + 0.05 * x**3 - pull, lambda x: chain + np.diag(0.15 * x**2), n)
 
 
+def search(
+    problem, *, start=None, tangents=Tangents.EVERY_STEP, tolerance=1e-12, iterations=20, tangent=None
+):
+    """From zero on, unless from elsewhere."""
+    at = np.zeros(problem.primal) if start is None else np.array([start])
+    return equilibrium(
+        problem, at, tolerance=tolerance, iterations=iterations, tangents=tangents, tangent=tangent
+    )
+
+
 def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
     problem, x = arctan(), 3.0
     for _ in range(4):  # plain Newton, as the textbook has it
         x -= np.arctan(x) * (1 + x**2)
     assert abs(x) > 1e6
-    found = equilibrium(
-        problem, np.array([3.0]), tolerance=1e-12, iterations=30, tangents=Tangents.EVERY_STEP
-    )
+    found = search(problem, start=3.0, iterations=30)
     assert found.ending is Ending.CONVERGED
     assert abs(found.state[0]) < 1e-12
     assert min(found.shares) < 1
@@ -79,16 +87,11 @@ def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
 
 def test_states_that_no_matter_can_take_are_stepped_back_from():
     problem = Spring(np.arctan, lambda x: np.diag(1 / (1 + x**2)), 1, limit=3.5)
-    found = equilibrium(
-        problem, np.array([3.0]), tolerance=1e-12, iterations=40, tangents=Tangents.EVERY_STEP
-    )
-    assert found.ending is Ending.CONVERGED
+    assert search(problem, start=3.0, iterations=40).ending is Ending.CONVERGED
 
 
 def test_newton_doubles_the_digits_at_every_step():
-    found = equilibrium(
-        stiffening(), np.zeros(30), tolerance=1e-12, iterations=20, tangents=Tangents.EVERY_STEP
-    )
+    found = search(stiffening())
     assert found.ending is Ending.CONVERGED
     late = np.array([s for s in found.sizes if 1e-14 < s < 1e-1])
     assert len(late) >= 3
@@ -99,16 +102,9 @@ def test_newton_doubles_the_digits_at_every_step():
 
 def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
     problem = stiffening()
-    newton = equilibrium(problem, np.zeros(30), tolerance=1e-12, iterations=20, tangents=Tangents.EVERY_STEP)
+    newton = search(problem)
     first = problem.tangent(np.ones(30))
-    chord = equilibrium(
-        problem,
-        np.zeros(30),
-        tolerance=1e-12,
-        iterations=60,
-        tangents=Tangents.WHILE_THEY_SERVE,
-        tangent=first,
-    )
+    chord = search(problem, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=first)
     assert chord.ending is Ending.CONVERGED
     assert chord.tangents == 0
     assert np.abs(chord.state - newton.state).max() < 1e-10
@@ -121,28 +117,21 @@ def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
 def test_a_factor_that_serves_no_more_is_renewed():
     problem = Spring(lambda x: x + x**3 - 40.0, lambda x: np.diag(1 + 3 * x**2), 1)
     poor = Dense(np.array([[200.0]]))
-    found = equilibrium(
-        problem, np.zeros(1), tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor
-    )
+    found = search(problem, tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor)
     assert found.ending is Ending.CONVERGED
     assert found.state[0] + found.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
 
 
 def test_what_did_not_converge_says_how():
-    too_few = equilibrium(
-        stiffening(), np.zeros(30), tolerance=1e-12, iterations=2, tangents=Tangents.EVERY_STEP
-    )
+    too_few = search(stiffening(), iterations=2)
     assert too_few.ending is Ending.TOO_MANY
     assert len(too_few.sizes) == 3
     hill = Spring(lambda x: -x + 1.0, lambda x: -np.eye(1), 1)
-    assert (
-        equilibrium(hill, np.zeros(1), tolerance=1e-12, iterations=9, tangents=Tangents.EVERY_STEP).ending
-        is Ending.STALLED
-    )
+    assert search(hill, iterations=9).ending is Ending.STALLED
 
 
 def test_nothing_is_done_where_all_is_in_balance():
-    found = equilibrium(arctan(), np.zeros(1), tolerance=1e-12, iterations=5, tangents=Tangents.EVERY_STEP)
+    found = search(arctan(), iterations=5)
     assert found.ending is Ending.CONVERGED
     assert found.shares == ()
 
@@ -178,7 +167,7 @@ class Worn:
 
 def test_a_law_with_memory_is_solved_with_one_tangent_and_no_potential():
     path = Worn(np.array([2.0, 4.0, 2.0]))
-    found = equilibrium(path, np.zeros(3), tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
+    found = search(path, tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
     assert found.ending is Ending.CONVERGED
     assert found.state == pytest.approx([2 / 3, 4.0, 2.0], abs=1e-9)
     assert found.tangents == 1
@@ -188,12 +177,10 @@ def test_a_law_with_memory_is_solved_with_one_tangent_and_no_potential():
 def test_one_tangent_stays_however_slow_its_steps_and_the_end_is_said():
     soft = Spring(lambda x: x - 1.0, lambda x: np.eye(1), 1)
     stiff = Dense(np.array([[200.0]]))
-
-    def search(tangents, iterations):
-        return equilibrium(
-            soft, np.zeros(1), tolerance=1e-6, iterations=iterations, tangents=tangents, tangent=stiff
-        )
-
-    assert search(Tangents.ONE, 1).ending is Ending.TOO_MANY
-    assert search(Tangents.ONE, 30).tangents == 0
-    assert search(Tangents.ONE, 30).ending is Ending.CONVERGED  # by the secant, in two steps
+    few, many = (
+        search(soft, tolerance=1e-6, iterations=most, tangents=Tangents.ONE, tangent=stiff)
+        for most in (1, 30)
+    )
+    assert few.ending is Ending.TOO_MANY
+    assert many.tangents == 0
+    assert many.ending is Ending.CONVERGED  # by the secant, in two steps

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fem_shapes import ball, cube_mesh
+from fem_shapes import ball, cube_flesh
 from injected_mismatch import finders_mesh
 from scipy.spatial import cKDTree
 
@@ -19,10 +19,7 @@ RADIUS_MM = 1.0
 
 
 def cube() -> FleshMesh:
-    nodes, tets = cube_mesh(CELLS, uneven=0.1)
-    owner, face = boundary_faces(tets[:, :4])[1].T
-    skin = tets[owner[:, None], TET_FACES[face]]
-    return FleshMesh(SIDE_MM * nodes, tets, skin, np.zeros(0, dtype=np.int64))
+    return cube_flesh(CELLS, SIDE_MM, uneven=0.1)
 
 
 def disc(radius_mm: float) -> np.ndarray:

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded_pad import recorded_pad
 
 from fem.estimation.finer_patterns import MOST_FINER, SMOOTHING, with_finer_patterns
 from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 
 TURN = np.eye(3)[None]
 SIDE, PITCH_MM, GEL_N_PER_MM, MOVED_SD_MM = 20, 1.0, 0.2, 0.004
@@ -29,18 +30,11 @@ def recorded(rng: np.random.Generator, *, sd_mm: float = MOVED_SD_MM) -> GraspHi
     force = growing_contact()
     place = np.column_stack([PLACE, np.zeros(len(PLACE))])
     noise = rng.normal(0, sd_mm, force.shape)
-    pad = PadHistory(
-        name="left",
-        rest_mm=place,
-        surface_mm=place,
-        position_mm=place + noise,
-        gel_displacement_mm=-force / GEL_N_PER_MM + noise,
-        force_N=force + rng.normal(0, GEL_N_PER_MM * sd_mm, force.shape),
-        episode=np.where(force[:, :, 2] > 0, 0, -1),
-        displacement_sd_mm=sd_mm,
-        force_sd_N=GEL_N_PER_MM * sd_mm,
-        lag1=0.0,
-    )
+    felt, gel = force + rng.normal(0, GEL_N_PER_MM * sd_mm, force.shape), -force / GEL_N_PER_MM + noise
+    pad = recorded_pad(
+        place, felt, touching=force[:, :, 2] > 0, sd_mm=sd_mm, sd_N=GEL_N_PER_MM * sd_mm,
+        position_mm=place + noise, gel_mm=gel,
+    )  # fmt: skip
     phase = ("air",) * AIR + ("load",) * LOADED
     return GraspHistory(time_s=0.1 * np.arange(len(force)), phase=phase, pads=(pad,))
 

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from fem_shapes import ball
+from recorded_pad import recorded_pad
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -25,7 +26,7 @@ from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.unit_response import marker_tracks
 from fem.fem_failure import FemFailure
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
@@ -72,17 +73,16 @@ def history() -> GraspHistory:
         position = (rest + moved) @ turn.swapaxes(1, 2) + origin
         near = touching.any(axis=0) | (np.linalg.norm(rest[:, :2], axis=1) < 8)
         pads.append(
-            PadHistory(
+            recorded_pad(
+                position[-2, near],
+                (pad["force_N"][frames] @ turn.swapaxes(1, 2))[:, near],
+                touching=touching[:, near],
+                sd_mm=0.004,
+                sd_N=1e-4,
                 name=name,
                 rest_mm=rest[near],
-                surface_mm=position[-2, near],
                 position_mm=position[:, near],
-                gel_displacement_mm=(moved @ turn.swapaxes(1, 2))[:, near],
-                force_N=(pad["force_N"][frames] @ turn.swapaxes(1, 2))[:, near],
-                episode=np.where(touching, 0, -1)[:, near],
-                displacement_sd_mm=0.004,
-                force_sd_N=1e-4,
-                lag1=0.0,
+                gel_mm=(moved @ turn.swapaxes(1, 2))[:, near],
             )
         )
     return GraspHistory(time_s=np.arange(7.0), phase=("load",) * 6 + ("unload",), pads=tuple(pads))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fem_shapes import ball, cube_mesh, on_cube_surface
+from fem_shapes import ball, cube_flesh, cube_mesh, on_cube_surface
 from hookes_law import Linear
 from scipy.optimize import brentq, minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -29,12 +29,6 @@ LAW = NeoHookean(poisson_ratio=NU)
 
 def finite_displacement(solid: UnitModulusSolid, law: UnitLaw, load: np.ndarray) -> FiniteResult:
     return FiniteStrainSolid(solid=solid, law=law).displacement(load)
-
-
-def block(n: int = 3, **uneven) -> FleshMesh:
-    nodes, tets = cube_mesh(n, **uneven)
-    owner, face = boundary_faces(tets[:, :4])[1].T
-    return FleshMesh(nodes, tets, tets[owner[:, None], TET_FACES[face]], np.zeros(0, dtype=np.int64))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +64,7 @@ def pinch(small_fruit):
 
 
 def test_an_even_strain_is_in_balance_on_any_mesh():
-    mesh = block(uneven=0.3, bulge=0.05)
+    mesh = cube_flesh(3, uneven=0.3, bulge=0.05)
     F = np.eye(3) + np.array([[0.3, 0.4, -0.1], [0.0, -0.2, 0.2], [0.1, -0.3, 0.15]])
     flesh = FiniteFlesh.of(mesh, LAW)
     moved = mesh.nodes_mm @ (F - np.eye(3)).T
@@ -86,7 +80,7 @@ def test_an_even_strain_is_in_balance_on_any_mesh():
 
 
 def test_nodal_forces_and_stiffness_are_derivatives_of_the_energy():
-    mesh = block(2, uneven=0.2, bulge=0.03)
+    mesh = cube_flesh(2, uneven=0.2, bulge=0.03)
     flesh = FiniteFlesh.of(mesh, LAW)
     rng = np.random.default_rng(0)
     moved, way = 0.03 * rng.normal(size=(2, *mesh.nodes_mm.shape))
@@ -118,7 +112,7 @@ def test_a_free_block_pulled_at_both_ends_follows_the_closed_form(stretch):
         return LAW.stress(np.diag([stretch, across, across])[None])[0]
 
     across = brentq(lambda a: bar(a)[1, 1], 0.5, 1.5, xtol=1e-14)
-    solid = UnitModulusSolid.factorise(block(uneven=0.2), poisson_ratio=NU, support="free")
+    solid = UnitModulusSolid.factorise(cube_flesh(3, uneven=0.2), poisson_ratio=NU, support="free")
     found = finite_displacement(solid, LAW, pulled_block(solid, bar(across)[0, 0]))
     found.require_equilibrium()
     exact = (solid.mesh.nodes_mm - 0.5) * (np.array([stretch, across, across]) - 1)
@@ -126,7 +120,7 @@ def test_a_free_block_pulled_at_both_ends_follows_the_closed_form(stretch):
 
 
 def test_linear_flesh_without_a_pit_gives_the_linear_answer():
-    solid = UnitModulusSolid.factorise(block(uneven=0.2), poisson_ratio=NU, support="free")
+    solid = UnitModulusSolid.factorise(cube_flesh(3, uneven=0.2), poisson_ratio=NU, support="free")
     load = pulled_block(solid, 0.4)
     found = finite_displacement(solid, Linear(poisson_ratio=NU), load)
     assert np.abs(found.displacement - solid.displacement(load)).max() < 1e-7
@@ -248,7 +242,7 @@ def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
     """
     law = NeoHookean(poisson_ratio=0.49)
     mu, lam = unit_lame_constants(0.49)
-    solid = UnitModulusSolid.factorise(block(2, uneven=0.2), poisson_ratio=0.49, support="free")
+    solid = UnitModulusSolid.factorise(cube_flesh(2, uneven=0.2), poisson_ratio=0.49, support="free")
     points, area = skin_quadrature(solid.mesh)
 
     def borne(stretch):
@@ -322,8 +316,7 @@ def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
 
 def test_nearly_incompressible_flesh_does_not_lock_at_its_many_points():
     """nu = 0.49, a deep bump: with a third of the volumetric constraints the load does the same work."""
-    cube = block(4, uneven=0.15)
-    mesh = FleshMesh(20 * cube.nodes_mm, cube.tets, cube.outer_faces, cube.pit_nodes)
+    mesh = cube_flesh(4, 20.0, uneven=0.15)
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=0.49, support="base")
     points, area = skin_quadrature(mesh)
     r2 = ((points.point_mm[:, :2] - 10) ** 2).sum(axis=1) / 8.0**2

@@ -6,12 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 from fem_shapes import ball
+from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.fruit_modulus import infer_modulus
 from fem.estimation.grasp_model import grasp_model
 from fem.fem_failure import FemFailure, FemProblem
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature
 from fem.solid.linear_solid import UnitModulusSolid
@@ -81,17 +82,15 @@ def recorded():
             cell_mm2 = 1 / np.abs(found.normal[:, axis])
             force = np.stack([traction_MPa(place, axis, a) * cell_mm2[:, None] for a in PATCH_MM])
             pads.append(
-                PadHistory(
+                recorded_pad(
+                    place,
+                    force,
+                    touching=np.linalg.norm(FLAT_MM, axis=1) < PATCH_MM[:, None],
+                    sd_mm=SD_MM,
+                    sd_N=1e-6,
                     name=name,
                     rest_mm=np.column_stack([FLAT_MM, np.zeros(len(FLAT_MM))]),
-                    surface_mm=place,
                     position_mm=place + seen,
-                    gel_displacement_mm=np.zeros_like(seen),
-                    force_N=force,
-                    episode=np.where(np.linalg.norm(FLAT_MM, axis=1) < PATCH_MM[:, None], 0, -1),
-                    displacement_sd_mm=SD_MM,
-                    force_sd_N=1e-6,
-                    lag1=0.0,
                 )
             )
         phase = ("load",) * 4 + ("unload",)
@@ -116,13 +115,18 @@ def prior_solid():
 
 
 def respond(histories):
-    """Every grasp's model on a mesh, or why it has none."""
+    """Every grasp's model on a mesh, or why it has none; those of the recordings on the prior's are kept."""
 
     def models(mesh):
-        solid = prior_solid() if mesh is prior_mesh() else solid_of(mesh)
-        return [tried(history, solid) for history in histories]
+        solid, known = (prior_solid(), of_prior()) if mesh is prior_mesh() else (solid_of(mesh), {})
+        return [known.get(id(history)) or tried(history, solid) for history in histories]
 
     return models
+
+
+@cache
+def of_prior():
+    return {id(history): tried(history, prior_solid()) for history in recorded()}
 
 
 def tried(history, solid):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from fem.solid.gel_traction import GelField, GelFrame, nodal_force, skin_rule
+from fem.solid.gel_traction import GelField, GelFrame, nodal_force
 from fem.solid.traction import cell_areas
 
 RADIUS_MM, PEAK_MPA, KT = 5.3, 0.2, 0.055
@@ -140,14 +140,6 @@ def test_cells_of_a_grid_end_with_its_hull():
     areas = cell_areas(grid(1.5))
     assert areas.max() == pytest.approx(2.25, rel=1e-9)
     assert areas.sum() == pytest.approx(np.prod(np.ptp(grid(1.5), axis=0)), rel=1e-9)
-
-
-def test_the_rule_integrates_squares():
-    points, weights = skin_rule()
-    assert weights.sum() == pytest.approx(0.5)
-    assert (points[:, 0] ** 2) @ weights == pytest.approx(1 / 12)
-    assert points.min() > 0
-    assert points.sum(axis=1).max() < 1
 
 
 def test_the_force_of_a_rim_that_noise_hides_is_kept():

@@ -1,18 +1,14 @@
 import numpy as np
 import pytest
-from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+from injected_presses import NU, THICK_MM, Press, injected
+from press_trace import ball_trace
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.ball import Ball
 from fem.indentation.explain_trace import explain_trace
-from fem.indentation.trace import IndenterTrace
 
 
 def explained(columns, *, thickness_mm=THICK_MM, nu=NU):
-    time_s, force_N, travel_mm = columns
-    trace = IndenterTrace(
-        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
-    )
+    trace = ball_trace(*columns)
     return explain_trace(trace, thickness_mm=thickness_mm, poisson_ratio=nu, rng=np.random.default_rng(0))
 
 

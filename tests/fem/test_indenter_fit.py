@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from injected_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, injected
+from injected_presses import DEEPEST_MM, NU, THICK_MM, Press, injected
+from press_trace import ball_trace
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
-from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_gripper_compliance import GRIPPER_COMPLIANCE
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
@@ -13,16 +13,8 @@ from fem.indentation.fit import fit
 from fem.indentation.heldout import future_frames, predict_law
 from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.posterior import parameters_of
-from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
-
-
-def trace_of(columns):
-    time_s, force_N, travel_mm = columns
-    return IndenterTrace(
-        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
-    )
 
 
 def fitted(trace, *effects, rng):
@@ -58,20 +50,20 @@ def test_noise_in_the_air_is_found_white_or_coloured(fade):
     rng = np.random.default_rng(5)
     found = []
     for _ in range(8):
-        trace = trace_of(injected(rng, noise_N=0.004, fade=fade, press=Press(air_s=12.0)))
+        trace = ball_trace(*injected(rng, noise_N=0.004, fade=fade, press=Press(air_s=12.0)))
         found.append(no_contact_noise(trace, first_touch(trace)).slow_N)
     assert np.mean(found) == pytest.approx(0.004 * np.sqrt((1 + fade) / (1 - fade)), rel=0.2)
 
 
 def test_a_load_cell_that_counts_in_steps_is_never_noiseless():
     time, force, travel = injected(np.random.default_rng(1), noise_N=0.0)
-    trace = trace_of((time, np.round(force / 0.01) * 0.01, travel))
+    trace = ball_trace(time, np.round(force / 0.01) * 0.01, travel)
     assert no_contact_noise(trace, first_touch(trace)).white_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
 
 
 def test_touch_is_found_where_it_is():
     press = Press(onset_mm=1.0)
-    trace = trace_of(injected(np.random.default_rng(2), press=press))
+    trace = ball_trace(*injected(np.random.default_rng(2), press=press))
     assert trace.travel_mm[first_touch(trace)] == pytest.approx(1.0, abs=0.25)
 
 
@@ -85,7 +77,7 @@ def test_nine_tenths_of_the_intervals_hold_the_truth():
         onset = rng.uniform(0.1, 1.0)
         press = Press(ramp_s=rng.uniform(2, 8), onset_mm=onset, unload=False, rate_hz=5.0)
         E = np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
-        trace = trace_of(injected(rng, E_MPa=E, noise_N=12 * E / 500, press=press, g=(g,), tau_s=(tau,)))
+        trace = ball_trace(*injected(rng, E_MPa=E, noise_N=12 * E / 500, press=press, g=(g,), tau_s=(tau,)))
         one = fitted(trace, viscoelastic(1), rng=rng)
         said = parameters_of(one)
         ratio.append(np.exp(one.scaled[0]) / E)
@@ -98,8 +90,8 @@ def test_nine_tenths_of_the_intervals_hold_the_truth():
 
 def test_two_arms_are_both_found():
     rng = np.random.default_rng(4)
-    trace = trace_of(
-        injected(rng, noise_N=0.002, press=Press(hold_s=40.0, ramp_s=1.0), g=(0.3, 0.25), tau_s=(1.0, 15.0))
+    trace = ball_trace(
+        *injected(rng, noise_N=0.002, press=Press(hold_s=40.0, ramp_s=1.0), g=(0.3, 0.25), tau_s=(1.0, 15.0))
     )
     said = parameters_of(fitted(trace, viscoelastic(2), rng=rng))
     assert said["g"].value == pytest.approx(0.3, rel=0.08)
@@ -110,7 +102,7 @@ def test_two_arms_are_both_found():
 
 def test_recovery_after_unloading_is_predicted_from_the_hold():
     rng = np.random.default_rng(6)
-    trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,)))
+    trace = ball_trace(*injected(rng, g=(0.45,), tau_s=(6.0,)))
     no_contact = no_contact_noise(trace, first_touch(trace))
     plain, relaxing = (
         predict_law(fitted(trace, *effects, rng=rng), trace, no_contact)
@@ -125,7 +117,7 @@ def test_recovery_after_unloading_is_predicted_from_the_hold():
 def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
     monkeypatch.setattr(heldout, "MOST_ROUNDS", 1)
     rng = np.random.default_rng(8)
-    trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
+    trace = ball_trace(*injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
     no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
     named = fitted(trace, GRIPPER_COMPLIANCE, rng=rng)
     with pytest.raises(FemFailure, match="gives way still changes") as failure:
@@ -135,7 +127,7 @@ def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
 
 def test_a_fit_says_whether_its_search_has_settled(monkeypatch):
     rng = np.random.default_rng(4)
-    trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,)))
+    trace = ball_trace(*injected(rng, g=(0.45,), tau_s=(6.0,)))
     assert fitted(trace, viscoelastic(1), rng=rng).converged
     monkeypatch.setattr(indenter_fit, "STEPS", 1)
     monkeypatch.setattr(indenter_fit, "ENOUGH", -1.0)
@@ -145,9 +137,9 @@ def test_a_fit_says_whether_its_search_has_settled(monkeypatch):
 def test_the_past_does_not_know_the_future():
     rng = np.random.default_rng(8)
     columns = injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0))
-    trace = trace_of(columns)
+    trace = ball_trace(*columns)
     late = future_frames(trace)
-    changed = trace_of((columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2]))
+    changed = ball_trace(columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2])
     no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
     named = fitted(trace, viscoelastic(1), rng=rng)
     forces = [predict_law(named, one, no_contact).end_N[late] for one in (trace, changed)]

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+from press_trace import ball_trace
 
 from fem.fem_failure import FemFailure
 from fem.indentation.account import account_for
-from fem.indentation.ball import Ball
 from fem.indentation.rupture import find_rupture
-from fem.indentation.trace import IndenterTrace
 
 E_MPa, RADIUS = 0.3, 20.0
 
@@ -25,13 +24,7 @@ def ramp(rng, *, air_s=1.0, ramp_s=6.0, hold_s=0.0, depth_mm=0.8, rate_hz=25.0, 
 
 
 def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None, drift_N_per_min=None):
-    trace = IndenterTrace(
-        time_s=time,
-        force_N=force,
-        travel_mm=travel,
-        geometry=Ball(radius_mm=radius_mm),
-        drift_N_per_min=drift_N_per_min,
-    )
+    trace = ball_trace(time, force, travel, radius_mm=radius_mm, drift_N_per_min=drift_N_per_min)
     return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0))
 
 
@@ -128,10 +121,7 @@ def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before(
 )
 def test_no_relaxation_and_no_way_back_is_taken_for_a_rupture(pressing):
     for seed in range(5):
-        time, force, travel = injected(np.random.default_rng(seed), **pressing)
-        trace = IndenterTrace(
-            time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=RADIUS_MM)
-        )
+        trace = ball_trace(*injected(np.random.default_rng(seed), **pressing))
         assert find_rupture(trace, noise_N=pressing.get("noise_N", 0.002)) is None
 
 
@@ -141,9 +131,7 @@ def test_a_quick_way_back_whose_travel_is_read_late_is_no_rupture(late):
     travel = np.interp(time, [0, 8, 8.8, 12], [0, 0.8, 0, 0])
     read = np.r_[np.full(late, travel[0]), travel[:-late]]
     noise = 0.003 * np.random.default_rng(6).standard_normal(len(time))
-    trace = IndenterTrace(
-        time_s=time, force_N=hertz_N(travel) + noise, travel_mm=read, geometry=Ball(radius_mm=RADIUS)
-    )
+    trace = ball_trace(time, hertz_N(travel) + noise, read, radius_mm=RADIUS)
     assert find_rupture(trace, noise_N=0.003) is None
 
 
@@ -153,7 +141,7 @@ def test_one_frame_that_reads_low_or_high_is_no_rupture():
     for factor in (0.4, 1.8):
         spiked = force.copy()
         spiked[120] *= factor
-        trace = IndenterTrace(time_s=time, force_N=spiked, travel_mm=travel, geometry=Ball(radius_mm=RADIUS))
+        trace = ball_trace(time, spiked, travel, radius_mm=RADIUS)
         assert find_rupture(trace, noise_N=0.003) is None
 
 

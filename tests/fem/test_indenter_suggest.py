@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+from injected_presses import NU, THICK_MM, Press, injected
+from press_trace import ball_trace
 
-from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_damage import DAMAGE
 from fem.indentation.effects.trace_gripper_compliance import GRIPPER_COMPLIANCE
@@ -10,7 +10,6 @@ from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit
 from fem.indentation.next_trace import PRESSES, next_press
 from fem.indentation.no_contact import first_touch, no_contact_noise
-from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 
 
@@ -19,10 +18,7 @@ def short_ramp():
     """A ramp with hardly a hold, in which relaxing, damaged and compliant look alike; their fits."""
     rng = np.random.default_rng(3)
     press = Press(hold_s=0.5, unload=False)
-    time_s, force_N, travel_mm = injected(rng, g=(0.3,), tau_s=(4.0,), press=press)
-    trace = IndenterTrace(
-        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
-    )
+    trace = ball_trace(*injected(rng, g=(0.3,), tau_s=(4.0,), press=press))
     air = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
     fits = []

@@ -2,21 +2,18 @@
 
 import numpy as np
 import pytest
-from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+from injected_presses import NU, THICK_MM, Press, injected
+from press_trace import ball_trace
 
 from fem.indentation.account import account_for
-from fem.indentation.ball import Ball
 from fem.indentation.heldout import whole_recordings
-from fem.indentation.trace import IndenterTrace, joined
+from fem.indentation.trace import joined
 from fem.indentation.trace_baseline import linear_law
 
 
 def press(seed, *, ramp_s, onset_mm, **kind):
     shape = Press(ramp_s=ramp_s, hold_s=4.0, unload=False, rate_hz=10.0, onset_mm=onset_mm)
-    time_s, force_N, travel_mm = injected(np.random.default_rng(seed), press=shape, **kind)
-    return IndenterTrace(
-        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
-    )
+    return ball_trace(*injected(np.random.default_rng(seed), press=shape, **kind))
 
 
 def three(**kind):

@@ -2,13 +2,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fem_shapes import ball
+from fem_shapes import ball, smallest_dihedral_deg
 
-from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.boundary_fit import t10_jacobians
 from fem.mesh.closest_point import enclosed_volume_mm3
 from fem.mesh.flesh_mesh import t6_volume_mm3, tetrahedralise
-from fem.mesh.tetrahedra import boundary_faces, smallest_dihedral_deg
+from fem.mesh.tetrahedra import boundary_faces
 
 
 def test_fruit_and_pit_keep_their_volumes(nectarine):
@@ -89,33 +88,6 @@ def test_meshing_leaves_no_file_and_no_word_behind(tmp_path, monkeypatch, capfd)
 
 FRUIT = ball(800, semi_axes_mm=(30, 30, 30))
 PIT = ball(300, semi_axes_mm=(12, 9, 10))
-
-
-def refused(*surfaces):
-    with pytest.raises(FemFailure) as failure:
-        tetrahedralise(*surfaces, edge_mm=6.0)
-    return failure.value
-
-
-def test_an_open_surface_is_refused():
-    failure = refused(FRUIT[0], FRUIT[1][:-3], *PIT)
-    assert failure.problem is FemProblem.NOT_WATERTIGHT
-    assert "fruit" in failure.detail
-
-
-def test_a_surface_with_nan_is_refused():
-    vertices = PIT[0].copy()
-    vertices[5, 1] = np.nan
-    failure = refused(*FRUIT, vertices, PIT[1])
-    assert failure.problem is FemProblem.BAD_SURFACE
-    assert "pit" in failure.detail
-
-
-@pytest.mark.parametrize("scale", [2.6, 4.0])
-def test_a_pit_that_reaches_out_of_the_fruit_is_refused(scale):
-    failure = refused(*FRUIT, scale * PIT[0], PIT[1])
-    assert failure.problem is FemProblem.PIT_OUTSIDE_FRUIT
-    assert "mm from the fruit at" in failure.detail
 
 
 def test_surfaces_wound_inside_out_give_the_same_flesh():

@@ -116,7 +116,21 @@ def test_a_surface_without_a_body_is_named_with_its_box(flat):
 
 
 def test_open_edges_are_counted():
-    assert "fruit surface has 3 edges" in refused(FRUIT[0], FRUIT[1][:-1], *PIT).detail
+    failure = refused(FRUIT[0], FRUIT[1][:-1], *PIT)
+    assert failure.problem is FemProblem.NOT_WATERTIGHT
+    assert "fruit surface has 3 edges" in failure.detail
+
+
+def test_a_pit_larger_than_the_fruit_is_refused():
+    assert refused(*FRUIT, 4.0 * PIT[0], PIT[1]).problem is FemProblem.PIT_OUTSIDE_FRUIT
+
+
+def test_a_surface_with_nan_is_refused_by_name():
+    vertices = PIT[0].copy()
+    vertices[5, 1] = np.nan
+    failure = refused(*FRUIT, vertices, PIT[1])
+    assert failure.problem is FemProblem.BAD_SURFACE
+    assert "pit" in failure.detail
 
 
 def test_a_contact_off_the_fruit_is_named_with_place_and_amount():

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from injected_mismatch import (
     Recording,
     injected_case,
 )
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
@@ -83,20 +84,28 @@ def drifting(newton_per_s: float) -> Altered:
     return lambda pad: replace(pad, force_N=pad.force_N + grown * pad.axes[:, 2])
 
 
+def unaltered(pad: Recording) -> Recording:
+    return pad
+
+
+STICKS = drawn_out(lambda phase: phase == "unload")
+BULGES = drawn_out(lambda phase: phase != "air")
+
+
+@cache
 def forward_of(altered: Altered) -> ForwardModel:
     return plain_forward_model(injected_case(altered))[0]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def sticky() -> ForwardModel:
-    return forward_of(drawn_out(lambda phase: phase == "unload"))
+    return forward_of(STICKS)
 
 
 def chosen(forward: ForwardModel) -> ModelSelection:
     effects = [effect for effect in EFFECTS if effect.spec.name in ("adhesion", "slip")]
     assert len(effects) == 2
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, effects)
+    linear = screened_effects(forward, effects)
     return select_model(forward, linear, detected=True)
 
 
@@ -153,7 +162,7 @@ def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
 
 
 def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
-    forward = forward_of(drawn_out(lambda phase: phase != "air"))
+    forward = forward_of(BULGES)
     for recording in forward.base.grasps:
         equations = balance_equations(forward, recording)
         assert equations is not None
@@ -179,8 +188,8 @@ def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
 @pytest.mark.parametrize(
     "altered",
     [
-        lambda pad: pad,
-        drawn_out(lambda phase: phase != "air"),
+        unaltered,
+        BULGES,
         drifting(-0.3),
     ],
     ids=["null case", "a gel that bulges beside the contact", "a force that drifts to a pull"],
@@ -190,7 +199,7 @@ def test_what_only_looks_like_a_pull_has_no_signature(altered):
 
 
 def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
-    forward = forward_of(lambda pad: pad)
+    forward = forward_of(unaltered)
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     others = [sensor_drift.EFFECT, slip.EFFECT]
     with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
@@ -198,14 +207,13 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     assert with_it.null.chi2 == without.null.chi2
 
 
-def test_the_response_of_what_the_recorded_forces_hold_is_the_plain_models():
-    forward, _ = plain_forward_model(injected_case(drawn_out(lambda phase: phase == "unload")))
+def test_the_response_of_what_the_recorded_forces_hold_is_the_plain_models(sticky):
     held = [effect for effect in EFFECTS if effect.spec.in_recorded_forces]
     assert adhesion.EFFECT in held
     for effect in held:
         values = {spec.name: spec.high for spec in effect.spec.searched}
-        response = effect.respond(forward, values, ONE_WAY)
+        response = effect.respond(sticky, values, ONE_WAY)
         assert response.balance is None
         assert response.shift_mm is None
-        for recording, unit in zip(forward.base.grasps, response.unit, strict=True):
+        for recording, unit in zip(sticky.base.grasps, response.unit, strict=True):
             np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)

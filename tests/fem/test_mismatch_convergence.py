@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pinched_forward_model import forward_of
+from plain_model import screened_effects
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model import slip_path, stress_history
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection import model_selection
-from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY, AtGap, OfPad
 
 LAWS = [
@@ -68,9 +67,7 @@ def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
 
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
     forward = forward_of()
-    linear = screened(
-        forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps], [damage.EFFECT]
-    )
+    linear = screened_effects(forward, [damage.EFFECT])
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
     monkeypatch.setattr(model_selection, "credible_set", lambda names, _: tuple(names))
@@ -81,8 +78,7 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
 def test_large_deformation_that_is_not_found_is_reported_and_costs_no_signature(monkeypatch):
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     forward = forward_of()
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, [stiffening.EFFECT])
+    linear = screened_effects(forward, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["large deformation"]
     assert [one.signature.variant for one in linear.linear_fits] == [ONE_WAY]
 

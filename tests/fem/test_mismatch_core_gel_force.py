@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
+from recorded_pad import recorded_pad
 
 from fem.estimation import denoised_force as module
 from fem.estimation.denoised_force import DenoisedForce
@@ -21,18 +22,9 @@ def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray |
     rng = np.random.default_rng(seed)
     moved = -FORCE / GEL_N_PER_MM if gel is None else gel
     force = (FORCE + more) @ TURN.T
-    return PadHistory(
-        name="left",
-        rest_mm=FLAT,
-        surface_mm=FLAT,
-        position_mm=FLAT + np.zeros_like(FORCE),
-        gel_displacement_mm=moved @ TURN.T + NOISE_MM * rng.normal(size=FORCE.shape),
-        force_N=force + NOISE_N * rng.normal(size=FORCE.shape),
-        episode=np.where(FORCE.any(axis=2), 0, -1),
-        displacement_sd_mm=NOISE_MM,
-        force_sd_N=NOISE_N,
-        lag1=0.0,
-    )
+    read = moved @ TURN.T + NOISE_MM * rng.normal(size=FORCE.shape)
+    felt = force + NOISE_N * rng.normal(size=FORCE.shape)
+    return recorded_pad(FLAT, felt, touching=FORCE.any(axis=2), sd_mm=NOISE_MM, sd_N=NOISE_N, gel_mm=read)
 
 
 def denoised_force(pad: PadHistory, turn: np.ndarray, used: np.ndarray) -> DenoisedForce:

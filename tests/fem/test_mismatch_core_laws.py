@@ -6,21 +6,20 @@ from functools import cache
 
 import numpy as np
 import pytest
-from coarse_fruit import NU, fruit_mesh
+from coarse_fruit import HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM, fruit_mesh
 from fem_shapes import box
-from pinched_forward_model import COMPLIANCE, forward_of
+from pinched_forward_model import COMPLIANCE, forward_of, in_full
 from scipy.sparse import csr_array
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
-from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.membrane import membrane_stiffness
 from fem.solid.rigid_core import reduced, rigid_modes
-from fem.solid.strain_field import COUNT, energy_density
+from fem.solid.strain_field import COUNT
 from fem.sparse.solver import factorise
 
 MU, LAME = unit_lame_constants(NU)
@@ -37,15 +36,6 @@ def changed_solid(forward: ForwardModel, more: csr_array) -> UnitModulusSolid:
     solid = forward.base.solid_of(forward.base.grasps[0])
     stiffness = csr_array(solid.stiffness + more)
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
-
-
-def in_full(forward: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
-    """c(t) of the recording on a solid of any law."""
-    recording = forward.base.grasps[0]
-    skin_nodes = forward.base.solid_of(recording).contact_nodes
-    loads = np.zeros_like(recording.moved)
-    loads[:, skin_nodes] = recording.nodal_of(recording.patterns)
-    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin_nodes]))
 
 
 def stiffness_of(forward: ForwardModel, tangent: np.ndarray) -> csr_array:
@@ -135,35 +125,12 @@ def test_each_signature_is_the_slope_of_its_own_model(effect, step):
     assert effect.start(forward, signature, np.zeros(1)) == {effect.parameter.name: pytest.approx(null)}
 
 
-def test_stiffer_skin_side_and_skin_give_way_less_under_a_pad():
-    forward = pinched_once()
-    recording: GraspResponse = forward.base.grasps[0]
-    work = lambda unit: float((unit * recording.over_time(recording.patterns)).sum())  # noqa: E731
-    plain = work(recording.tracks.unit_displacement)
-    assert work(skin.EFFECT.respond(forward, {"Et_over_E_mm": 3.0}, ONE_WAY).unit[0]) < plain
-    assert work(graded_modulus.EFFECT.respond(forward, {"gamma": -0.4}, ONE_WAY).unit[0]) < plain
-    assert work(anisotropy.EFFECT.respond(forward, {"axial": 1.0}, ONE_WAY).unit[0]) < plain
-
-
-def test_axial_stiffness_of_a_stretch_along_the_stem_is_mu_times_its_square_times_the_volume():
-    forward = pinched_once()
-    stretch = np.zeros((1, *fruit_mesh().nodes_mm.shape))
-    stretch[0, :, 2] = 0.02 * fruit_mesh().nodes_mm[:, 2]
-    operator, _ = anisotropy.EFFECT.operators(forward)
-    volume = forward.points.volume_mm3.sum()
-    assert (stretch * operator(stretch)).sum() == pytest.approx(MU * 0.02**2 * volume, rel=1e-9)
-
-
-def test_graded_stiffness_of_an_even_stretch_weighs_the_depth():
-    forward = pinched_once()
-    stretch = 0.02 * fruit_mesh().nodes_mm[None]
-    operator, _ = graded_modulus.EFFECT.operators(forward)
-    strain = np.array([0.02, 0.02, 0.02, 0, 0, 0])
-    density = 2 * energy_density(strain, poisson_ratio=NU)
-    expected = ((2 * forward.depth - 1) * forward.points.volume_mm3).sum() * density
-    assert (stretch * operator(stretch)).sum() == pytest.approx(expected, rel=1e-9)
-    assert forward.depth.min() >= 0
-    assert forward.depth.max() <= 1
+def test_depth_is_nothing_at_the_skin_and_one_at_the_pit():
+    depth, place = pinched_once().depth, pinched_once().points.point_mm
+    to_skin = np.linalg.norm(place / HALF_AXES_MM, axis=-1)
+    to_pit = np.linalg.norm((place - PIT_MIDDLE_MM) / PIT_HALF_AXES_MM, axis=-1)
+    assert 0 <= depth.min() <= depth[to_skin > 0.95].max() < 0.25
+    assert 1 >= depth.max() >= depth[to_pit < 1.15].min() > 0.75
 
 
 @pytest.fixture(scope="module")

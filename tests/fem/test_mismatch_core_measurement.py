@@ -19,21 +19,19 @@ from injected_mismatch import (
     only_grasp,
 )
 from jaxtyping import Float
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NINETY
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 
 AIR_S = TIME_S[:3].mean()
@@ -111,8 +109,7 @@ def test_one_pads_gain_over_the_others_is_found():
 def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     """Nothing is known of the gels: with 0.8 on the right pad E is right, with 1.25 on the left 0.8 of it."""
     forward, _ = plain_forward_model(only_grasp(injected_case(on_pad("right", gained(0.8))), 0))
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, [sensor_gain.EFFECT])
+    linear = screened_effects(forward, [sensor_gain.EFFECT])
     selected = select_model(forward, linear, detected=True)
     first = selected.ranking[0]
     assert first.refit is not None
@@ -219,9 +216,8 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
     """The two pads differ too little in the linear round for its choice to be the same on every machine."""
     forward, _ = plain_forward_model(injected_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
-    linear = screened(
+    linear = screened_effects(
         forward,
-        [GraspEquations.of(forward, recording) for recording in forward.base.grasps],
         [pose_error.EFFECT],
     )
     assert {one.signature.variant for one in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}

@@ -120,23 +120,6 @@ def test_noise_leaves_what_the_dense_projection_of_its_covariance_leaves():
     assert noise_left_mm2(equations(), np.random.default_rng(1)) == pytest.approx(expected, rel=0.02)
 
 
-def test_products_are_symmetric_and_no_field_counts_less_than_nothing():
-    rng = np.random.default_rng(2)
-    a, b = (rng.normal(size=recording().tracks.position_mm.shape) for _ in range(2))
-    ab, ba = (a * equations().weighed(b)).sum(), (b * equations().weighed(a)).sum()
-    assert ab == pytest.approx(ba, rel=1e-8)
-    assert (a * equations().weighed(a)).sum() > 0
-
-
-def test_rigid_motions_places_and_scales_are_worth_next_to_nothing():
-    one = recording()
-    rng = np.random.default_rng(3)
-    sway = np.einsum("nxk,tk->tnx", rigid_motion(one.tracks.place_mm), rng.normal(size=(len(one.load), 6)))
-    moved = sway + rng.normal(size=(1, *sway.shape[1:]))
-    alone = (moved**2 * equations().weight[:, None]).sum()
-    assert (moved * equations().weighed(moved)).sum() < 1e-4 * alone
-
-
 def test_balance_counts_as_the_dense_marginal_of_noise_and_nuisances():
     one = recording()
     balance = BalanceEquations.of(one)

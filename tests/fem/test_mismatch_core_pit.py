@@ -6,12 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
-from pinched_forward_model import COMPLIANCE, forward_of
+from pinched_forward_model import COMPLIANCE, forward_of, in_full
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
@@ -25,13 +24,8 @@ def forward() -> ForwardModel:
 
 def solved(place: tuple[float, float, float, float]) -> np.ndarray:
     """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
-    recording = forward().base.grasps[0]
     mesh = with_pit_moved(fruit_mesh(), np.array(place))
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    skin = forward().base.solid_of(recording).contact_nodes
-    loads = np.zeros_like(recording.moved)
-    loads[:, skin] = recording.nodal_of(recording.patterns)
-    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin]))
+    return in_full(forward(), UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free"))
 
 
 def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
@@ -82,35 +76,3 @@ def test_an_amount_of_the_signature_is_where_the_search_starts():
     (signature,) = pit_offset.EFFECT.signatures(forward())
     start = pit_offset.EFFECT.start(forward(), signature, np.array([0.5, -1.0, 9.0]))
     assert list(start.values()) == pytest.approx([0.5, -1.0, 5.0])
-
-
-def test_an_anchored_response_is_exact_for_any_law_of_second_order_along_its_anchor():
-    J, H = np.array([1.0, -2.0]), np.array([[0.5, 0.2], [0.2, -0.3]])
-    kept: dict = {}
-    asked = []
-
-    class Search:
-        def warm_start(self, key):
-            return kept.get(key, ())
-
-        def store_warm_start(self, key, found):
-            kept[key] = found
-
-    def exact(theta):
-        asked.append(theta)
-        return [[np.atleast_1d(J @ theta + theta @ H @ theta)]]
-
-    def at(*theta: float) -> float:
-        values = quadratic_surrogate(
-            Search(),
-            "key",
-            np.array(theta),
-            first_order=lambda t: [[np.atleast_1d(J @ t)]],
-            exact=exact,
-        )
-        return float(values[0][0][0])
-
-    anchor = np.array([0.4, 0.8])
-    for k in (1.0, 0.5, 1.3, 0.0):
-        theta = k * anchor
-        assert at(*theta) == pytest.approx(J @ theta + theta @ H @ theta, abs=1e-12)

@@ -12,12 +12,11 @@ from coarse_fruit import NU
 from drained_flesh import drained
 from injected_mismatch import E_MPA, TIME_S, Altered, injected_case
 from pinched_forward_model import COMPLIANCE, FRAMES, forward_of
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
 
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.model.fading_volume import FadingVolume
@@ -25,7 +24,7 @@ from fem.mismatch.model.reduced_law import ReducedLaw
 from fem.mismatch.selection import screening
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import ONE_WAY, value_of
 from fem.solid.linear_solid import UnitModulusSolid
 from samples.mismatch.flesh_laws import Draining, Lame, PlainFlesh
@@ -121,10 +120,9 @@ def test_no_drainage_changes_nothing():
 def rounds(altered: Altered, **options: object):
     forward, _ = plain_forward_model(injected_case(altered, **options))
     leave_large_deformation(forward)  # flesh here moves by small strain
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(screening, "model_error_columns", partial(model_error_columns, shares=COARSE_MESH))
-        return forward, screened(forward, recorded, EFFECTS)
+        return forward, screened_effects(forward, EFFECTS)
 
 
 def gains(linear: LinearRound) -> dict[str, float]:

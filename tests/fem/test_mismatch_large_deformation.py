@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from coarse_fruit import NU
 from pinched_forward_model import forward_of
+from plain_model import screened_effects
 
 from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
     large_deformation,
@@ -22,7 +22,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.result import Parameter
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 from fem.solid.finite_strain import FiniteStrainSolid
 
 MU, LAME = unit_lame_constants(NU)
@@ -86,8 +86,7 @@ def neo_hookean() -> tuple[ForwardModel, LinearRound]:
     recording = softer.base.grasps[0]
     tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
     injected = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
-    recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
-    return injected, screened(injected, recorded, [stiffening.EFFECT])
+    return injected, screened_effects(injected, [stiffening.EFFECT])
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 from pinched_forward_model import facing
+from plain_model import screened_effects
 from scipy.optimize import nnls
 
 import fem.mismatch.model.loose_flesh
@@ -17,13 +18,12 @@ from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import skin_quadrature
 from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
-from fem.mismatch.selection.screening import LinearFit, screened
+from fem.mismatch.selection.screening import LinearFit
 from fem.mismatch.signature_variant import ONE_WAY, AtGap
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
@@ -319,8 +319,7 @@ def best_loose(forward: ForwardModel) -> LinearFit:
     """The markers have moved as the same mesh says."""
     for recording in forward.base.grasps:
         leave_withheld(forward, recording)
-    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
-    return screened(forward, recorded, [EFFECT]).best[0]
+    return screened_effects(forward, [EFFECT]).best[0]
 
 
 def test_a_bonded_pit_shows_no_looseness():

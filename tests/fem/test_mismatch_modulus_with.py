@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from injected_mismatch import injected_case, linear_and_refitted
 from pinched_forward_model import forward_of
+from plain_model import screened_effects
 from test_mismatch_core_measurement import given_way
 
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.reported_values import _ninety
 from fem.mismatch.result import NINETY
 from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit
-from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 
 
@@ -29,9 +28,7 @@ def thick_skin() -> Refit:
     forward = forward_of()
     unit = skin.EFFECT.respond(forward, {"Et_over_E_mm": 6.0}, ONE_WAY).unit[0]
     injected = forward_of(forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement))
-    linear = screened(
-        injected, [GraspEquations.of(injected, one) for one in injected.base.grasps], [skin.EFFECT]
-    )
+    linear = screened_effects(injected, [skin.EFFECT])
     return refit(injected, linear, (linear.best[0],))
 
 

@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from pinched_forward_model import COMPLIANCE, forward_of
+from plain_model import screened_effects
 
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import ONE_WAY
 
 SOFTER = 1.25
@@ -29,9 +29,7 @@ def injected():
 
 def rounds(effects, *, workers: int = 1) -> LinearRound:
     forward = replace(injected(), workers=workers)
-    return screened(
-        forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps], effects
-    )
+    return screened_effects(forward, effects)
 
 
 @cache

@@ -10,7 +10,6 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import (
     GAUGE_SD_MM,
     MarkerTracks,
-    about_episode_mean,
     fit_compliance,
     rigid_motion,
 )
@@ -139,21 +138,6 @@ def test_eliminating_places_and_scales_changes_nothing():
     assert fit.compliance_sd == pytest.approx(sd, rel=1e-6)
 
 
-def projections(episode):
-    """Per marker, the (t, t) matrix that takes each contact's mean out of a series."""
-    for series in episode.T:
-        same = (series[:, None] == series) & (series >= 0)
-        yield np.diag((series >= 0) * 1.0) - same / np.maximum(same.sum(axis=1, keepdims=True), 1)
-
-
-def test_means_of_contacts_are_those_of_the_projection():
-    rng = np.random.default_rng(5)
-    episode = np.sort(rng.integers(-1, 3, (9, 20)), axis=0)
-    values = rng.normal(size=(9, 20, 3))
-    dense = np.stack([p @ values[:, i] for i, p in enumerate(projections(episode))], axis=1)
-    np.testing.assert_allclose(about_episode_mean(values, episode), dense, atol=1e-14)
-
-
 def test_a_long_recording_fits_in_memory():
     """800 markers in 120 frames: one (n, t, t) array alone would hold 92 MB, the fit stays below 60."""
     rng = np.random.default_rng(0)
@@ -203,39 +187,6 @@ def test_residuals_are_the_noise():
     fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
     assert 0.75 * 0.004 < fit.residual_rms_mm < 1.02 * 0.004
     assert np.isnan(fit.residual_mm[tracks.episode < 0]).all()
-
-
-def turned(tracks, turn, shift):
-    return replace(
-        tracks,
-        place_mm=tracks.place_mm @ turn.T + shift,
-        normal=tracks.normal @ turn.T,
-        position_mm=tracks.position_mm @ turn.T + shift,
-        unit_displacement=tracks.unit_displacement @ turn.T,
-        gel_displacement_mm=tracks.gel_displacement_mm @ turn.T,
-    )
-
-
-def test_the_frame_of_reference_does_not_matter():
-    tracks, force, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004, scale_sd=0.004)
-    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
-    there = fit_compliance(turned(tracks, turn, np.array([40.0, -7, 9])), scale_sd=0.004, fruit_moves=True)
-    assert there.compliance == pytest.approx(here.compliance, rel=1e-9)
-    assert there.compliance_sd == pytest.approx(here.compliance_sd, rel=1e-9)
-    assert force.shape == there.residual_mm.shape
-
-
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_units_of_force_scale_the_modulus(factor):
-    tracks, _, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004)
-    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
-    stiffer = fit_compliance(
-        replace(tracks, unit_displacement=factor * tracks.unit_displacement), scale_sd=0.004, fruit_moves=True
-    )
-    assert stiffer.compliance * factor == pytest.approx(here.compliance, rel=1e-9)
-    assert stiffer.compliance_sd * factor == pytest.approx(here.compliance_sd, rel=1e-9)
 
 
 def test_a_later_contact_has_a_place_of_its_own():

@@ -11,7 +11,6 @@ from injected_recording import (
     grasp,
     own_sd_MPa,
     plain_model,
-    solid_of,
     with_pads,
 )
 
@@ -63,24 +62,6 @@ def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
         with pytest.raises(FemFailure, match=r"the worst .*4\.[45]\d mm.*Check the pad's pose") as caught:
             refused()
         assert caught.value.problem is FemProblem.OFF_SURFACE
-
-
-def test_a_pad_with_a_place_that_is_no_number_is_refused():
-    def lost(pad):
-        place = pad.surface_mm.copy()
-        place[3, 1] = np.nan
-        return place
-
-    with pytest.raises(FemFailure, match="non-finite") as caught:
-        contact_nodes(ball_mesh(), [with_pads(grasp(), surface_mm=lost)])
-    assert caught.value.problem is FemProblem.OFF_SURFACE
-
-
-@pytest.mark.parametrize("poisson_ratio", [-0.01, 0.49991, 0.5, np.nan])
-def test_a_poisson_ratio_that_no_flesh_has_is_refused_with_its_value(poisson_ratio):
-    with pytest.raises(FemFailure, match=rf"is {poisson_ratio:g}, expected a value between 0 and") as caught:
-        solid_of(ball_mesh(), grasp(), poisson_ratio=poisson_ratio)
-    assert caught.value.problem is FemProblem.BAD_POISSON_RATIO
 
 
 def test_a_gain_of_one_pad_is_said():

@@ -1,7 +1,10 @@
-"""Grading and explaining drive their models with the same forces and fit the same markers."""
+"""Grading and explaining drive their models with the same forces, fit the same markers and infer one E."""
+
+from dataclasses import replace
 
 import pytest
-from injected_mismatch import injected_case, only_grasp
+from injected_mismatch import E_MPA, injected_case, linear_and_refitted
+from plain_model import plain_forward_model
 
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import fit_compliance
@@ -11,10 +14,13 @@ from fem.estimation.modulus import estimate_modulus
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.unit_response import marker_tracks
 from fem.mismatch.effect import Response
+from fem.mismatch.effects import pit_size
 from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.procedure import as_graded
+from fem.mismatch.result import Modulus
+from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 
@@ -24,66 +30,115 @@ SAME = 5e-4
 
 @pytest.fixture(scope="module")
 def case():
-    return only_grasp(injected_case(), 0)
+    return injected_case()
 
 
 @pytest.fixture(scope="module")
-def graded(case):
-    """Model and recording as grading has them."""
-    (grasp,) = case.grasps
-    prepared = prepared_grasp(grasp.history, grasp.turns)
+def prepared(case):
+    return [prepared_grasp(grasp.history, grasp.turns) for grasp in case.grasps]
+
+
+@pytest.fixture(scope="module")
+def models(case, prepared):
+    histories = [one.history for one in prepared]
     solid = UnitModulusSolid.factorise(
         case.mesh,
         poisson_ratio=case.poisson_ratio,
-        support=grasp.support,
+        support=case.grasps[0].support,
         parts=assemble(case.mesh.nodes_mm, case.mesh.tets),
-        contact_nodes=contact_nodes(case.mesh, [prepared.history]),
+        contact_nodes=contact_nodes(case.mesh, histories),
     )
-    return prepared.history, grasp_model(prepared.history, solid), prepared.used
+    return tuple(grasp_model(history, solid) for history in histories)
 
 
 @pytest.fixture(scope="module")
-def estimate(case, graded):
-    """What grading makes of the recording."""
-    history, model, _ = graded
-    return estimate_modulus(history, model, budget=case.budget)
+def graded(case, prepared, models):
+    """What grading makes of each grasp."""
+    return [
+        estimate_modulus(one.history, model, budget=case.budget)
+        for one, model in zip(prepared, models, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")
-def plain(case):
-    """1/E of the model that explaining starts from."""
-    (recording,) = baseline(case).grasps
-    free = recording.case.support == "free"
-    return fit_compliance(recording.tracks, scale_sd=case.budget.gel_scale_sd, fruit_moves=free).compliance
+def base(case):
+    return baseline(case)
 
 
-def test_the_plain_model_of_explain_has_the_compliance_of_grading(case, graded, plain):
-    history, model, used = graded
-    tracks, _ = marker_tracks(history, model, used)
-    fit = fit_compliance(tracks, scale_sd=case.budget.gel_scale_sd, fruit_moves=model.fruit_moves)
-    assert plain == pytest.approx(fit.compliance, rel=SAME)
+@pytest.fixture(scope="module")
+def compliances(case, base):
+    """1/E of the models that explaining starts from, one recording after the other."""
+    scale_sd = case.budget.gel_scale_sd
+    return [fit_compliance(one.tracks, scale_sd=scale_sd, fruit_moves=True).compliance for one in base.grasps]
 
 
-def test_grading_weighs_the_pads_of_one_recording_to_the_same_modulus(estimate, plain):
-    assert plain == pytest.approx(1 / estimate.E_MPa, rel=SAME)
-
-
-def test_explaining_infers_the_modulus_and_its_error_bar_as_grading_does(case, graded, estimate, plain):
-    _, model, _ = graded
-    base = baseline(case)
-    own = tuple(one.tracks.unit_displacement for one in base.grasps)
-    forward = ForwardModel(base=base, compliance=plain, graded=(model,))
+@pytest.fixture(scope="module")
+def forward(case, models):
+    forward = replace(plain_forward_model(case)[0], graded=models)
     leave_large_deformation(forward)  # flesh here moves by small strain
-    alone = joint_modulus([estimate.evidence], budget=case.budget, infer_pit=False)
-    for found in (modulus_of(forward), modulus_of(forward, Response(unit=own))):
+    return forward
+
+
+def test_the_plain_model_of_explain_has_the_compliance_of_grading(
+    case, prepared, models, graded, compliances
+):
+    """By the same fit, and by the estimate that weighs the pads."""
+    for one, model, estimate, plain in zip(prepared, models, graded, compliances, strict=True):
+        tracks, _ = marker_tracks(one.history, model, one.used)
+        fit = fit_compliance(tracks, scale_sd=case.budget.gel_scale_sd, fruit_moves=model.fruit_moves)
+        assert plain == pytest.approx(fit.compliance, rel=SAME)
+        assert plain == pytest.approx(1 / estimate.E_MPa, rel=SAME)
+
+
+def test_of_one_recording_explaining_infers_the_modulus_and_its_error_bar_as_grading_does(
+    case, models, graded, base, compliances
+):
+    single = replace(base, grasps=base.grasps[:1])
+    forward = ForwardModel(base=single, compliance=compliances[0], graded=models[:1])
+    leave_large_deformation(forward)  # flesh here moves by small strain
+    unit = base.grasps[0].tracks.unit_displacement
+    alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
+    for found in (modulus_of(forward), modulus_of(forward, Response(unit=(unit,)))):
         assert found.value == pytest.approx(alone.E_MPa, rel=SAME)
         assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.02)
+    half = modulus_of(forward, Response(unit=[unit / 2])).value
+    assert half == pytest.approx(modulus_of(forward).value / 2, rel=SAME)
 
 
-def test_a_response_half_as_large_halves_the_modulus(case, graded, plain):
-    _, model, _ = graded
-    base = baseline(case)
-    half = Response(unit=[one.tracks.unit_displacement / 2 for one in base.grasps])
-    forward = ForwardModel(base=base, compliance=plain, graded=(model,))
-    leave_large_deformation(forward)  # flesh here moves by small strain
-    assert modulus_of(forward, half).value == pytest.approx(modulus_of(forward).value / 2, rel=SAME)
+def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded, forward):
+    together = joint_modulus([one.evidence for one in graded], budget=case.budget, infer_pit=True)
+    found = modulus_of(forward)
+    assert found.value == pytest.approx(together.E_MPa, rel=2e-3)
+    assert found.sd == pytest.approx(together.E_sd_MPa, rel=0.05)
+    assert found.value == pytest.approx(E_MPA, rel=0.01)
+
+
+def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, graded, forward, models):
+    alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
+    lost = replace(forward, graded=(models[0], None))
+    first, second = (one.tracks.unit_displacement for one in forward.base.grasps)
+    for found in (modulus_of(lost), modulus_of(lost, Response(unit=[first, -second]))):
+        assert found.value == pytest.approx(alone.E_MPa, rel=2e-3)
+        assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
+
+
+def test_E_is_in_proportion_to_the_graded_one(forward):
+    half = Response(unit=[one.tracks.unit_displacement / 2 for one in forward.base.grasps])
+    graded = as_graded(forward, Modulus(value=0.3, sd=0.01))
+    assert modulus_of(graded).value == pytest.approx(0.3)
+    ratio = modulus_of(forward, half).value / modulus_of(forward).value
+    assert modulus_of(graded, half).value == pytest.approx(0.3 * ratio)
+
+
+def test_where_grading_has_none_it_is_the_mean_of_the_recordings_own_fits(forward):
+    plain = modulus_of(replace(forward, graded=()))
+    assert modulus_of(replace(forward, graded=(None, None))) == plain
+    assert plain.value == pytest.approx(E_MPA, rel=0.02)
+
+
+def test_what_an_effect_searches_for_no_longer_counts_with_its_prior(case, models):
+    again = linear_and_refitted(case, pit_size.EFFECT)[2]
+    again = replace(again, forward=replace(again.forward, graded=models))
+    found = modulus_with(again)
+    assert found.at.sd < 0.97 * modulus_of(again.forward, again.response).sd
+    assert found.known.sd > found.at.sd

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, PHASES, TIME_S, injected_case, on_pad, only_grasp, true_pads
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.catalogue import EFFECTS
@@ -21,14 +21,13 @@ from fem.mismatch.design.predictions import (
     response_at_candidates,
 )
 from fem.mismatch.evidence import linear_evidence
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.next_grasp import in_words, planned_grasp
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import ONE_WAY
 
 BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
@@ -64,8 +63,7 @@ def loading_only(case: MismatchCase) -> MismatchCase:
 def explained(case: MismatchCase, names: Sequence[str]) -> tuple[ForwardModel, LinearRound, list[Explained]]:
     """The effects of these names refitted, taken for equally likely."""
     forward, _ = plain_forward_model(case)
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, [BY_NAME[name] for name in names])
+    linear = screened_effects(forward, [BY_NAME[name] for name in names])
     found = []
     for name in names:
         again = refit(forward, linear, [next(o for o in linear.best if o.effect.spec.name == name)])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded_pad import recorded_pad
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.prepared_grasp import (
@@ -15,7 +16,7 @@ from fem.estimation.prepared_grasp import (
 )
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 
 COMPLIANCE = 4.0
 GEL_N_PER_MM = 0.2
@@ -43,17 +44,10 @@ def recorded(rng, *, peak_N=0.05, more=0.0, moved_sd_mm=MOVED_SD_MM):
     force = truth(peak_N)
     touching = np.linalg.norm(force, axis=2) > 0
     gel = -force / GEL_N_PER_MM + rng.normal(0, moved_sd_mm, force.shape)
-    pad = PadHistory(
-        name="left",
-        rest_mm=PLACE,
-        surface_mm=PLACE,
-        position_mm=PLACE + COMPLIANCE * moved(force) + rng.normal(0, MOVED_SD_MM, force.shape),
-        gel_displacement_mm=gel,
-        force_N=force + more + rng.normal(0, FORCE_SD_N, force.shape),
-        episode=np.where(touching, 0, -1),
-        displacement_sd_mm=moved_sd_mm,
-        force_sd_N=FORCE_SD_N,
-        lag1=0.0,
+    position = PLACE + COMPLIANCE * moved(force) + rng.normal(0, MOVED_SD_MM, force.shape)
+    felt = force + more + rng.normal(0, FORCE_SD_N, force.shape)
+    pad = recorded_pad(
+        PLACE, felt, touching=touching, sd_mm=moved_sd_mm, sd_N=FORCE_SD_N, position_mm=position, gel_mm=gel
     )
     phase = ("air",) * AIR + ("load",) * LOADED + ("air",) * AIR
     return GraspHistory(time_s=0.1 * np.arange(len(force)), phase=phase, pads=(pad,))
@@ -124,20 +118,9 @@ def test_a_sure_drift_of_the_zero_stays_in_the_forces_that_drive_the_model():
 def pressing(normal_N, *, noise_N=0.001):
     """A pad whose markers press so, all of them in one contact."""
     normal = np.asarray(normal_N, dtype=float)
-    still = np.zeros((*normal.shape, 3))
     place = np.arange(3.0 * normal.shape[1]).reshape(-1, 3)
-    return PadHistory(
-        name="left",
-        rest_mm=place,
-        surface_mm=place,
-        position_mm=place + still,
-        gel_displacement_mm=still,
-        force_N=normal[:, :, None] * [0.0, 0, 1],
-        episode=np.zeros(normal.shape, dtype=np.int64),
-        displacement_sd_mm=0.001,
-        force_sd_N=noise_N,
-        lag1=0.0,
-    )
+    force = normal[:, :, None] * [0.0, 0, 1]
+    return recorded_pad(place, force, touching=True, sd_mm=0.001, sd_N=noise_N)
 
 
 def test_markers_on_the_rim_of_a_patch_are_no_contact():

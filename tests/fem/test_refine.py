@@ -1,15 +1,18 @@
 import numpy as np
 import pytest
-from fem_shapes import cube_mesh
+from fem_shapes import cube_mesh, smallest_dihedral_deg
 
 from fem.mesh.local_refinement import affordable_size, bisected, size_near, t10_dofs
-from fem.mesh.tetrahedra import boundary_faces, signed_volumes_mm3, smallest_dihedral_deg
+from fem.mesh.tetrahedra import boundary_faces, signed_volumes_mm3
+
+
+def corners_alone():
+    nodes, tets = cube_mesh(2, uneven=0.2)
+    return nodes[: tets[:, :4].max() + 1], tets[:, :4]
 
 
 def refined():
-    nodes, tets = cube_mesh(2, uneven=0.2)
-    tets = tets[:, :4]
-    nodes = nodes[: tets.max() + 1]
+    nodes, tets = corners_alone()
     size = size_near(np.array([[0.0, 0.0, 0.0]]), radius_mm=0.1, edge_mm=0.06, growth=0.5)
     return bisected(nodes, tets, size)
 
@@ -41,16 +44,12 @@ def test_edges_reach_the_wanted_length_and_no_angle_collapses():
 
 @pytest.mark.parametrize("dof_limit", [1500, 4000])
 def test_refinement_stays_within_the_dofs_allowed_and_uses_them(dof_limit):
-    nodes, tets = cube_mesh(2, uneven=0.2)
-    tets = tets[:, :4]
-    nodes = nodes[: tets.max() + 1]
+    nodes, tets = corners_alone()
     size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=dof_limit)
     assert 0.5 * dof_limit < t10_dofs(bisected(nodes, tets, size)[1]) <= dof_limit
 
 
 def test_refinement_gives_way_where_the_coarse_mesh_is_already_too_large():
-    nodes, tets = cube_mesh(2, uneven=0.2)
-    tets = tets[:, :4]
-    nodes = nodes[: tets.max() + 1]
+    nodes, tets = corners_alone()
     size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=10)
     assert len(bisected(nodes, tets, size)[1]) == len(tets)

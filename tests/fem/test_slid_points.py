@@ -13,14 +13,6 @@ def points(solid_ball):
     return locate(solid_ball, corners.mean(axis=1))
 
 
-def test_a_point_slides_by_the_tangential_part_of_its_way(solid_ball, points):
-    way = np.array([0.03, -0.05, 0.02])
-    found = points.slid(solid_ball, way)
-    along = way - (points.normal @ way)[:, None] * points.normal
-    np.testing.assert_allclose(found.point_mm - points.point_mm, along, atol=0.06**2 / 20)
-    np.testing.assert_array_equal(found.face_nodes, points.face_nodes)
-
-
 def test_sliding_agrees_with_locating_anew(solid_ball, points):
     way = np.array([0.02, 0.01, -0.03])
     anew = locate(solid_ball, points.point_mm + way)

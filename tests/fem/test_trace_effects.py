@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
+from press_trace import ball_trace
 
-from fem.indentation.ball import Ball
-from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_catalogue import OF_THE_MACHINE, TRACE_EFFECTS
 from fem.indentation.trace_effect import TraceEffect, unknown
 from fem.mismatch.catalogue import SPECS
 
 TIME_S = np.linspace(0.0, 20.0, 60)
-TRACE = IndenterTrace(
-    time_s=TIME_S, force_N=0.1 * TIME_S, travel_mm=np.minimum(TIME_S / 5, 2.0), geometry=Ball(radius_mm=5.0)
-)
+TRACE = ball_trace(TIME_S, 0.1 * TIME_S, np.minimum(TIME_S / 5, 2.0))
 
 
 def changes(effect: TraceEffect) -> bool:

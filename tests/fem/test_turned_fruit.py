@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, NOISE_MM, TIME_S, injected_case, only_grasp, pads_under
-from plain_model import plain_forward_model
+from plain_model import plain_forward_model, screened_effects
 from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence import nuisances
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.large_deformation import (
     LARGE_DEFORMATION,
     large_deformation,
@@ -21,7 +20,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection import screening
 from fem.mismatch.selection.retained_columns import retained_columns
-from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.selection.screening import LinearRound
 
 POSE_ERROR = next(effect for effect in EFFECTS if effect.spec.name == "pose_error")
 TURN_RAD = np.interp(TIME_S, [2.0, 3.0], [0.0, np.radians(4.0)])[:, None] * np.array([0.0, 0.8, 0.6])
@@ -50,10 +49,9 @@ def looked_at(case: MismatchCase) -> LinearRound:
     """The linear round with pose errors alone; flesh that moves little."""
     forward, _ = plain_forward_model(case)
     leave_large_deformation(forward)
-    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
     with pytest.MonkeyPatch.context() as patch:  # the forces are exact: no model error stands for the turn
         patch.setattr(screening, "model_error_columns", lambda *_, **__: [])
-        return screened(forward, recorded, [POSE_ERROR])
+        return screened_effects(forward, [POSE_ERROR])
 
 
 @pytest.mark.slow

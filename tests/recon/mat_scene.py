@@ -33,6 +33,13 @@ class Egg:
     def volume_mm3(self) -> float:
         return float(4 / 3 * np.pi * np.prod(self.semi_mm))
 
+    def covers(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
+        """Whether rays through pixels (n, 2) meet it: the discriminant of the ray's quadratic in it."""
+        local = np.column_stack([(pixels - camera.middle_px) / camera.focal_px, np.ones(len(pixels))])
+        start = (camera.place - self.centre) / self.semi_mm
+        rays = local @ camera.cam_from_world[:3, :3] / self.semi_mm
+        return (rays @ start) ** 2 > np.sum(rays**2, axis=1) * (start @ start - 1)
+
     def misses_mm(self, points: np.ndarray) -> np.ndarray:
         """Signed distance to first order, positive outside."""
         local = (points - self.centre) / np.array(self.semi_mm)

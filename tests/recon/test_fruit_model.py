@@ -60,12 +60,8 @@ def test_the_shipped_model_finds_an_egg_it_never_saw():
     overlaps = []
     for camera, corner, log_odds in zip(cameras, corners, found, strict=True):
         rows, columns = np.mgrid[:140, :140]
-        rays = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2) - camera.middle_px
-        ahead = np.column_stack([rays / camera.focal_px, np.ones(len(rays))]) @ camera.cam_from_world[:3, :3]
-        a = np.sum((ahead / egg.semi_mm) ** 2, 1)
-        off = (camera.place - egg.centre) / egg.semi_mm
-        b = np.sum(ahead / egg.semi_mm * off, 1)
-        true = (b**2 - a * (off @ off - 1) > 0).reshape(140, 140)
+        pixels = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2)
+        true = egg.covers(camera, pixels).reshape(140, 140)
         overlaps.append((true & (log_odds > 0)).sum() / (true | (log_odds > 0)).sum())
     assert np.mean(overlaps) > 0.9, overlaps
 

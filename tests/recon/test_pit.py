@@ -48,12 +48,6 @@ def test_flesh_is_fruit_less_pit(fruit):
     assert embedded.on_pit.sum() == len(faces)
 
 
-def test_thinnest_flesh_of_two_balls():
-    vertices, faces = ball(4)
-    embedded = embed_pit(20 * vertices, faces, 8 * vertices + [3.0, 0.0, 0.0], faces)
-    assert embedded.thinnest_flesh_mm == pytest.approx(9.0, abs=0.05)
-
-
 def test_thinnest_flesh_is_the_least_gap_of_the_two_solids(fruit):
     """Against the exact distance of the pit from what surrounds the fruit."""
     vertices, faces = ball(3)

@@ -18,9 +18,13 @@ def bent():
     return cameras, photographed(cameras, egg=Egg(), mat=standard_mat())
 
 
-def test_focal_length_distortion_and_places_come_back_without_exif(bent):
-    cameras, photos = bent
-    poses = cameras_from_mat(photos, standard_mat())
+@pytest.fixture(scope="module")
+def poses(bent):
+    return cameras_from_mat(bent[1], standard_mat())
+
+
+def test_focal_length_distortion_and_places_come_back_without_exif(bent, poses):
+    cameras, _ = bent
     assert len(poses.cameras) == len(cameras)
     assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=3e-3)
     assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=0.02)
@@ -29,9 +33,8 @@ def test_focal_length_distortion_and_places_come_back_without_exif(bent):
     assert poses.reprojection_px < 0.5
 
 
-def test_error_bars_cover_the_truth(bent):
-    cameras, photos = bent
-    poses = cameras_from_mat(photos, standard_mat())
+def test_error_bars_cover_the_truth(bent, poses):
+    cameras, _ = bent
     assert abs(poses.cameras[0].focal_px - cameras[0].focal_px) < 4 * poses.focal_sd_px
     assert 1e-3 < poses.scale_sd < 2e-3
 
@@ -69,10 +72,9 @@ def test_a_misread_tag_moves_no_camera_and_is_left_out():
     assert poses.reprojection_px < 0.02
 
 
-def test_same_photos_give_the_same_poses(bent):
-    _, photos = bent
-    first, second = (cameras_from_mat(photos, standard_mat()) for _ in range(2))
-    assert np.array_equal(first.cameras[2].cam_from_world, second.cameras[2].cam_from_world)
+def test_same_photos_give_the_same_poses(bent, poses):
+    again = cameras_from_mat(bent[1], standard_mat())
+    assert np.array_equal(again.cameras[2].cam_from_world, poses.cameras[2].cam_from_world)
 
 
 def test_no_tag_anywhere_is_mat_not_found():

@@ -9,7 +9,6 @@ from mat_scene import Egg, photographed, ring
 from refusals import refused
 from scipy.ndimage import binary_dilation
 
-from recon.cameras.camera import Camera
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
 from recon.silhouettes.carve import Block
@@ -40,21 +39,13 @@ def block() -> Block:
     return first_block(scene())
 
 
-def covers_egg(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Whether rays through pixels meet the egg: the discriminant of the ray's quadratic in it."""
-    local = np.column_stack([(pixels - camera.middle_px) / camera.focal_px, np.ones(len(pixels))])
-    start = (camera.place - EGG.centre) / EGG.semi_mm
-    rays = local @ camera.cam_from_world[:3, :3] / EGG.semi_mm
-    return (rays @ start) ** 2 > np.sum(rays**2, axis=1) * (start @ start - 1)
-
-
 def truth(view: CutPhoto) -> np.ndarray:
     """The egg in a view's shrunk window."""
     columns, rows = view.window.small_size_px
     v, u = np.mgrid[:rows, :columns]
     shrink = view.window.shrink
     pixels = np.stack([u.ravel(), v.ravel()], axis=1) * shrink + (shrink - 1) / 2 + view.window.corner_px
-    return covers_egg(view.camera, pixels).reshape(rows, columns)
+    return EGG.covers(view.camera, pixels).reshape(rows, columns)
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:

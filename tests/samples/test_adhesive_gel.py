@@ -1,5 +1,7 @@
 """A gel that sticks: it pulls at skin that it has touched, as far as its reach, and never before."""
 
+from functools import cache
+
 import pytest
 from mismatch_ball import drawn_ball, grasped_ball, linear_body, motion, rough, total_N
 
@@ -10,6 +12,7 @@ REACH_MM = 0.12
 WAY = [-0.1, 0.3, 0.6, 0.3, 0.1, 0.02, -0.03, -0.06, -0.09, -0.11, -0.14, -0.3]
 
 
+@cache
 def pressed_and_let_go(*, E_MPa: float, reach_mm: float) -> TrueRecording:
     grasp, stands = rough(drawn_ball(E_MPa=E_MPa, nu=0.3), motion(WAY))
     body = linear_body(stands)

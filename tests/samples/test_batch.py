@@ -7,7 +7,7 @@ import pytest
 
 from recon.cameras.printed_mat import parse_mat
 from recon.surface.mesh_file import read_mesh
-from samples.fruit import mesh_volume_mm3
+from recon.triangle_mesh import volume_mm3
 from samples.hexahedra import COARSE
 from samples.sample_batch import write_batch
 from samples.sample_failure import SampleFailure
@@ -40,7 +40,7 @@ def test_batch_holds_what_a_user_would_hand_in(batch: Path) -> None:
 
 def test_answers_are_true_of_the_mesh_and_the_table(batch: Path) -> None:
     answer = json.loads((batch / "answers.json").read_text())["fruits"]["N01"]
-    volume = mesh_volume_mm3(*read_mesh(batch / "fruits/N01/fruit.ply"))
+    volume = volume_mm3(*read_mesh(batch / "fruits/N01/fruit.ply"))
     assert volume == pytest.approx(answer["volume_mm3"], rel=0.01)
     with (batch / "fruits.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)

@@ -1,6 +1,7 @@
 import numpy as np
 
 from recon.pit.priors import load_prior
+from recon.triangle_mesh import volume_mm3
 from samples.cubed_sphere import even_sphere
 from samples.fruit import (
     PIT_OVER_BOX,
@@ -9,7 +10,6 @@ from samples.fruit import (
     box_mm,
     fruit_of_seed,
     fruits_of_seed,
-    mesh_volume_mm3,
     scanned_mesh,
     skin_mesh,
 )
@@ -21,7 +21,7 @@ def test_cubed_sphere_is_closed_and_outward() -> None:
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert np.all(counts == 2)
-    assert abs(mesh_volume_mm3(sphere.directions, triangles) / (4 / 3 * np.pi) - 1) < 0.02
+    assert abs(volume_mm3(sphere.directions, triangles) / (4 / 3 * np.pi) - 1) < 0.02
 
 
 def test_the_same_seed_grows_the_same_fruit_and_another_seed_another() -> None:

@@ -35,7 +35,8 @@ def mean_force_N(cases: Path, case_id: str, side: int) -> float:
     )
 
 
-def test_every_effect_is_simulated_or_drawn() -> None:
+def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> None:
+    assert set(AMPLITUDES) == set(EFFECTS)
     assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
     assert OUTSIDE == ("palm", "gel_softening")
 
@@ -150,7 +151,3 @@ def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
     draw_case(tmp_path, fruit, truths, record=1)
     assert not left.exists()
     assert answer_of(tmp_path, case_id)["effect"] == "none"
-
-
-def test_every_effect_of_the_catalogue_has_a_range_of_amplitudes() -> None:
-    assert set(AMPLITUDES) == set(EFFECTS)
