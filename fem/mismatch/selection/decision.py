@@ -152,15 +152,24 @@ def p_values(
     themselves; a Bayes factor above c has a probability of at most 1/c without mismatch (Markov). The
     smallest counts, corrected for their number (Sidak).
     """
-    each = {"misfit": float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))}
+    each = {"misfit": misfit_p_value(misfit)}
     if any(len(ways) for ways in equations.ways.values()):
         observed = _catalogue(equations, equations.right[None], against)[0]
         drawn = _catalogue(equations, null_draws.drawn(DRAWS, rng))
         each["effects"] = float((1 + (drawn >= observed).sum()) / (DRAWS + 1))
     if direct > 0:
         each["gel"] = float(np.exp(-direct))
-    p = -np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12)))
-    return float(p), each
+    return smallest_p_value(each), each
+
+
+def misfit_p_value(misfit: float) -> float:
+    """Probability that the plain model leaves so much where there is no mismatch."""
+    return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))
+
+
+def smallest_p_value(each: Mapping[str, float]) -> float:
+    """The smallest of several statistics' p-values, corrected for their number (Sidak)."""
+    return float(-np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12))))
 
 
 def _catalogue(
