@@ -27,8 +27,8 @@ CELLS = 24
 #: E that is not given: not a number, which files write as null
 WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
 UNEXPLAINED = (
-    "other physics is likelier than any effect of the catalogue to explain this recording, and it can change E "
-    "without limit"
+    "other physics is likelier than any effect of the catalogue to explain this recording, and it can change "
+    "E without limit"
 )
 IN_AIR = "leave the indenter in the air for a minute before the same press"
 SLOWER = "the same press ten times slower, with a hold ten times as long"
