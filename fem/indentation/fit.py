@@ -52,7 +52,9 @@ class TraceFit:
 
     @property
     def log_score(self) -> float:
-        """Log evidence with the prior of the effects' forms: each further unknown halves it."""
+        """Log evidence, less ln 2 for each unknown of the effects: of two forms that explain about as well
+        the simpler one is reported.
+        """
         count = sum(len(effect.unknowns) for effect in self.law.effects)
         return self.log_evidence - count * float(np.log(2.0))
 

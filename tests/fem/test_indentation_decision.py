@@ -51,7 +51,7 @@ def fitted():
 
 
 def test_probabilities_are_those_of_grasps(fitted):
-    """Forms of as many unknowns count by their mean, the misfit as the square of the share that is left."""
+    """Forms count by their mean, the misfit as the square of the share that is left."""
     fits = [fitted(1.0, share=4 * SHARE), fitted(9.0, "slip"), fitted(7.0, "slip"), fitted(2.0, "skin")]
     mean = np.log((np.exp(9.0) + np.exp(7.0)) / 2)
     expected, unknown_ = probabilities(
@@ -59,7 +59,8 @@ def test_probabilities_are_those_of_grasps(fitted):
             Weighed(name="none", gain=0.0, misfit=16 * MISFIT),
             Weighed(name="slip", gain=mean - 1.0, misfit=MISFIT),
             Weighed(name="skin", gain=1.0, misfit=MISFIT),
-        ]
+        ],
+        temperature=1.0,
     )
     answer = posterior(fits)
     found = [answer.probability[name] for name in ("none", "slip", "skin")]

@@ -85,7 +85,9 @@ def log_prior(name: str, *, effects: int) -> float:
     return float(np.log(PRIOR["single"] / effects))
 
 
-def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " h"], float]:
+def probabilities(
+    explanations: Sequence[Weighed], *, temperature: float = TEMPERATURE
+) -> tuple[Float[np.ndarray, " h"], float]:
     """Of each of the explanations, "none" among them, and of "unknown"."""
     before = next(one.misfit for one in explanations if one.name == NONE)
     usual = log_usual(before)
@@ -97,13 +99,13 @@ def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " 
     effects = sum(one.name != NONE and "+" not in one.name for one in explanations)
     named, resembled = [], []
     for one in explanations:
-        gain = one.gain / TEMPERATURE
+        gain = one.gain / temperature
         remaining = max(one.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
         prior = log_prior(one.name, effects=effects)
         as_named = prior + gain + (usual if one.name == NONE else present + left)
         named.append(as_named if one.tenable else -np.inf)
-        resembled.append(prior + gain - max(one.direct, 0.0) / TEMPERATURE + present)
+        resembled.append(prior + gain - max(one.direct, 0.0) / temperature + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])
     return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))
