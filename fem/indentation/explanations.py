@@ -193,9 +193,8 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     plain = best[NONE].log_evidence
     gain = {name: float(logsumexp(own) - np.log(len(own)) - plain) for name, own in logs.items()}
     misfit = {name: MISFIT * (one.share / SHARE) ** 2 for name, one in best.items()}
-    shares, unknown = probabilities(
-        [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
-    )
+    weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
+    shares, unknown = probabilities(weighed, temperature=TEMPERATURE)
     probability = {**dict(zip(best, shares.tolist(), strict=True)), UNKNOWN: unknown}
     singles = [gain[name] for name in gain if name != NONE and "+" not in name]
     bayes_factor = float(logsumexp(singles) - np.log(len(singles))) if singles else 0.0
