@@ -84,7 +84,8 @@ def _two_ogden_share(
     stretch: Float[np.ndarray, "p n"],
 ) -> np.ndarray:
     """Two terms of Ogden's law, the second with a share of the modulus."""
-    return (1 - weight_2) * ogden_share(power, stretch) + weight_2 * ogden_share(power_2, stretch)
+    first, second = ogden_share(power, stretch), ogden_share(power_2, stretch)
+    return np.asarray((1 - weight_2) * first + weight_2 * second)
 
 
 def _linear(name: str, sd: float, mean: float = 0.0) -> Unknown:
