@@ -15,11 +15,11 @@ from scipy.special import logsumexp
 
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import OWN, Law
-from fem.indentation.effects.damage import DAMAGE
-from fem.indentation.effects.machine import GRIPPER_COMPLIANCE, drift_of_cell
-from fem.indentation.effects.plastic_set import PLASTIC_SET
-from fem.indentation.effects.stiffening import FUNG, RUBBER
-from fem.indentation.effects.viscoelastic import ARMS, viscoelastic
+from fem.indentation.effects.trace_damage import DAMAGE
+from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE, drift_of_cell
+from fem.indentation.effects.trace_plastic_set import PLASTIC_SET
+from fem.indentation.effects.trace_stiffening import FUNG, RUBBER
+from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
 from fem.indentation.fit import SHARE, TraceFit, fit
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace

@@ -4,7 +4,7 @@ from compressed_solid import neo_hookean, punched_slab
 from pressed_slab import Linear, Plastic, PressedSlab
 
 from fem.fem_failure import FemFailure
-from fem.indentation.effects.plastic_set import flowing_slack_mm
+from fem.indentation.effects.trace_plastic_set import flowing_slack_mm
 from fem.indentation.flat_punch import FlatPunch, slab_factor_of_punch
 
 

@@ -7,8 +7,8 @@ from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law, linear_law
-from fem.indentation.effects.machine import GRIPPER_COMPLIANCE
-from fem.indentation.effects.viscoelastic import viscoelastic
+from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE
+from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.explanations import parameters_of
 from fem.indentation.fit import fit
 from fem.indentation.heldout import future_frames, predicted_N, share_missed

@@ -4,10 +4,10 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, curve
 from pressed_slab import Linear, PressedSlab
 
 from fem.indentation.ball import BallOnSlab
-from fem.indentation.effects.damage import damage_share
-from fem.indentation.effects.plastic_set import plastic_slack_mm
-from fem.indentation.effects.stiffening import stiffening_share
-from fem.indentation.effects.viscoelastic import viscoelastic_parameters
+from fem.indentation.effects.trace_damage import damage_share
+from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
+from fem.indentation.effects.trace_stiffening import stiffening_share
+from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
 from fem.indentation.energy_share import (
     energy_classes,
     half_space,

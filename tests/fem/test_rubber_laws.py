@@ -8,7 +8,7 @@ import pytest
 
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import linear_law
-from fem.indentation.effects.stiffening import ogden_share, yeoh_share
+from fem.indentation.effects.trace_stiffening import ogden_share, yeoh_share
 from fem.indentation.explain_trace import account_for
 from fem.indentation.fit import from_prior
 from fem.indentation.foundation import elastic_force, springs
