@@ -2,7 +2,7 @@
 
 The evidence of a law takes the place of a signature's, the mean over an effect's forms that over its ways to
 show. The misfit that a law leaves goes as the square of the share of the force that it leaves unexplained:
-SHARE of fem.indentation.fit is as usual as MISFIT is of grasps.
+the least share (fem.indentation.fit) is as usual as MISFIT is of grasps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE, drift_of_c
 from fem.indentation.effects.trace_plastic_set import PLASTIC_SET
 from fem.indentation.effects.trace_stiffening import FUNG, RUBBER
 from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
-from fem.indentation.fit import SHARE, TraceFit, fit
+from fem.indentation.fit import TraceFit, fit
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect
@@ -192,7 +192,7 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     logs = {name: np.array([one.log_evidence for one in own]) for name, own in groups.items()}
     plain = best[NONE].log_evidence
     gain = {name: float(logsumexp(own) - np.log(len(own)) - plain) for name, own in logs.items()}
-    misfit = {name: MISFIT * (one.share / SHARE) ** 2 for name, one in best.items()}
+    misfit = {name: MISFIT * (one.share / one.usual_share) ** 2 for name, one in best.items()}
     weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
     shares, unknown = probabilities(weighed, temperature=TEMPERATURE)
     probability = {**dict(zip(best, shares.tolist(), strict=True)), UNKNOWN: unknown}

@@ -33,7 +33,8 @@ CLEARLY = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class TraceFit:
-    """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained.
+    """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained;
+    `usual_share`: the least that it may leave, SHARE or what the rig's error makes.
 
     `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
     `converged`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
@@ -42,6 +43,7 @@ class TraceFit:
     law: Law
     noise: TraceNoise
     share: float
+    usual_share: float
     scaled: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
     force_N: Float[np.ndarray, " t"]
@@ -159,6 +161,7 @@ def fit(
         law=law,
         noise=target.noise,
         share=share,
+        usual_share=float(shares[0]),
         scaled=scaled,
         covariance=np.linalg.inv(target.newton(scaled, force, slope)[0]),
         force_N=force,
