@@ -47,6 +47,9 @@ grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without 
 (benchmarks/silicone_cylinders.py; all ten mixtures)."""
 LEAST_WEIGHT = 1e-4
 """Probability of a law below which its force is left out of the mean."""
+SHAPES = frozenset({"stiffening", "plastic_set", "damage"})
+"""Effects that bend the curve of a load that only grows. Flesh that yields or is damaged answers such a load
+as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323)."""
 NUISANCES = (*OWN, "ends_held")
 """Unknowns of the plain law that are reported with every effect."""
 
@@ -74,9 +77,9 @@ def candidate_fits(
 ) -> list[TraceFit]:
     """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
-    Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
-    with several forms a pair takes the best and, where that is one relaxing arm, two arms as well: what a
-    second effect leaves over may need them.
+    Pairs: the best single effect with every other, and those among the effects close behind it, but for two
+    of SHAPES where no recording unloads. Of an effect with several forms a pair takes the best and, where
+    that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
     """
 
     def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit], follow: int = 2) -> TraceFit:
@@ -100,7 +103,8 @@ def candidate_fits(
     pairs = [
         fitted(one.law.effects + other.law.effects, [one, other], follow=1)
         for pair in combinations(best, 2)
-        if top in pair or min(best[name].log_evidence for name in pair) >= reach
+        if (top in pair or min(best[name].log_evidence for name in pair) >= reach)
+        and ("unload" in trace.phases or not SHAPES.issuperset(pair))
         for one, other in product(*(chosen[name] for name in pair))
     ]
     return [plain, *(one for own in singles.values() for one in own), *pairs]
