@@ -29,16 +29,15 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import logsumexp
 from scipy.stats import kendalltau
 
-from fem.indentation.account import account_for
 from fem.indentation.compressed_cylinder import Cylinder, Ends
+from fem.indentation.contact_law import linear_law
+from fem.indentation.explain_trace import account_for
+from fem.indentation.explanations import candidate_fits, forms_of
 from fem.indentation.no_contact import pooled_noise
-from fem.indentation.posterior import posterior
-from fem.indentation.search import candidate_fits
 from fem.indentation.trace import DRIFT_SHARE_PER_MIN, IndenterTrace
-from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_catalogue import TRACE_EFFECTS
 from pipeline.fruit.bare_traces import spread
 
 DEVELOPMENT = ("EF10_0T", "EF30_25T", "EF10_100T", "EF50_12_5T", "EF30_0T")
@@ -88,12 +87,12 @@ def until(trace: IndenterTrace, seen: np.ndarray) -> IndenterTrace:
 
 
 def log_evidence(trace: IndenterTrace) -> float:
-    """Of the plain law and of stiffening together."""
+    """Of the plain law and of stiffening, its forms equally likely, together."""
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
-    stiffening = [effect for effect in TRACE_EFFECTS if effect.spec.name == "stiffening"]
-    fits = candidate_fits(law, trace, pooled_noise(trace), rng=np.random.default_rng(0), effects=stiffening)
-    answer = posterior(fits)
-    return float(np.logaddexp(*(answer.log_evidence[name] for name in ("none", "stiffening"))))
+    stiffening = {"stiffening": forms_of(trace)["stiffening"]}
+    plain, *fits = candidate_fits(law, trace, pooled_noise(trace), np.random.default_rng(0), stiffening)
+    of_forms = logsumexp([one.log_evidence for one in fits]) - np.log(len(fits))
+    return float(np.logaddexp(plain.log_evidence, of_forms))
 
 
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -1,13 +1,12 @@
 """Elastic force of a rigid ball pressed into a slab that is bonded to a rigid base, for unit modulus."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.contact_curve import Field, require_positive
+from fem.indentation.contact_curve import THICK, ContactCurve, require_positive
 
 #: widest contact over the ball's radius that the table reaches
 WIDEST = 0.99999
@@ -87,7 +86,7 @@ class Ball:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BallOnSlab:
+class BallOnSlab(ContactCurve):
     """Force per unit modulus (N/MPa) over depth (mm); `thickness_mm` None is a half-space."""
 
     radius_mm: float
@@ -120,26 +119,6 @@ class BallOnSlab:
         """The radius: strains go with (a/R)^2 = d/R."""
         return self.radius_mm
 
-    @property
-    def field(self) -> Field:
-        """Hertz's."""
-        return "hertz"
-
-    @property
-    def yield_depth_mm(self) -> float | None:
-        """Flow spreads with the contact."""
-        return None
-
-    @property
-    def without(self) -> Mapping[str, str]:
-        """Every effect has its law under a ball."""
-        return {}
-
-    @property
-    def shape_sd(self) -> float:
-        """The slab agrees with finite elements to a hundredth (tests/fem/test_indenter_contact.py)."""
-        return 0.01
-
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Depth beyond small strain; a half-space that nobody stated."""
         found = []
@@ -148,31 +127,11 @@ class BallOnSlab:
                 f"The ball went {deepest_mm / self.radius_mm:.1f} of its radii deep, where small strain has "
                 "ended: stiffening may be the geometry's in part."
             )
-        if self.thickness_mm is None:
-            found.append(
-                "No thickness was given: a half-space was assumed, and a thin specimen looks stiffer."
-            )
-        return tuple(found)
-
-    def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """What a strain energy density under the ball grows with: d/R, times the slab's factor squared.
-
-        On a half-space it grows as (a/R)^2 = d/R; a slab's pressure is greater by its factor on the force,
-        the energy by the square.
-        """
-        return np.asarray(np.maximum(depth_mm, 0.0) / self.radius_mm * self.over_half_space(depth_mm) ** 2)
+        return (*found, *([THICK] if self.thickness_mm is None else []))
 
     def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """The slab's factor on the force at this depth."""
         return np.asarray(self.slab_spline(np.sqrt(np.maximum(depth_mm, 0.0) / self.radius_mm)))
-
-    @property
-    def toe_mm(self) -> float:
-        """Contact starts at a point."""
-        return 0.0
-
-    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
-        """There are no ends."""
 
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""

@@ -1,6 +1,5 @@
 """Elastic force of a cylinder of flesh between two rigid plates, its ends sliding, held, or between."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,8 +10,14 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.optimize import brentq
 
-from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.contact_curve import Field, require_no_thickness, require_positive
+from fem.fem_failure import FemFailure
+from fem.indentation.contact_curve import (
+    ContactCurve,
+    Field,
+    out_of_range,
+    require_no_thickness,
+    require_positive,
+)
 
 TABLE = Path(__file__).parent / "tables" / "bonded_cylinder.csv"
 """Nominal stress over E and strain of bonded neo-Hookean cylinders, by axisymmetric finite elements
@@ -106,16 +111,14 @@ def bonded_stress(slender: float, *, poisson_ratio: float) -> CubicSpline:
     """
     nus, heights, strains, ratio = bonded_table()
     if not heights[0] <= slender <= heights[-1]:
-        raise FemFailure(
-            FemProblem.BAD_LOAD,
-            f"indenter trace: found a bonded cylinder of height {slender:.3g} diameters, expected "
-            f"{heights[0]:g} to {heights[-1]:g}: cut another specimen, or let its ends slide on oil.",
+        raise out_of_range(
+            f"a bonded cylinder of height {slender:.3g} diameters",
+            f"{heights[0]:g} to {heights[-1]:g}: cut another specimen, or let its ends slide on oil",
         )
     if not nus[0] <= poisson_ratio <= nus[-1]:
-        raise FemFailure(
-            FemProblem.BAD_LOAD,
-            f"indenter trace: found Poisson's ratio {poisson_ratio:g} of a bonded cylinder, expected "
-            f"{nus[0]:g} to {nus[-1]:g}: nearer to 1/2 its stiffness is the bulk modulus's.",
+        raise out_of_range(
+            f"Poisson's ratio {poisson_ratio:g} of a bonded cylinder",
+            f"{nus[0]:g} to {nus[-1]:g}: nearer to 1/2 its stiffness is the bulk modulus's",
         )
     # close to 1/2 a thin disc stiffens with 1 - 2 nu alone, which evens the table out
     at, here = -np.log(1 - 2 * nus), float(-np.log(1 - 2 * poisson_ratio))
@@ -150,7 +153,7 @@ def _continued(ratio: Float[np.ndarray, "n h s"]) -> Float[np.ndarray, "n h s"]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompressedCylinder:
+class CompressedCylinder(ContactCurve):
     """Force A s(d/H) per unit modulus, A the undeformed end; `sliding` s has its last slope beyond its end.
 
     The law is neo-Hookean in true geometry, not the small strain of a ball's: a lubricated rubber cylinder
@@ -184,16 +187,6 @@ class CompressedCylinder:
             return self.length_mm
         carried = 1 + self.specimen.diameter_mm / (3 * np.sqrt(3) * self.length_mm)
         return float(self.length_mm * carried / self._ends_factor)
-
-    @property
-    def without(self) -> Mapping[str, str]:
-        """Every effect has its law here."""
-        return {}
-
-    @property
-    def shape_sd(self) -> float:
-        """Of the table (tests/fem/test_compressed_cylinder.py); ends are seldom quite held or quite free."""
-        return 0.01
 
     @property
     def area_mm2(self) -> float:
@@ -235,10 +228,6 @@ class CompressedCylinder:
         """Strain energy density over mu, of small strain: (1 + nu) e^2, times the ends' factor."""
         strain = np.maximum(depth_mm, 0.0) / self.length_mm
         return np.asarray((1 + self.poisson_ratio) * self._ends_factor * strain**2)
-
-    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """The ends' factor on the force at small strain."""
-        return np.full(np.shape(depth_mm), self._ends_factor)
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and what ends do to E."""

@@ -1,7 +1,6 @@
 """Elastic force of a fruit, an ellipsoid round a rigid pit, between two rigid plates."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
-from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.contact_curve import Field, require_no_thickness, require_positive
+from fem.indentation.contact_curve import ContactCurve, out_of_range, require_no_thickness, require_positive
 from fem.solid.closed_forms import s368_parallel_plates_modulus_MPa
 
 TABLE = Path(__file__).parent / "tables" / "compressed_spheroid.csv"
@@ -48,16 +46,14 @@ class Ellipsoid:
             require_positive("diameter", one, "give the fruit's three")
         if max(self.diameters_mm) > LONGEST * min(self.diameters_mm):
             said = " x ".join(f"{one:g}" for one in self.diameters_mm)
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found diameters of {said} mm, expected none more than {LONGEST:g} times "
-                "another: check them; of longer bodies cut a cylinder.",
+            raise out_of_range(
+                f"diameters of {said} mm",
+                f"none more than {LONGEST:g} times another: check them; of longer bodies cut a cylinder",
             )
         if not 0 <= self.pit_share <= LARGEST_PIT:
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found a pit of {self.pit_share:g} of the fruit's diameter, expected 0 to "
-                f"{LARGEST_PIT:g}: give diameter over diameter.",
+            raise out_of_range(
+                f"a pit of {self.pit_share:g} of the fruit's diameter",
+                f"0 to {LARGEST_PIT:g}: give diameter over diameter",
             )
 
     @property
@@ -125,7 +121,7 @@ def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_acros
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompressedEllipsoid:
+class CompressedEllipsoid(ContactCurve):
     """Force per unit modulus over the approach of the plates, which both contacts share.
 
     F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii where
@@ -141,21 +137,6 @@ class CompressedEllipsoid:
     def length_mm(self) -> float:
         """Twice the mean radius R: each contact takes half of the approach, (a/R)^2 = d/(2 R)."""
         return 2 * float(np.sqrt(np.prod(self.fruit.radii_mm)))
-
-    @property
-    def field(self) -> Field:
-        """Hertz's, at either contact."""
-        return "hertz"
-
-    @property
-    def yield_depth_mm(self) -> float | None:
-        """Flow spreads with the contact."""
-        return None
-
-    @property
-    def without(self) -> Mapping[str, str]:
-        """Every effect has its law, that of either contact."""
-        return {}
 
     @property
     def hertz_per_MPa(self) -> float:
@@ -185,14 +166,6 @@ class CompressedEllipsoid:
         ]
         return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
 
-    @property
-    def toe_mm(self) -> float:
-        """Contact starts at a point."""
-        return 0.0
-
-    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
-        """There are no ends."""
-
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         depth = np.asarray(np.maximum(depth_mm, 0.0))
@@ -203,11 +176,6 @@ class CompressedEllipsoid:
         root, end = np.sqrt(np.maximum(depth_mm, 0.0) / self.fruit.along_mm), self.over_hertz.x[-1]
         beyond = np.maximum(root - end, 0.0) * self.over_hertz(end, 1)
         return np.asarray(self.over_hertz(np.minimum(root, end)) + beyond)
-
-    def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """(a/R)^2 of either contact, times the square of the factor on the pressure."""
-        depth = np.asarray(np.maximum(depth_mm, 0.0))
-        return np.asarray(depth / self.length_mm * self.over_half_space(depth) ** 2)
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and how uncertain the shape makes E."""

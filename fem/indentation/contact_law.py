@@ -1,4 +1,4 @@
-"""The force that a tool's travel calls for, under any of the effects together."""
+"""The force that a tool's travel calls for: the plain law of a geometry, and any of the effects together."""
 
 from dataclasses import dataclass
 
@@ -7,14 +7,23 @@ from jaxtyping import Float
 
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.foundation import elastic_force, relaxing_force, springs
+from fem.indentation.no_contact import first_touch
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_effect import TraceEffect, Values
-from fem.indentation.unknowns import Unknown
+from fem.indentation.trace_effect import TraceEffect, Unknown, Values
 
 #: least depth that the springs are laid out for, mm
 SHALLOWEST_MM = 1e-3
 #: unknowns that each of several recordings has for itself
 OWN = ("onset_mm", "zero_N", "toe_mm")
+#: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
+#: that are small no more, a ball that is not quite one, friction under it
+BEND_SD = 0.1
+#: prior sd of the onset over the travel, and of the zero of a load cell over the peak force (set by hand)
+ONSET_SD, ZERO_SD = 0.15, 0.005
+#: prior sd of the logarithm of the toe's width: a factor of 2.7 either way
+TOE_SD = 1.0
+#: prior sd on the logit of `ends_held`: flat from 0.1 to 0.9, with tails that reach sliding and held ends
+ENDS_SD = 1.7
 
 
 def suffix_of(part: int) -> str:
@@ -40,15 +49,13 @@ class Law:
         """Effect names sorted and joined by "+"; "none" for the baseline."""
         return "+".join(sorted(effect.name for effect in self.effects)) or "none"
 
+    def index(self, name: str) -> int:
+        """Column of an unknown."""
+        return [u.name for u in self.unknowns].index(name)
+
     def values(self, scaled: Float[np.ndarray, "p k"]) -> dict[str, Float[np.ndarray, " p"]]:
         """Each unknown by its name."""
         return {u.name: u.value(scaled[:, j]) for j, u in enumerate(self.unknowns)}
-
-    def depth_mm(self, trace: IndenterTrace, scaled: Float[np.ndarray, " k"]) -> Float[np.ndarray, " t"]:
-        """Travel beyond each recording's first touch, less nothing that gives way."""
-        value = self.values(scaled[None])
-        onset = [float(value[f"onset_mm{suffix_of(k)}"][0]) for k in range(len(trace.parts))]
-        return np.concatenate([part.travel_mm - at for part, at in zip(trace.parts, onset, strict=True)])
 
     def force_N(self, trace: IndenterTrace, scaled: Float[np.ndarray, "p k"]) -> Float[np.ndarray, "p t"]:
         """Recorded force per frame for each row of unknowns (on their scales).
@@ -70,6 +77,13 @@ class Law:
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
+    def curve_N_per_MPa(self, value: Values, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
+        """The plain curve with its bend and ends, without effects."""
+        bent = (1 + level_mm / self.curve.length_mm) ** value["bend"][:, None]
+        held = self.curve.held_over_sliding(level_mm)
+        phi = self.curve.force_N_per_MPa(level_mm) * bent
+        return np.asarray(phi if held is None else phi * held ** value["ends_held"][:, None])
+
     def _part_N(self, trace: IndenterTrace, value: Values) -> Float[np.ndarray, "p t"]:
         """Of one recording, from its own first touch and zero."""
         depth = trace.travel_mm - value["onset_mm"][:, None]
@@ -79,11 +93,7 @@ class Law:
         deepest = np.maximum.accumulate(np.maximum(depth, SHALLOWEST_MM), axis=1)
 
         def curve(level: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-            strain = level / self.curve.length_mm
-            phi = self.curve.force_N_per_MPa(level) * (1 + strain) ** value["bend"][:, None]
-            held = self.curve.held_over_sliding(level)
-            if held is not None:
-                phi = phi * held ** value["ends_held"][:, None]
+            phi = self.curve_N_per_MPa(value, level)
             for effect in self.effects:
                 if effect.stress_factor is not None:
                     phi = phi * effect.stress_factor(value, self.curve, level)
@@ -96,20 +106,65 @@ class Law:
                 own = effect.slack_mm(value, self.curve, deepest, level)
                 slack = own if slack is None else slack + own
         relaxation = next((one.relaxation for one in self.effects if one.relaxation is not None), None)
+        row = (depth, slack, level, stiffness)
         if relaxation is None:
-            force = elastic_force(depth, slack, level, stiffness, value.get("toe_mm"))
+            force = elastic_force(*row, value.get("toe_mm"))
         else:
-            share, tau_s = relaxation(value)
-            force = relaxing_force(
-                trace.time_s, depth, slack, level, stiffness, share, tau_s, value.get("toe_mm")
-            )
+            force = relaxing_force(trace.time_s, *row, *relaxation(value), value.get("toe_mm"))
         for effect in self.effects:
             if effect.force_factor is not None:
                 force = force * effect.force_factor(value, self.curve, depth, deepest)
-        elapsed_min = (trace.time_s - trace.time_s[0]) / 60
-        drift = value["drift_N_per_min"][:, None] * elapsed_min
+        drift = value["drift_N_per_min"][:, None] * (trace.time_s - trace.time_s[0]) / 60
         total = value["E_MPa"][:, None] * force + value["zero_N"][:, None] + drift
         for effect in self.effects:
             if effect.added_N is not None:
                 total = total + effect.added_N(value, trace)
         return np.asarray(total)
+
+
+def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Law:
+    """The geometry's curve with its nuisances.
+
+    Common to all recordings: E; `bend`, force times (1 + d/length)^bend; the load cell's drift
+    (`trace.drift_sd_N_per_min`); where the ends are not known `ends_held`, from 0 (sliding) to 1 (held).
+    Of each recording: the travel at first touch, the cell's zero, and of flat ends the toe, the width over
+    which first touches are spread.
+    """
+    curve = trace.geometry.curve(thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    own = [_own(part, suffix_of(k), curve.toe_mm) for k, part in enumerate(trace.parts)]
+    deepest = [
+        max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3)
+        for part, unknowns in zip(trace.parts, own, strict=True)
+    ]
+    peaks = [np.abs(part.force_N).max() for part in trace.parts]
+    guess = float(np.mean(np.log(peaks / curve.force_N_per_MPa(np.array(deepest)))))
+    ends = Unknown(name="ends_held", unit="1", scale="logit", mean=0.0, sd=ENDS_SD)
+    return Law(
+        curve=curve,
+        baseline=(
+            Unknown(name="E_MPa", unit="MPa", scale="log", mean=guess, sd=2.0),
+            *(unknown for unknowns in own for unknown in unknowns),
+            Unknown(name="bend", unit="1", scale="linear", mean=0.0, sd=BEND_SD),
+            Unknown(
+                name="drift_N_per_min", unit="N/min", scale="linear", mean=0.0, sd=trace.drift_sd_N_per_min
+            ),
+            *([] if curve.held_over_sliding(np.zeros(1)) is None else [ends]),
+        ),
+    )
+
+
+def _own(trace: IndenterTrace, at: str, toe_mm: float) -> tuple[Unknown, ...]:
+    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force:
+    the zero's standard deviation holds all of it.
+    """
+    calm = max(first_touch(trace) - 1, 0)
+    peak = float(np.abs(trace.force_N).max())
+    zero = float(np.median(trace.force_N[: max(calm, 1)]))
+    zero_sd, onset_sd = float(np.hypot(ZERO_SD * peak, zero)), ONSET_SD * float(np.ptp(trace.travel_mm))
+    onset_mm = float(trace.travel_mm[calm])
+    onset = Unknown(name=f"onset_mm{at}", unit="mm", scale="linear", mean=onset_mm, sd=onset_sd)
+    offset = Unknown(name=f"zero_N{at}", unit="N", scale="linear", mean=zero, sd=zero_sd)
+    if not toe_mm:
+        return (onset, offset)
+    toe = Unknown(name=f"toe_mm{at}", unit="mm", scale="log", mean=float(np.log(toe_mm)), sd=TOE_SD)
+    return (onset, offset, toe)

@@ -1,10 +1,52 @@
-"""What a bare indenter's trace says of the flesh beyond linear elasticity: the public entry."""
+"""What a bare indenter's curves say of the flesh beyond linear elasticity."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from fem.indentation.account import account_for
-from fem.indentation.trace import IndenterTrace
-from fem.mismatch.result import Explanation
+from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.contact_curve import out_of_range
+from fem.indentation.contact_law import linear_law, suffix_of
+from fem.indentation.explanations import CurvePosterior, candidate_fits, forms_of, posterior
+from fem.indentation.fit import TraceFit, from_prior
+from fem.indentation.heldout import predicted_N, share_missed
+from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
+from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
+from fem.indentation.rupture import Rupture, before_rupture, find_rupture
+from fem.indentation.strangers import strangers
+from fem.indentation.trace import IndenterTrace, joined
+from fem.indentation.trace_checks import checks
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
+
+#: a phase with this share of the excess misfit is when the mismatch shows
+MOST = 0.6
+#: frames in the table of secant moduli
+CELLS = 24
+#: E that is not given: not a number, which files write as null
+WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
+UNEXPLAINED = (
+    "other physics is likelier than any effect of the catalogue to explain this recording, and it can change "
+    "E without limit"
+)
+IN_AIR = "leave the indenter in the air for a minute before the same press"
+SLOWER = "the same press ten times slower, with a hold ten times as long"
+BACK = "the same press, then draw the indenter back as fast as it went in and record two more minutes"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Account:
+    """`linear`, `named`: fits of the plain law and of the likeliest. `trace`: what was explained, cut before
+    a rupture where there is one.
+    """
+
+    explanation: Explanation
+    trace: IndenterTrace
+    posterior: CurvePosterior
+    linear: TraceFit
+    named: TraceFit
+    no_contact: NoContactNoise
 
 
 def explain_trace(
@@ -28,3 +70,200 @@ def explain_trace(
     return account_for(
         trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio, rng=rng, rig_N_per_mm=rig_N_per_mm
     ).explanation
+
+
+def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Modulus:
+    """E and its standard deviation (MPa) by linear elasticity alone, with first touch, zero and the theory's
+    own error taken out.
+
+    The error bar allows for what the law leaves unexplained, not for the rig's spread. Raises FemFailure
+    (bad-load) where the geometry has no law.
+    """
+    law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    return from_prior(law, trace, pooled_noise(trace)).modulus
+
+
+def account_for(
+    trace: IndenterTrace,
+    *,
+    thickness_mm: float | None,
+    poisson_ratio: float,
+    rng: np.random.Generator,
+    rig_N_per_mm: float | None = None,
+) -> Account:
+    """The posterior over all laws, held-out frames and advice; see `explain_trace` for units and failures."""
+    if not 0 <= poisson_ratio < 0.5:
+        raise FemFailure(
+            FemProblem.BAD_POISSON_RATIO,
+            f"indenter trace: found Poisson's ratio {poisson_ratio:g}, expected 0 up to less than 0.5: "
+            "flesh and rubber are at 0.45 to 0.49.",
+        )
+    if thickness_mm is not None and thickness_mm <= 0:
+        raise out_of_range(
+            f"thickness {thickness_mm:g} mm", "more than 0 or none at all: measure the specimen"
+        )
+    whole = [_up_to_rupture(part) for part in trace.parts]
+    trace = joined([part for part, _ in whole])
+    ruptured = [rupture.said for _, rupture in whole if rupture is not None]
+    no_contact = pooled_noise(trace)
+    law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    answer = posterior(candidate_fits(law, trace, no_contact, rng, forms_of(trace)))
+    plain, chosen, verdict = answer.best[NONE], answer.likeliest, answer.verdict
+    names = verdict if isinstance(verdict, tuple) else (verdict,)
+    heldout, failed = _held_out(plain, chosen, trace, no_contact)
+    rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
+    rig_sd = rig_spread(chosen, trace, no_contact)
+    before, after = (widened(one, rig_sd) for one in (plain.modulus, answer.modulus(heldout)))
+    withheld, bound = None, rig.bound or (unsure_E(after, rig_sd) if rig_sd > 0 else None)
+    if bound is not None:
+        least_MPa = least_modulus(plain, trace, no_contact, after)
+        withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {bound}"
+    elif names[0] == UNKNOWN:
+        withheld = UNEXPLAINED
+    ranking = tuple(answer.candidate(name) for name in answer.probability if name not in (NONE, UNKNOWN))
+    if withheld is not None:
+        before, after = WITHHELD, WITHHELD
+        ranking = tuple(replace(one, modulus=None) for one in ranking)
+    explanation = Explanation(
+        detected=verdict != NONE,
+        p_value=answer.p_value,
+        statistics=answer.p_values,
+        where=Where(region=_where(names)),
+        when=_when(trace, plain),
+        component="normal",
+        ranking=ranking,
+        verdict=verdict,
+        before=before,
+        after=after,
+        withheld=withheld,
+        heldout=heldout,
+        next_grasp=next_press(names),
+        cells=_cells(trace, plain, no_contact),
+        checks=checks(trace, plain, chosen, rng=rng),
+        notes=(*ruptured, *rig.notes, *_notes(trace, chosen), *strangers(trace, chosen), *failed),
+    )
+    return Account(
+        explanation=explanation,
+        trace=trace,
+        posterior=answer,
+        linear=plain,
+        named=chosen,
+        no_contact=no_contact,
+    )
+
+
+def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]:
+    """One recording, cut where its flesh breaks; raises FemFailure (no-load) where no force stands out."""
+    no_contact = require_force(trace)
+    found = find_rupture(trace, noise_N=no_contact.slow_N)
+    return (trace if found is None else before_rupture(trace, found)), found
+
+
+def _held_out(
+    plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
+) -> tuple[HeldOut, tuple[str, ...]]:
+    """Frames left out, predicted by both laws, and a note where the second law predicts none."""
+    linear, notes = predicted_N(plain, trace, no_contact), tuple[str, ...]()
+    try:
+        named = predicted_N(chosen, trace, no_contact)
+    except FemFailure as failure:
+        named, notes = linear, (f"No prediction with {chosen.law.name}: {failure.detail}.",)
+    size = float(np.sqrt(np.mean(trace.force_N[np.isfinite(linear)] ** 2)))
+    heldout = HeldOut(
+        rms_before=share_missed(linear, trace.force_N),
+        rms_after=share_missed(named, trace.force_N),
+        noise_rms=no_contact.sd_N / size,
+    )
+    return heldout, notes
+
+
+def next_press(names: tuple[str, ...]) -> str | None:
+    """Which press would tell the verdict's names apart; None for one name."""
+    if len(names) < 2:
+        return None
+    effects = [SPECS[part] for name in names for part in name.split("+") if part in SPECS]
+    if any(spec.name == "sensor_drift" for spec in effects):
+        return IN_AIR
+    return SLOWER if any(spec.knows_time for spec in effects) else BACK
+
+
+def _where(names: tuple[str, ...]) -> str:
+    """The machine ("tip") where every name is the machine's, else the flesh."""
+    parts = [part for name in names for part in name.split("+")]
+    return "tip" if all(part in SPECS and SPECS[part].of_the_jaws for part in parts) else "flesh"
+
+
+def _when(trace: IndenterTrace, plain: TraceFit) -> str:
+    """The phase that holds most of what the plain law leaves of the force."""
+    phases = np.array(trace.phases)
+    left = (trace.force_N - plain.force_N) ** 2
+    share = {p: float(left[phases == p].sum() / left.sum()) for p in ("load", "hold", "unload")}
+    top = max(share, key=lambda p: share[p])
+    return top if share[top] >= MOST else "all"
+
+
+def _depth_mm(part: IndenterTrace, known: TraceFit, number: int) -> Float[np.ndarray, " t"]:
+    """Travel of one recording beyond its first touch."""
+    return np.asarray(part.travel_mm - known.scaled[known.law.index(f"onset_mm{suffix_of(number)}")])
+
+
+def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
+    """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
+    value = plain.law.values(plain.scaled[None])
+    part_of = np.repeat(np.arange(len(trace.parts)), [len(part.time_s) for part in trace.parts])
+    zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
+    depth = np.concatenate([_depth_mm(part, plain, k) for k, part in enumerate(trace.parts)])
+    (per_MPa,) = plain.law.curve_N_per_MPa(value, np.maximum(depth, 0.0)[None])
+    loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
+    phases = trace.phases
+    return tuple(
+        ModulusCell(
+            grasp=f"press{suffix_of(int(part_of[k]))}",
+            pad="tip",
+            time_s=float(trace.time_s[k]),
+            phase=phases[k],
+            E_MPa=float((trace.force_N[k] - zero[k]) / per_MPa[k]),
+            E_sd_MPa=float(no_contact.sd_N / per_MPa[k]),
+        )
+        for k in loaded[np.linspace(0, len(loaded) - 1, min(CELLS, len(loaded))).astype(int)]
+    )
+
+
+def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
+    """What a reader must know of this trace."""
+    law, several = named.law, len(trace.parts) > 1
+    notes: list[str] = []
+    for k, part in enumerate(trace.parts):
+        of = f"Recording {k + 1}: " if several else ""
+        onset, zero = (law.index(f"{name}{suffix_of(k)}") for name in ("onset_mm", "zero_N"))
+        late_mm, late_sd = named.scaled[onset] - part.travel_mm[0], named.sd[onset]
+        notes.append(
+            f"{of}First touch {late_mm:.3g} ± {late_sd:.2g} mm into the travel, with "
+            f"the load cell at {named.scaled[zero]:.3g} ± {named.sd[zero]:.2g} N before it."
+        )
+        clear = 3 * late_sd + 0.02 * float(_depth_mm(part, named, k).max())
+        if late_mm > clear:
+            notes.append(f"{of}Contact starts late: {late_mm:.2f} mm into the travel.")
+        if late_mm < -clear:
+            deep = f"was {-late_mm:.2f} mm deep before the recording started"
+            notes.append(f"{of}The {trace.geometry.tool} {deep}.")
+    notes.append(f"The best law leaves {named.share:.1%} of the force unexplained; intervals allow for it.")
+    if not named.converged:
+        notes.append(f"The search for the parameters of {law.name} has not settled; do not trust them.")
+    if several:
+        notes.append(
+            f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
+            "has come back from the one before, and with the damage and set of none."
+        )
+    if law.curve.held_over_sliding(np.zeros(1)) is not None:
+        ends = law.index("ends_held")
+        said = law.unknowns[ends].parameter(float(named.scaled[ends]), float(named.sd[ends]))
+        low, high = said.interval or (0.0, 1.0)
+        notes.append(
+            f"The ends are not stated. From 0 (sliding) to 1 (held) the curve says {low:.2f} to {high:.2f}; "
+            "E's error bar includes this uncertainty."
+        )
+    for name, why in law.curve.without.items():
+        notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
+    deepest = max(float(_depth_mm(part, named, k).max()) for k, part in enumerate(trace.parts))
+    return (*notes, *law.curve.notes(deepest))

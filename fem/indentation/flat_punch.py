@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss
 
-from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.contact_curve import Field, require_positive
+from fem.indentation.contact_curve import THICK, ContactCurve, Field, out_of_range, require_positive
 
 #: radius over thickness up to which finite elements were asked (tests/fem/test_flat_punch.py)
 THINNEST = 2.0
@@ -74,11 +73,10 @@ class FlatPunch:
         """Boussinesq's, on a slab Hayes's; raises FemFailure (bad-load) for under half a radius of flesh."""
         over = 0.0 if thickness_mm is None else self.radius_mm / thickness_mm
         if over > THINNEST:
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found a punch of radius {self.radius_mm:g} mm on {thickness_mm:g} mm of "
-                f"flesh, expected at most {THINNEST:g} thicknesses: a specimen no wider "
-                "than the tool is a cylinder between plates (--indenter plates --specimen cylinder).",
+            raise out_of_range(
+                f"a punch of radius {self.radius_mm:g} mm on {thickness_mm:g} mm of flesh",
+                f"at most {THINNEST:g} thicknesses: a specimen no wider than the tool is a cylinder between "
+                "plates (--indenter plates --specimen cylinder)",
             )
         return PunchOnSlab(
             radius_mm=self.radius_mm,
@@ -89,7 +87,7 @@ class FlatPunch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PunchOnSlab:
+class PunchOnSlab(ContactCurve):
     """F = 2 a kappa d E/(1 - nu^2): linear in depth, since the contact does not grow.
 
     Source: Sneddon, "The relation between load and penetration in the axisymmetric Boussinesq problem",
@@ -121,31 +119,10 @@ class PunchOnSlab:
         """Laws of the strain energy."""
         return {"stiffening": RIM, "damage": RIM}
 
-    @property
-    def shape_sd(self) -> float:
-        """Of the finite elements that the law was held to (tests/fem/test_flat_punch.py)."""
-        return 0.01
-
-    @property
-    def toe_mm(self) -> float:
-        """Its width is left to the `bend` of the baseline."""
-        return 0.0
-
-    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> None:
-        """There are no ends."""
-
     def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         slope = 2 * self.radius_mm * self.kappa / (1 - self.poisson_ratio**2)
         return np.asarray(slope * np.maximum(depth_mm, 0.0))
-
-    def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """(d/a)^2: of the order of what flesh away from the rim has."""
-        return np.asarray((np.maximum(depth_mm, 0.0) / self.radius_mm) ** 2)
-
-    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """kappa at every depth."""
-        return np.full(np.shape(depth_mm), self.kappa)
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and a half-space that nobody stated."""
@@ -155,8 +132,4 @@ class PunchOnSlab:
                 f"The punch went {deepest_mm / self.radius_mm:.2f} of its radius deep, where small strain "
                 "has ended, and a sharp rim cuts: E may be off by more than its interval."
             )
-        if self.thickness_mm is None:
-            found.append(
-                "No thickness was given: a half-space was assumed, and a thin specimen looks stiffer."
-            )
-        return tuple(found)
+        return (*found, *([THICK] if self.thickness_mm is None else []))

@@ -1,6 +1,6 @@
 """How well a law predicts frames that it was not fitted to."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -8,11 +8,9 @@ from jaxtyping import Bool, Float
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import TraceFit, fit
+from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import NoContactNoise
 
-#: blocks into which the whole trace is cut, every second one left out in turn
-BLOCKS = 10
 #: a compliant machine's force and the law's have settled where they change by so small a share of the peak
 MOST_ROUNDS, STILL = 60, 1e-3
 #: recordings from which on whole ones are left out
@@ -41,18 +39,6 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     return np.asarray(frames >= first)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LawPrediction:
-    """What one law says of the frames that it was not fitted to, NaN elsewhere, and how far off it is: root
-    mean squares over that of the force left out.
-    """
-
-    end_N: Float[np.ndarray, " t"]
-    blocks_N: Float[np.ndarray, " t"]
-    end_share: float
-    blocks_share: float
-
-
 def whole_recordings(trace: IndenterTrace) -> list[Bool[np.ndarray, " t"]]:
     """For each recording in turn its frames from where its force has risen by FIRST of its peak.
 
@@ -62,45 +48,28 @@ def whole_recordings(trace: IndenterTrace) -> list[Bool[np.ndarray, " t"]]:
     masks = []
     for frames, part in zip(trace.slices, trace.parts, strict=True):
         risen = part.force_N - float(np.median(part.force_N[:STAYS]))
-        above = np.flatnonzero(risen > FIRST * risen.max())
         mask = np.zeros(len(trace.time_s), dtype=bool)
-        mask[frames.start + int(above[0]) : frames.stop] = True
+        mask[frames.start + int(np.argmax(risen > FIRST * risen.max())) : frames.stop] = True
         masks.append(mask)
     return masks
 
 
-def predict_law(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> LawPrediction:
-    """The law, refitted without the frames it predicts: the trace's end, and its blocks in turn.
-
-    From FEWEST_WHOLE recordings on, whole recordings in turn take the place of the end.
+def predicted_N(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> Float[np.ndarray, " t"]:
+    """The force by the law refitted without the frames it predicts, NaN elsewhere: each recording's end, or,
+    from FEWEST_WHOLE recordings on, whole recordings in turn.
     """
-    block = np.concatenate(
-        [np.arange(len(part.time_s)) * BLOCKS // len(part.time_s) % 2 == 0 for part in trace.parts]
-    )
     several = len(trace.parts) >= FEWEST_WHOLE
-    end = _left_out(known, trace, no_contact, whole_recordings(trace) if several else [future_frames(trace)])
-    blocks = _left_out(known, trace, no_contact, [block, ~block])
-    return LawPrediction(
-        end_N=end,
-        blocks_N=blocks,
-        end_share=_share(end, trace.force_N),
-        blocks_share=_share(blocks, trace.force_N),
-    )
-
-
-def _share(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
-    out = np.isfinite(predicted_N)
-    return float(np.sqrt(np.mean((predicted_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
-
-
-def _left_out(
-    known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, masks: list[Bool[np.ndarray, " t"]]
-) -> Float[np.ndarray, " t"]:
     force = np.full(len(trace.time_s), np.nan)
-    for mask in masks:
+    for mask in whole_recordings(trace) if several else [future_frames(trace)]:
         again = fit(known.law, trace, no_contact, known.scaled[None], frames=~mask, follow=1)
         force[mask] = _without_measured(known.law, again.scaled, trace, mask)[mask]
-    return np.asarray(force)
+    return force
+
+
+def share_missed(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
+    """Root mean square error of what was predicted, over that of the force."""
+    out = np.isfinite(predicted_N)
+    return float(np.sqrt(np.mean((predicted_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
 
 
 def _without_measured(
@@ -111,10 +80,8 @@ def _without_measured(
     Raises FemFailure (NOT_CONVERGED) where force and travel do not agree within STILL after MOST_ROUNDS.
     """
     blind = trace.force_N.copy()
-    seen = ~mask
-    known_s, known_N = trace.time_s[seen], trace.force_N[seen]
-    blind[mask] = np.interp(trace.time_s[mask], known_s, known_N)
-    gives_way = any(u.name == "mm_per_N" for u in law.unknowns)
+    blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
+    gives_way = any(effect.give_mm is not None for effect in law.effects)
     for _ in range(MOST_ROUNDS):
         force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]
         changed = float(np.abs(force[mask] - blind[mask]).max(initial=0.0) / np.abs(trace.force_N).max())

@@ -1,18 +1,38 @@
 """What a trace says before the ball meets the flesh: the load cell's noise, and when it first meets it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
+from fem.estimation.coloured_noise import variance_inflation
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import NoContactNoise
 
 #: frames in the air from which their own noise is taken
 FEWEST = 20
 #: frames that a force must stay above the air's before it counts, and by how many standard deviations
 STAYS, ABOVE = 3, 6.0
+#: largest correlation of neighbouring frames that is believed
+MOST_LAG1 = 0.95
 #: variance of the third difference of unit white noise, and a normal's sd over its median deviation
 THIRD, MAD = 20.0, 1.4826
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoContactNoise:
+    """The load cell's own noise: standard deviation, correlation `lag1` of neighbouring frames, and the
+    degrees of freedom `frames` that both were estimated from.
+    """
+
+    sd_N: float
+    lag1: float
+    frames: int
+
+    @property
+    def slow_N(self) -> float:
+        """White noise of the same density at low frequency, where all that is looked for lies."""
+        return self.sd_N * float(np.sqrt(variance_inflation(np.array([self.lag1]))[0]))
 
 
 def first_touch(trace: IndenterTrace) -> int:
@@ -59,40 +79,30 @@ def pooled_noise(trace: IndenterTrace) -> NoContactNoise:
     each = [no_contact_noise(part, first_touch(part)) for part in trace.parts]
     if len(each) == 1:
         return each[0]
-    frames = np.array([one.frames for one in each])
-
-    def mean(values: list[float]) -> float:
-        return float(np.average(values, weights=np.maximum(frames, 1)))
-
-    return NoContactNoise(
-        white_N=mean([one.white_N**2 for one in each]) ** 0.5,
-        coloured_N=mean([one.coloured_N**2 for one in each]) ** 0.5,
-        fade=mean([one.fade for one in each]),
-        frames=int(frames.sum()),
-    )
+    weights = [max(one.frames, 1) for one in each]
+    variance, lag1 = np.average([(one.sd_N**2, one.lag1) for one in each], axis=0, weights=weights)
+    return NoContactNoise(sd_N=float(variance**0.5), lag1=float(lag1), frames=sum(one.frames for one in each))
 
 
 def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
-    """White and coloured noise of the frames before `touch`, less a straight line through them.
+    """Of the frames before `touch`, less a straight line through them: autoregressive, as markers' noise.
 
     With fewer than twenty of them, white noise from the third differences of the whole trace, in which a
-    smooth force leaves next to nothing. Autocovariances of the sum of white and first-order noise:
-    c1 = s^2 fade, c2 = s^2 fade^2. A load cell that counts in steps has noise of a step over root 12.
+    smooth force leaves next to nothing. A load cell that counts in steps has noise of a step over root 12.
     """
     least = max(_step_N(trace.force_N) / np.sqrt(12), 1e-6 * float(np.abs(trace.force_N).max()))
     calm = max(touch - 1, 0)
     if calm < FEWEST:
         white = max(_rough_N(trace.force_N), least)
-        return NoContactNoise(white_N=white, coloured_N=0.0, fade=0.0, frames=len(trace.force_N) // 4)
+        return NoContactNoise(sd_N=white, lag1=0.0, frames=len(trace.force_N) // 4)
     time, force = trace.time_s[:calm], trace.force_N[:calm]
     detrended = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
-    c0, c1, c2 = (float(detrended[: calm - k] @ detrended[k:]) / (calm - 2) for k in range(3))
-    if c0 <= least**2 or c1 < 2 / np.sqrt(calm) * c0:
-        return NoContactNoise(white_N=max(np.sqrt(c0), least), coloured_N=0.0, fade=0.0, frames=calm - 2)
-    fade = float(np.clip(c2 / c1, c1 / c0, 0.95))
-    coloured = min(c1 / fade, 0.95 * c0)
+    square = float(detrended @ detrended)
+    lag1 = float(detrended[1:] @ detrended[:-1]) / square if square > (calm - 2) * least**2 else 0.0
     return NoContactNoise(
-        white_N=max(np.sqrt(c0 - coloured), least), coloured_N=np.sqrt(coloured), fade=fade, frames=calm - 2
+        sd_N=max(float(np.sqrt(square / (calm - 2))), least),
+        lag1=min(lag1, MOST_LAG1) if lag1 > 2 / np.sqrt(calm) else 0.0,
+        frames=calm - 2,
     )
 
 

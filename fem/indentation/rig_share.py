@@ -6,13 +6,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.indentation.fit import TraceFit, fit
-from fem.indentation.no_contact import first_touch
+from fem.indentation.no_contact import NoContactNoise, first_touch
 from fem.indentation.rig_error import STEEPER
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_noise import NoContactNoise
-from fem.indentation.unknowns import NINETY
-from fem.mismatch.result import Modulus
+from fem.mismatch.result import NINETY, Modulus
 
 UNSURE = 0.3
 """Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound: the
@@ -64,28 +61,24 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
     if len(trace.parts) > 1:
         each = [rig_share(part, rig_N_per_mm=rig_N_per_mm, made_known=made_known) for part in trace.parts]
         return max(each, key=lambda one: one.rig_mm_per_N / max(one.recorded_mm_per_N, 1e-12))
-    recorded = trace.travel_mm if trace.rig_give_mm is None else trace.travel_mm + trace.rig_give_mm
     used = _upper_half(trace)
-    slope = _slope(trace.force_N[used], recorded[used])
+    force = trace.force_N[used]
     if trace.rig_give_mm is not None and trace.rig_sd_mm is not None:
-        rig = _slope(trace.force_N[used], trace.rig_give_mm[used])
-        at_peak = int(np.argmax(trace.force_N))
-        relative = float(trace.rig_sd_mm[at_peak] / max(float(trace.rig_give_mm[at_peak]), 1e-12))
-        sd = max(abs(_slope(trace.force_N[used], trace.rig_sd_mm[used])), relative * rig)
-        return _of_a_known_rig(slope, rig, sd)
-    if not slope > 0:
-        return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=0.0, rig_sd_mm_per_N=0.0, bound=None, notes=())
-    stiffness = 1 / slope
+        slope = _slope(force, (trace.travel_mm + trace.rig_give_mm)[used])
+        rig = _slope(force, trace.rig_give_mm[used])
+        peak = int(np.argmax(trace.force_N))
+        relative = float(trace.rig_sd_mm[peak] / max(float(trace.rig_give_mm[peak]), 1e-12))
+        return _of_a_known_rig(slope, rig, max(abs(_slope(force, trace.rig_sd_mm[used])), relative * rig))
+    slope = _slope(force, trace.travel_mm[used])
     rig = 1 / (SOFT_RIG_N_PER_MM if rig_N_per_mm is None else rig_N_per_mm)
-    share = rig / slope
-    bound: str | None = None
-    notes: tuple[str, ...] = ()
+    share, stiffness = (rig / slope, 1 / slope) if slope > 0 else (0.0, np.inf)
+    bound, note = None, ""
     if rig_N_per_mm is None and share > MOST_SHARE:
-        notes = (
+        note = (
             f"The contact has {stiffness:.3g} N/mm at the upper half of its force, and nothing says how "
             f"stiff the rig is. E holds on a rig of {stiffness / SAID_SHARE:.2g} N/mm or more and is a "
             f"lower bound on a softer one: a gripper with soft pads, of {SOFT_RIG_N_PER_MM:g} N/mm, would "
-            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object {made_known}.",
+            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object {made_known}."
         )
     elif rig_N_per_mm is not None and share > MOST_SHARE:
         bound = (
@@ -93,74 +86,66 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
             f"({stiffness:.3g} N/mm were recorded on a rig of {rig_N_per_mm:g} N/mm)"
         )
     elif rig_N_per_mm is not None and share > SAID_SHARE:
-        notes = (
+        note = (
             f"A rig of {rig_N_per_mm:g} N/mm gives {share:.0%} of the travel at the upper half of the "
-            "force: E is too low by about as much; drupe convert --rig takes it off.",
+            "force: E is too low by about as much; drupe convert --rig takes it off."
         )
-    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=0.0, bound=bound, notes=notes)
+    return RigShare(
+        recorded_mm_per_N=slope,
+        rig_mm_per_N=rig,
+        rig_sd_mm_per_N=0.0,
+        bound=bound,
+        notes=(note,) if note else (),
+    )
 
 
 def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
     """What is left to the object of the recorded slope, and whether it is clear of the rig's spread."""
-    own = slope - rig
-    share = rig / slope if slope > 0 else 1.0
-    said = (
-        f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
-        f"{rig:.3g} ± {sd:.2g} mm/N"
-    )
     bound = None
-    if not own > sd / UNSURE:
-        bound = f"{said}, so that what is left to the object is not known"
-    notes = (
-        f"Taken off as the rig's own: {min(share, 1):.0%} of the travel at the upper half of the force "
-        f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's.",
+    if not slope - rig > sd / UNSURE:
+        bound = (
+            f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
+            f"{rig:.3g} ± {sd:.2g} mm/N, so that what is left to the object is not known"
+        )
+    share = min(rig / slope, 1) if slope > 0 else 1.0
+    note = (
+        f"Taken off as the rig's own: {share:.0%} of the travel at the upper half of the force "
+        f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's."
     )
-    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd, bound=bound, notes=notes)
+    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd, bound=bound, notes=(note,))
 
 
-def least_modulus(
-    trace: IndenterTrace,
-    no_contact: NoContactNoise,
-    found: Modulus,
-    *,
-    thickness_mm: float | None,
-    poisson_ratio: float,
-) -> float:
+def with_other_rig(
+    known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, *, give_sd: float
+) -> TraceFit:
+    """The law refitted with the rig's give so many standard deviations less; itself where none was taken off.
+
+    The rig's error is considered, not fitted (Schmidt, "Application of state-space methods to navigation
+    problems", Adv. Control Syst. 3, 1966, 293-340): beside the contact's own curve, which it resembles, a fit
+    would take it for whatever else the law leaves unexplained.
+    """
+    if trace.rig_sd_mm is None:
+        return known
+    moved = replace(trace, travel_mm=trace.travel_mm + give_sd * trace.rig_sd_mm)
+    return fit(known.law, moved, no_contact, known.scaled[None], follow=1)
+
+
+def least_modulus(plain: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, after: Modulus) -> float:
     """The modulus that E is above with 95 %, MPa: with the rig's give at the lower end of its spread.
 
     By linear elasticity, which holds where an effect is found as well: what relaxes or yields was stiffer.
-    Without a rig taken off it is the lower end of `found`, since any give leaves the object less travel.
+    Without a rig taken off it is the lower end of `after`, since any give leaves the object less travel.
     """
     if trace.rig_sd_mm is None:
-        return max(found.value - NINETY * found.sd, 0.0)
-    less = replace(
-        trace,
-        travel_mm=trace.travel_mm + NINETY * trace.rig_sd_mm,
-        rig_give_mm=None,
-        rig_sd_mm=None,
-    )
-    law = linear_law(less, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    again: TraceFit = fit(law, less, no_contact, np.array([[u.mean for u in law.unknowns]]), follow=1)
-    at = [u.name for u in law.unknowns].index("E_MPa")
-    return float(np.exp(again.scaled[at] - NINETY * again.sd[at]))
+        return max(after.value - NINETY * after.sd, 0.0)
+    again = with_other_rig(plain, trace, no_contact, give_sd=NINETY)
+    return float(np.exp(again.scaled[0] - NINETY * again.sd[0]))
 
 
 def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
-    """Standard deviation of ln E that the rig's spread makes; 0 where no rig was taken off.
-
-    Half of ln E's change between the law refitted to a travel with the rig's give one standard deviation
-    less, and one more. The rig's error is considered, not fitted (Schmidt, "Application of state-space
-    methods to navigation problems", Adv. Control Syst. 3, 1966, 293-340): beside the contact's own curve,
-    which it resembles, a fit would take it for whatever else the law leaves unexplained.
-    """
-    if trace.rig_sd_mm is None:
-        return 0.0
-    at = [u.name for u in known.law.unknowns].index("E_MPa")
-    found = []
-    for way in (-1.0, 1.0):
-        moved = replace(trace, travel_mm=trace.travel_mm + way * trace.rig_sd_mm)
-        found.append(fit(known.law, moved, no_contact, known.scaled[None], follow=1).scaled[at])
-    return 0.5 * float(abs(found[1] - found[0]))
+    """Standard deviation of ln E that the rig's spread makes: half its change between the ends."""
+    ends = [with_other_rig(known, trace, no_contact, give_sd=way).scaled[0] for way in (-1.0, 1.0)]
+    return 0.5 * float(abs(ends[1] - ends[0]))
 
 
 def unsure_E(after: Modulus, ln_sd: float) -> str | None:

@@ -1,12 +1,12 @@
 """Flesh that breaks: where the force falls suddenly although the indenter is not drawn back."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter
 
-from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.contact_curve import out_of_range
 from fem.indentation.trace import FEWEST_FRAMES, IndenterTrace
 
 #: share of the force that must be lost, and standard deviations of the noise beside it (set by hand: ten
@@ -82,21 +82,12 @@ def find_rupture(trace: IndenterTrace, *, noise_N: float) -> Rupture | None:
 
 def before_rupture(trace: IndenterTrace, found: Rupture) -> IndenterTrace:
     """The trace up to the largest force; raises FemFailure (bad-load) where too few frames are left."""
-    part = slice(0, found.last + 1)
     if found.last + 1 < FEWEST_FRAMES:
-        raise FemFailure(
-            FemProblem.BAD_LOAD,
-            f"indenter trace: found a rupture after {found.last + 1} frames ({found.time_s:.3g} s), expected "
-            f"at least {FEWEST_FRAMES} before it: record more often, or press slower.",
+        raise out_of_range(
+            f"a rupture after {found.last + 1} frames ({found.time_s:.3g} s)",
+            f"at least {FEWEST_FRAMES} before it: record more often, or press slower",
         )
-    return replace(
-        trace,
-        time_s=trace.time_s[part],
-        force_N=trace.force_N[part],
-        travel_mm=trace.travel_mm[part],
-        rig_give_mm=None if trace.rig_give_mm is None else trace.rig_give_mm[part],
-        rig_sd_mm=None if trace.rig_sd_mm is None else trace.rig_sd_mm[part],
-    )
+    return trace.cut(slice(0, found.last + 1))
 
 
 def _rise_N_per_s(time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:

@@ -1,14 +1,14 @@
 """What a bare indenter recorded: force over travel and time, checked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.contact_curve import Geometry
+from fem.indentation.contact_curve import Geometry, out_of_range
 
 #: fewest frames that a fit with a dozen unknowns can be asked to explain
 FEWEST_FRAMES = 20
@@ -18,6 +18,7 @@ force where nothing is stated. By OIML R 60-1, 5.5.1, a cell's reading under con
 than 0.7 of the permissible error within 30 min; of the usual class, C with 3000 intervals, that is
 0.7 * 0.7 * 1.5 / 3000 of the range. It is taken as two standard deviations, and all of it may come within a
 minute. Assumed: the peak force is a tenth of the range or more."""
+PER_FRAME = ("time_s", "force_N", "travel_mm", "rig_give_mm", "rig_sd_mm")
 #: travel slower than this share of the fastest counts as standing still
 STILL = 0.05
 
@@ -44,57 +45,42 @@ class IndenterTrace:
     drift_N_per_min: float | None = None
 
     def __post_init__(self) -> None:
-        frames = len(self.time_s)
-        if not frames == len(self.force_N) == len(self.travel_mm):
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found {frames} times, {len(self.force_N)} forces and "
-                f"{len(self.travel_mm)} travels, expected as many of each: export them from one table.",
+        frames, count = len(self.time_s), (len(self.force_N), len(self.travel_mm))
+        if count != (frames, frames):
+            raise out_of_range(
+                f"{frames} times, {count[0]} forces and {count[1]} travels",
+                "as many of each: export them from one table",
             )
         for name in ("rig_give_mm", "rig_sd_mm"):
             values = getattr(self, name)
             if values is not None and (len(values) != frames or not np.isfinite(values).all()):
-                raise FemFailure(
-                    FemProblem.BAD_LOAD,
-                    f"indenter trace: found {name} that is not one finite number a frame, expected {frames}: "
-                    "convert the trace again with --rig.",
+                raise out_of_range(
+                    f"{name} that is not one finite number a frame",
+                    f"{frames}: convert the trace again with --rig",
                 )
         if frames < FEWEST_FRAMES:
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found {frames} frames, expected at least {FEWEST_FRAMES}: record longer.",
-            )
+            raise out_of_range(f"{frames} frames", f"at least {FEWEST_FRAMES}: record longer")
         for name in ("time_s", "force_N", "travel_mm"):
             if not np.isfinite(getattr(self, name)).all():
-                raise FemFailure(
-                    FemProblem.BAD_LOAD,
-                    f"indenter trace: found {name} that is not finite, expected numbers: drop those frames.",
-                )
+                raise out_of_range(f"{name} that is not finite", "numbers: drop those frames")
         if (np.diff(self.time_s) <= 0).any():
-            first = int(np.argmax(np.diff(self.time_s) <= 0)) + 1
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found time {self.time_s[first]:g} s after {self.time_s[first - 1]:g} s, "
-                "expected strictly increasing times: sort the frames.",
+            k = int(np.argmax(np.diff(self.time_s) <= 0)) + 1
+            raise out_of_range(
+                f"time {self.time_s[k]:g} s after {self.time_s[k - 1]:g} s",
+                "strictly increasing times: sort the frames",
             )
+
+    def cut(self, frames: slice) -> "IndenterTrace":
+        """These frames of one recording, as a trace of their own."""
+        arrays: dict[str, Any] = {
+            name: values[frames] for name in PER_FRAME if (values := getattr(self, name)) is not None
+        }
+        return replace(self, starts=(0,), **arrays)
 
     @cached_property
     def parts(self) -> tuple["IndenterTrace", ...]:
         """Each recording by itself."""
-        if len(self.starts) == 1:
-            return (self,)
-        return tuple(
-            IndenterTrace(
-                time_s=self.time_s[part],
-                force_N=self.force_N[part],
-                travel_mm=self.travel_mm[part],
-                geometry=self.geometry,
-                rig_give_mm=None if self.rig_give_mm is None else self.rig_give_mm[part],
-                rig_sd_mm=None if self.rig_sd_mm is None else self.rig_sd_mm[part],
-                drift_N_per_min=self.drift_N_per_min,
-            )
-            for part in self.slices
-        )
+        return (self,) if len(self.starts) == 1 else tuple(self.cut(frames) for frames in self.slices)
 
     @property
     def slices(self) -> tuple[slice, ...]:
@@ -108,11 +94,6 @@ class IndenterTrace:
         if self.drift_N_per_min is not None:
             return self.drift_N_per_min
         return DRIFT_SHARE_PER_MIN * RANGE_OVER_PEAK * float(np.abs(self.force_N).max())
-
-    @property
-    def elapsed_s(self) -> Float[np.ndarray, " t"]:
-        """Time since each recording's own first frame."""
-        return np.concatenate([part.time_s - part.time_s[0] for part in self.parts])
 
     @property
     def phases(self) -> tuple[str, ...]:
@@ -130,31 +111,22 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
     Time runs on from one to the next; how long it was between them is not known and nothing asks: every
     recording is taken to meet flesh that has come back (`fem.indentation.contact_law`).
     """
+    if len(traces) == 1:
+        return traces[0]
     starts = np.cumsum([0, *(len(one.time_s) for one in traces)])[:-1]
     times, end = [], 0.0
     for one in traces:
-        step = float(np.median(np.diff(one.time_s)))
         times.append(one.time_s - one.time_s[0] + end)
-        end = float(times[-1][-1]) + step
-    if len(traces) == 1:
-        return traces[0]
-    return IndenterTrace(
-        time_s=np.concatenate(times),
-        force_N=np.concatenate([one.force_N for one in traces]),
-        travel_mm=np.concatenate([one.travel_mm for one in traces]),
-        geometry=traces[0].geometry,
-        starts=tuple(int(k) for k in starts),
-        rig_give_mm=_together([one.rig_give_mm for one in traces], traces),
-        rig_sd_mm=_together([one.rig_sd_mm for one in traces], traces),
-        drift_N_per_min=traces[0].drift_N_per_min,
-    )
+        end = float(times[-1][-1] + np.median(np.diff(one.time_s)))
+    arrays: dict[str, Any] = {
+        name: np.concatenate([_known(one, name) for one in traces])
+        for name in PER_FRAME[1:]
+        if any(getattr(one, name) is not None for one in traces)
+    }
+    return replace(traces[0], time_s=np.concatenate(times), starts=tuple(map(int, starts)), **arrays)
 
 
-def _together(
-    each: Sequence[Float[np.ndarray, " t"] | None], traces: Sequence[IndenterTrace]
-) -> Float[np.ndarray, " t"] | None:
-    """What was taken off for the rig, nothing where it was not; None where it was of none."""
-    if all(one is None for one in each):
-        return None
-    known = zip(each, traces, strict=True)
-    return np.concatenate([np.zeros(len(of.time_s)) if one is None else one for one, of in known])
+def _known(trace: IndenterTrace, name: str) -> Float[np.ndarray, " t"]:
+    """The values of each frame; zero of a rig that was not taken off."""
+    values = getattr(trace, name)
+    return np.zeros(len(trace.time_s)) if values is None else np.asarray(values)

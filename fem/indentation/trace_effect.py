@@ -1,7 +1,7 @@
-"""What an effect is to the finder in a bare indenter's trace: its unknowns, and how it changes the force.
+"""An effect in a force-displacement curve: its unknowns, and how it changes the force.
 
-Every file of fem/indentation/effects holds one TraceEffectSpec as EFFECT. Names, units, words and scope are
-those of the same effect between pads (fem.mismatch.effects), said there once.
+Names, units, words and scope are those of the same effect between pads (fem.mismatch.effects), said there
+once.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,12 +13,34 @@ from jaxtyping import Float
 
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.unknowns import Unknown
 from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.result import Parameter
+from fem.mismatch.result import NINETY, Parameter
 
 Values: TypeAlias = Mapping[str, Float[np.ndarray, " p"]]
 """Unknowns by name, one number for each of p rows that are tried at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """A number whose `scale` (log: positive, logit: between 0 and 1) is normal with `mean` and `sd`."""
+
+    name: str
+    unit: str
+    scale: Literal["linear", "log", "logit"]
+    mean: float
+    sd: float
+
+    def value(self, scaled: Float[np.ndarray, " *p"]) -> Float[np.ndarray, " *p"]:
+        """The number itself."""
+        if self.scale == "linear":
+            return np.asarray(scaled)
+        return np.asarray(np.exp(scaled) if self.scale == "log" else 1 / (1 + np.exp(-scaled)))
+
+    def parameter(self, scaled: float, sd: float) -> Parameter:
+        """Value with standard deviation (to first order) and the 90 % interval carried from the scale."""
+        low, value, high = (float(self.value(np.array(scaled + k * sd))) for k in (-NINETY, 0, NINETY))
+        slope = {"linear": 1.0, "log": value, "logit": value * (1 - value)}[self.scale]
+        return Parameter(value=value, sd=slope * sd, unit=self.unit, interval=(low, high))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +56,6 @@ class TraceEffect:
 
     name: str
     unknowns: tuple[Unknown, ...]
-    arms: int = 0
     give_mm: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
     stress_factor: Callable[[Values, ContactCurve, np.ndarray], Float[np.ndarray, "p n"]] | None = None
     slack_mm: Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t n"]] | None = (
@@ -46,17 +67,6 @@ class TraceEffect:
     ) = None
     added_N: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
     parameters: Callable[[np.ndarray, np.ndarray], dict[str, Parameter]] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class TraceEffectSpec:
-    """An effect of traces: what it says of itself between pads, its place in the search (which decides what
-    is drawn for it), and its forms in a trace, simplest first.
-    """
-
-    spec: EffectSpec
-    rank: int
-    forms: Callable[[IndenterTrace], tuple[TraceEffect, ...]]
 
 
 def unknown(

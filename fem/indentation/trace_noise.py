@@ -1,4 +1,4 @@
-"""Noise of a trace: what the load cell adds, and what a model leaves unexplained of the force."""
+"""Noise of a trace: what a model leaves unexplained of the force, beside what the load cell adds."""
 
 from dataclasses import dataclass
 
@@ -7,34 +7,14 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 from fem.cached_value import cached_value
+from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 
 #: independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave of
 #: silicone cylinders changes sign some five times in a ramp (benchmarks/silicone_cylinders.py)
 LOOKS = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoContactNoise:
-    """The load cell's own noise: white, and a coloured part of which `fade` lives on to the next frame.
-
-    `frames`: degrees of freedom that it was estimated from.
-    """
-
-    white_N: float
-    coloured_N: float
-    fade: float
-    frames: int
-
-    @property
-    def slow_N(self) -> float:
-        """White noise of the same density at low frequency, where all that is looked for lies."""
-        return float(np.sqrt(self.white_N**2 + self.coloured_N**2 * (1 + self.fade) / (1 - self.fade)))
-
-    def covariance(self, frames: int) -> Float[np.ndarray, "t t"]:
-        """Of so many frames: white^2 I + coloured^2 fade^|i - j|."""
-        apart = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
-        return np.asarray(self.white_N**2 * np.eye(frames) + self.coloured_N**2 * self.fade**apart)
+FLOOR = 0.03
+"""Share of the peak force below which the unexplained part no longer falls with the force (set by hand)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +46,9 @@ class TraceNoise:
     ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t-1"]]:
         """I + white^2 Q with this a as L D L': D, and L below its diagonal."""
         diagonal, off, _ = self._process
-        square = (self.white_N / wander_N) ** 2
-        scaled_off = off * self.white_N**2 / (wander_N[:-1] * wander_N[1:])
-        if not np.isfinite(scaled_off).all():
-            raise ValueError("the noise of a force is not finite or not positive")
-        if not len(scaled_off):
-            return 1 + square * diagonal, np.zeros(1)
-        factor, below, info = dpttrf(1 + square * diagonal, scaled_off, overwrite_d=True, overwrite_e=True)
+        diagonal = 1 + (self.white_N / wander_N) ** 2 * diagonal
+        off = off * self.white_N**2 / (wander_N[:-1] * wander_N[1:])
+        factor, below, info = dpttrf(np.asarray_chkfinite(diagonal), np.asarray_chkfinite(off))
         if info:
             raise np.linalg.LinAlgError(f"not positive definite from row {info} on")
         return factor, below
@@ -86,14 +62,10 @@ class TraceNoise:
         solved, _ = dpttrs(*self._factors, np.asarray_chkfinite(columns))
         return np.asarray((columns - solved.reshape(columns.shape)) / self.white_N**2)
 
-    def log_likelihood(self, residual: Float[np.ndarray, " t"]) -> float:
-        """Natural logarithm of the normal density."""
-        return float(self.log_likelihoods(residual, np.ones(1))[0])
-
     def log_likelihoods(
         self, residual: Float[np.ndarray, " t"], shares: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " s"]:
-        """`log_likelihood` with a times each share in place of a."""
+        """Natural logarithm of the normal density, with a times each share in place of a."""
         residual = np.asarray_chkfinite(residual)
         log_o = self._process[2]
         logs = []
@@ -105,13 +77,18 @@ class TraceNoise:
         return np.array(logs)
 
 
-def joint_clock(trace: IndenterTrace, *, white_N: float) -> Float[np.ndarray, " t"]:
-    """`model_clock` of each recording, with what unties one from the next between them."""
+def noise_of(trace: IndenterTrace, no_contact: NoContactNoise) -> TraceNoise:
+    """White noise and, beside it, all of the measured force (FLOOR of its peak at least) unexplained."""
+    size = np.abs(trace.force_N)
     clocks, end = [], 0.0
-    for part in trace.parts:
-        clocks.append(end + model_clock(part.time_s, part.force_N, white_N=white_N))
+    for part in trace.parts:  # LOOKS unties each recording from the next
+        clocks.append(end + model_clock(part.time_s, part.force_N, white_N=no_contact.sd_N))
         end = float(clocks[-1][-1]) + LOOKS
-    return np.concatenate(clocks)
+    return TraceNoise(
+        white_N=no_contact.slow_N,
+        wander_N=np.maximum(size, FLOOR * size.max()),
+        clock=np.concatenate(clocks),
+    )
 
 
 def model_clock(

@@ -17,8 +17,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.estimation.sensitivity import POISSON_RATIO
 from fem.fem_failure import FemFailure
 from fem.indentation.compressed_ellipsoid import Ellipsoid
-from fem.indentation.explain_trace import explain_trace
-from fem.indentation.linear_modulus import linear_modulus
+from fem.indentation.explain_trace import explain_trace, linear_modulus
 from fem.indentation.no_contact import first_touch, require_force
 from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fem.fem_failure import FemFailure
-from fem.indentation.linear_modulus import linear_modulus
+from fem.indentation.explain_trace import linear_modulus
 from fem.indentation.no_contact import require_force
 from pipeline.fruit.bare_traces import bare_recording, joined_traces
 from pipeline.fruit.input_doubts import implausible_E

@@ -5,16 +5,14 @@ some: an even field has the law of a small volume, written down here anew.
 import numpy as np
 import pytest
 
-from fem.indentation.account import account_for
 from fem.indentation.ball import Ball
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
-from fem.indentation.contact_law import Law
+from fem.indentation.contact_law import Law, linear_law
+from fem.indentation.explain_trace import account_for
+from fem.indentation.explanations import forms_of
 from fem.indentation.flat_punch import FlatPunch
-from fem.indentation.posterior import modulus_of
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_catalogue import TRACE_EFFECTS
 
 NU = 0.45
 SLIDING = Cylinder(diameter_mm=10.0, height_mm=10.0, ends="lubricated")
@@ -36,6 +34,7 @@ NOTHING = {
     "weight_1": 1e-12,
 }
 """Values at which each effect does nothing."""
+EFFECTS = ("viscoelastic", "stiffening", "plastic_set", "damage", "gripper_compliance", "sensor_drift")
 
 
 def scaled(law, **values):
@@ -58,14 +57,13 @@ def force(geometry, effect=None, travel_mm=TRAVEL_MM, **values):
         time_s=TIME_S, force_N=np.maximum(travel_mm, 1e-3), travel_mm=travel_mm, geometry=geometry
     )
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
-    spec = next((one for one in TRACE_EFFECTS if one.spec.name == effect), None)
-    effects = () if spec is None else spec.forms(trace)[:1]
+    effects = () if effect is None else forms_of(trace)[effect][:1]
     law = Law(curve=law.curve, baseline=law.baseline, effects=effects)
     return law.force_N(trace, scaled(law, **values))[0]
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
-@pytest.mark.parametrize("effect", [one.spec.name for one in TRACE_EFFECTS])
+@pytest.mark.parametrize("effect", EFFECTS)
 def test_none_of_an_effect_is_the_plain_curve_in_every_geometry(name, effect):
     geometry = GEOMETRIES[name]
     curve = geometry.curve(thickness_mm=None, poisson_ratio=NU)
@@ -131,6 +129,6 @@ def test_relaxation_is_named_between_plates_and_under_a_punch(name):
     account = account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=rng)
     said = account.explanation
     assert said.verdict == "viscoelastic"
-    assert modulus_of(account.named).value == pytest.approx(0.3, rel=0.03)
+    assert account.named.modulus.value == pytest.approx(0.3, rel=0.03)
     assert said.ranking[0].parameters["g"].value == pytest.approx(0.4, rel=0.05)
     assert said.ranking[0].parameters["tau_s"].value == pytest.approx(4.0, rel=0.1)

@@ -6,15 +6,14 @@ from press_trace import ball_trace
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
-from fem.indentation.contact_law import Law
-from fem.indentation.effects.trace_gripper_compliance import GRIPPER_COMPLIANCE
+from fem.indentation.contact_law import Law, linear_law
+from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
+from fem.indentation.explanations import parameters_of
 from fem.indentation.fit import fit
-from fem.indentation.heldout import future_frames, predict_law
-from fem.indentation.no_contact import first_touch, no_contact_noise
-from fem.indentation.posterior import parameters_of
-from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
+from fem.indentation.heldout import future_frames, predicted_N, share_missed
+from fem.indentation.no_contact import NoContactNoise, first_touch, no_contact_noise
+from fem.indentation.trace_noise import TraceNoise, model_clock
 
 
 def fitted(trace, *effects, rng):
@@ -34,7 +33,7 @@ def test_banded_noise_is_the_dense_normal():
     residual = rng.standard_normal(40)
     assert noise.solve(residual) == pytest.approx(np.linalg.solve(dense, residual), rel=1e-8)
     log = -0.5 * (residual @ np.linalg.solve(dense, residual) + np.linalg.slogdet(2 * np.pi * dense)[1])
-    assert noise.log_likelihood(residual) == pytest.approx(log)
+    assert noise.log_likelihoods(residual, np.ones(1))[0] == pytest.approx(log)
 
 
 def test_a_model_is_looked_at_as_often_however_many_frames_there_are():
@@ -58,7 +57,7 @@ def test_noise_in_the_air_is_found_white_or_coloured(fade):
 def test_a_load_cell_that_counts_in_steps_is_never_noiseless():
     time, force, travel = injected(np.random.default_rng(1), noise_N=0.0)
     trace = ball_trace(time, np.round(force / 0.01) * 0.01, travel)
-    assert no_contact_noise(trace, first_touch(trace)).white_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
+    assert no_contact_noise(trace, first_touch(trace)).sd_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
 
 
 def test_touch_is_found_where_it_is():
@@ -90,9 +89,8 @@ def test_nine_tenths_of_the_intervals_hold_the_truth():
 
 def test_two_arms_are_both_found():
     rng = np.random.default_rng(4)
-    trace = ball_trace(
-        *injected(rng, noise_N=0.002, press=Press(hold_s=40.0, ramp_s=1.0), g=(0.3, 0.25), tau_s=(1.0, 15.0))
-    )
+    press = Press(hold_s=40.0, ramp_s=1.0)
+    trace = ball_trace(*injected(rng, noise_N=0.002, press=press, g=(0.3, 0.25), tau_s=(1.0, 15.0)))
     said = parameters_of(fitted(trace, viscoelastic(2), rng=rng))
     assert said["g"].value == pytest.approx(0.3, rel=0.08)
     assert said["g_2"].value == pytest.approx(0.25, rel=0.08)
@@ -105,23 +103,21 @@ def test_recovery_after_unloading_is_predicted_from_the_hold():
     trace = ball_trace(*injected(rng, g=(0.45,), tau_s=(6.0,)))
     no_contact = no_contact_noise(trace, first_touch(trace))
     plain, relaxing = (
-        predict_law(fitted(trace, *effects, rng=rng), trace, no_contact)
+        predicted_N(fitted(trace, *effects, rng=rng), trace, no_contact)
         for effects in ((), (viscoelastic(1),))
     )
-    assert np.array_equal(np.isfinite(plain.end_N), future_frames(trace))
-    assert np.isfinite(relaxing.blocks_N).all()
-    assert plain.end_share > 5 * relaxing.end_share
-    assert plain.blocks_share > 5 * relaxing.blocks_share
+    assert np.array_equal(np.isfinite(plain), future_frames(trace))
+    assert share_missed(plain, trace.force_N) > 5 * share_missed(relaxing, trace.force_N)
 
 
 def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
     monkeypatch.setattr(heldout, "MOST_ROUNDS", 1)
     rng = np.random.default_rng(8)
     trace = ball_trace(*injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
-    no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    no_contact = NoContactNoise(sd_N=0.004, lag1=0.0, frames=29)
     named = fitted(trace, GRIPPER_COMPLIANCE, rng=rng)
     with pytest.raises(FemFailure, match="gives way still changes") as failure:
-        predict_law(named, trace, no_contact)
+        predicted_N(named, trace, no_contact)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
@@ -140,7 +136,7 @@ def test_the_past_does_not_know_the_future():
     trace = ball_trace(*columns)
     late = future_frames(trace)
     changed = ball_trace(columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2])
-    no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    no_contact = NoContactNoise(sd_N=0.004, lag1=0.0, frames=29)
     named = fitted(trace, viscoelastic(1), rng=rng)
-    forces = [predict_law(named, one, no_contact).end_N[late] for one in (trace, changed)]
+    forces = [predicted_N(named, one, no_contact)[late] for one in (trace, changed)]
     assert forces[0] == pytest.approx(forces[1], abs=1e-3 * DEEPEST_MM)

@@ -8,7 +8,7 @@ from scipy.interpolate import InterpolatedUnivariateSpline, RectBivariateSpline
 
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import half_space, hertz_energy_density
-from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.indentation.trace_effect import TraceEffect, Values, unknown
 from fem.mismatch.effects.damage import SPEC
 
 #: logarithm of k = mu depth/(R W0) that the table reaches: from no damage at all to all of dmax
@@ -98,5 +98,3 @@ DAMAGE = TraceEffect(
 )
 """Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand). This
 reduced law is off by 0.3 % of the largest force (tests/fem/test_indenter_laws.py)."""
-EFFECT = TraceEffectSpec(spec=SPEC, rank=40, forms=lambda _: (DAMAGE,))
-"""Its place in the search: see TraceEffectSpec."""

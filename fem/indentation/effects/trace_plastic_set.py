@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.indentation.contact_curve import ContactCurve
-from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.indentation.trace_effect import TraceEffect, Values, unknown
 from fem.mismatch.effects.plastic_set import SPEC
 
 #: bound on the springs' mean pressure over the yield stress (hardness, with flesh piled up round the ball),
@@ -83,5 +83,3 @@ PLASTIC_SET = TraceEffect(
 )
 """Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). This reduced law is off by 0.5 % of the
 largest force (tests/fem/test_indenter_laws.py)."""
-EFFECT = TraceEffectSpec(spec=SPEC, rank=30, forms=lambda _: (PLASTIC_SET,))
-"""Its place in the search: see TraceEffectSpec."""

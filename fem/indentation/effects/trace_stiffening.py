@@ -2,18 +2,16 @@
 laws of rubber beyond neo-Hooke.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import energy_classes, force_share
-from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
-from fem.indentation.unknowns import Unknown
+from fem.indentation.trace_effect import TraceEffect, Unknown, Values, unknown
 from fem.mismatch.effects.stiffening import SPEC
 
 #: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
@@ -55,28 +53,6 @@ def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
     return stiffening_share(b, strain, poisson_ratio=curve.poisson_ratio)
 
 
-def _stretch(curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-    """Height over the first one, between the plates."""
-    return np.asarray(np.maximum(1 - level_mm / curve.length_mm, FLATTEST))
-
-
-def mooney_rivlin_share(
-    second: Float[np.ndarray, "p 1"],
-    cross: Float[np.ndarray, "p 1"],
-    square: Float[np.ndarray, "p 1"],
-    stretch: Float[np.ndarray, "p n"],
-) -> np.ndarray:
-    """Uniaxial nominal stress over the neo-Hookean one for W = C10 x + C01 y + C11 x y + C20 x^2.
-
-    x = I1 - 3, y = I2 - 3. `second`, `cross` and `square` are C01, C11 and C20 over C10 + C01.
-
-    P = 2 (C10 + C11 y + 2 C20 x + (C01 + C11 x)/l) (l - l^-2). Source: Rivlin, "Large elastic
-    deformations of isotropic materials IV", Phil. Trans. R. Soc. A 241, 1948.
-    """
-    x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
-    return np.asarray(1 - second + cross * y + 2 * square * x + (second + cross * x) / stretch)
-
-
 def yeoh_share(
     second: Float[np.ndarray, "p 1"], third: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n"]
 ) -> np.ndarray:
@@ -101,13 +77,31 @@ def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n
     return np.asarray(4 * np.exp((power / 4 - 1) * log) * sinh / (np.exp(log) - np.exp(-2 * log)))
 
 
-def _share(name: str, sd: float, mean: float = 0.0) -> Unknown:
+def _two_ogden_share(
+    power: Float[np.ndarray, "p 1"],
+    power_2: Float[np.ndarray, "p 1"],
+    weight_2: Float[np.ndarray, "p 1"],
+    stretch: Float[np.ndarray, "p n"],
+) -> np.ndarray:
+    """Two terms of Ogden's law, the second with a share of the modulus."""
+    first, second = ogden_share(power, stretch), ogden_share(power_2, stretch)
+    return np.asarray((1 - weight_2) * first + weight_2 * second)
+
+
+def _linear(name: str, sd: float, mean: float = 0.0) -> Unknown:
     return Unknown(name=name, unit="1", scale="linear", mean=mean, sd=sd)
 
 
-def _positive(share: np.ndarray) -> np.ndarray:
-    """A force that a solid can have: parameters far off their range are tried in the search."""
-    return np.asarray(np.maximum(share, 1e-3))
+def _rubber(share: Callable[..., np.ndarray], *unknowns: Unknown) -> TraceEffect:
+    """A law by its share of the neo-Hookean force, a force that a solid can have: parameters far off their
+    range are tried in the search.
+    """
+
+    def factor(value: Values, curve: ContactCurve, level_mm: np.ndarray) -> Float[np.ndarray, "p n"]:
+        stretch = np.maximum(1 - level_mm / curve.length_mm, FLATTEST)
+        return np.asarray(np.maximum(share(*(value[u.name][:, None] for u in unknowns), stretch), 1e-3))
+
+    return TraceEffect(name=SPEC.name, unknowns=unknowns, stress_factor=factor)
 
 
 FUNG = TraceEffect(
@@ -117,55 +111,14 @@ FUNG = TraceEffect(
 )
 """Prior: b of 3 within a factor of 3.3 (set by hand)."""
 RUBBER = (
-    TraceEffect(
-        name=SPEC.name,
-        unknowns=(_share("mooney_second", 1.0), _share("mooney_cross", 0.3), _share("mooney_square", 0.3)),
-        stress_factor=lambda value, curve, level: _positive(
-            mooney_rivlin_share(
-                value["mooney_second"][:, None],
-                value["mooney_cross"][:, None],
-                value["mooney_square"][:, None],
-                _stretch(curve, level),
-            )
-        ),
-    ),
-    TraceEffect(
-        name=SPEC.name,
-        unknowns=(_share("yeoh_second", 0.2), _share("yeoh_third", 0.05)),
-        stress_factor=lambda value, curve, level: _positive(
-            yeoh_share(value["yeoh_second"][:, None], value["yeoh_third"][:, None], _stretch(curve, level))
-        ),
-    ),
-    TraceEffect(
-        name=SPEC.name,
-        unknowns=(_share("ogden_power", 4.0, 2.0),),
-        stress_factor=lambda value, curve, level: _positive(
-            ogden_share(value["ogden_power"][:, None], _stretch(curve, level))
-        ),
-    ),
-    TraceEffect(
-        name=SPEC.name,
-        unknowns=(
-            _share("ogden_power", 4.0, 2.0),
-            _share("ogden_power_2", 4.0, -2.0),
-            Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),
-        ),
-        stress_factor=lambda value, curve, level: _positive(
-            (1 - value["ogden_weight_2"][:, None])
-            * ogden_share(value["ogden_power"][:, None], _stretch(curve, level))
-            + value["ogden_weight_2"][:, None]
-            * ogden_share(value["ogden_power_2"][:, None], _stretch(curve, level))
-        ),
+    _rubber(yeoh_share, _linear("yeoh_second", 0.2), _linear("yeoh_third", 0.05)),
+    _rubber(ogden_share, _linear("ogden_power", 4.0, 2.0)),
+    _rubber(
+        _two_ogden_share,
+        _linear("ogden_power", 4.0, 2.0),
+        _linear("ogden_power_2", 4.0, -2.0),
+        Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),
     ),
 )
-"""Laws of Mooney and Rivlin, Yeoh, and Ogden (one term, two terms). Priors (set by hand): about neo-Hooke,
-wide enough for what least squares gives of silicone cylinders."""
-
-
-def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
-    """In an even field all of them."""
-    return (FUNG, *RUBBER) if isinstance(trace.geometry, Cylinder) else (FUNG,)
-
-
-EFFECT = TraceEffectSpec(spec=SPEC, rank=20, forms=_forms)
-"""Its place in the search: see TraceEffectSpec."""
+"""Laws of Yeoh and of Ogden (one term, two terms), for an even field. Priors (set by hand):
+about neo-Hooke, wide enough for what least squares gives of silicone cylinders."""

@@ -3,8 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
-from fem.indentation.unknowns import Unknown
+from fem.indentation.trace_effect import TraceEffect, Unknown, Values, unknown
 from fem.mismatch.effects.viscoelastic import SPEC
 from fem.mismatch.result import Parameter
 
@@ -35,7 +34,6 @@ def viscoelastic(arms: int) -> TraceEffect:
     return TraceEffect(
         name=SPEC.name,
         unknowns=weights + times,
-        arms=arms,
         relaxation=lambda value: arms_of(value, arms),
         parameters=viscoelastic_parameters,
     )
@@ -71,9 +69,3 @@ def viscoelastic_parameters(
         tau = unknown(SPEC, "tau_s", scale="log", mean=0.0, sd=1.0)
         found[f"tau{suffix}_s"] = tau.parameter(float(times[k] @ scaled[arms:]), late)
     return found
-
-
-EFFECT = TraceEffectSpec(
-    spec=SPEC, rank=10, forms=lambda _: tuple(viscoelastic(arms) for arms in range(1, ARMS + 1))
-)
-"""Its place in the search: see TraceEffectSpec."""

@@ -85,7 +85,9 @@ def log_prior(name: str, *, effects: int) -> float:
     return float(np.log(PRIOR["single"] / effects))
 
 
-def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " h"], float]:
+def probabilities(
+    explanations: Sequence[Weighed], *, temperature: float = TEMPERATURE
+) -> tuple[Float[np.ndarray, " h"], float]:
     """Of each of the explanations, "none" among them, and of "unknown"."""
     before = next(one.misfit for one in explanations if one.name == NONE)
     usual = log_usual(before)
@@ -97,13 +99,13 @@ def probabilities(explanations: Sequence[Weighed]) -> tuple[Float[np.ndarray, " 
     effects = sum(one.name != NONE and "+" not in one.name for one in explanations)
     named, resembled = [], []
     for one in explanations:
-        gain = one.gain / TEMPERATURE
+        gain = one.gain / temperature
         remaining = max(one.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
         prior = log_prior(one.name, effects=effects)
         as_named = prior + gain + (usual if one.name == NONE else present + left)
         named.append(as_named if one.tenable else -np.inf)
-        resembled.append(prior + gain - max(one.direct, 0.0) / TEMPERATURE + present)
+        resembled.append(prior + gain - max(one.direct, 0.0) / temperature + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])
     return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))
@@ -152,15 +154,24 @@ def p_values(
     themselves; a Bayes factor above c has a probability of at most 1/c without mismatch (Markov). The
     smallest counts, corrected for their number (Sidak).
     """
-    each = {"misfit": float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))}
+    each = {"misfit": misfit_p_value(misfit)}
     if any(len(ways) for ways in equations.ways.values()):
         observed = _catalogue(equations, equations.right[None], against)[0]
         drawn = _catalogue(equations, null_draws.drawn(DRAWS, rng))
         each["effects"] = float((1 + (drawn >= observed).sum()) / (DRAWS + 1))
     if direct > 0:
         each["gel"] = float(np.exp(-direct))
-    p = -np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12)))
-    return float(p), each
+    return smallest_p_value(each), each
+
+
+def misfit_p_value(misfit: float) -> float:
+    """Probability that the plain model leaves so much where there is no mismatch."""
+    return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))
+
+
+def smallest_p_value(each: Mapping[str, float]) -> float:
+    """The smallest of several statistics' p-values, corrected for their number (Sidak)."""
+    return float(-np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12))))
 
 
 def _catalogue(

@@ -5,7 +5,7 @@ the fit (Gelman et al. 2013, Bayesian Data Analysis, chapter 6). The standard de
 markers' noise at the parameters found; what the parameters are off by is not drawn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -29,21 +29,32 @@ def checks(
         drawn = drawn_coloured_noise((COPIES, len(trace.time_s), 1, 3), lag1, rng)[:, :, 0, 0]
         noise = _noise_mm(recording) * drawn
         copies = [_numbers(trace, trace.after_mm + one) for one in noise]
-        measured, before, after = (
-            _numbers(trace, x) for x in (trace.given_mm, trace.before_mm, trace.after_mm)
-        )
-        found += [
-            Check(
-                name=f"{trace.grasp}: {name}",
-                measured=measured[name],
-                before=before[name],
-                after=after[name],
-                sd=float(np.std([one[name] for one in copies])),
-                unit=UNITS[name],
-            )
-            for name in measured
-        ]
+        numbers = [_numbers(trace, x) for x in (trace.given_mm, trace.before_mm, trace.after_mm)]
+        found += compared(numbers, copies, UNITS, prefix=f"{trace.grasp}: ")
     return tuple(found)
+
+
+def compared(
+    numbers: Sequence[Mapping[str, float]],
+    copies: Sequence[Mapping[str, float]],
+    units: Mapping[str, str],
+    *,
+    prefix: str = "",
+    suffix: str = "",
+) -> list[Check]:
+    """Numbers measured, and by the models before and after; sd from noisy `copies` of the last."""
+    measured, before, after = numbers
+    return [
+        Check(
+            name=f"{prefix}{name}{suffix}",
+            measured=measured[name],
+            before=before[name],
+            after=after[name],
+            sd=float(np.std([one[name] for one in copies])),
+            unit=units[name],
+        )
+        for name in measured
+    ]
 
 
 def _noise_mm(recording: GraspResponse) -> Float[np.ndarray, " f"]:

@@ -1,0 +1,237 @@
+"""Which laws of a curve are tried, and what the decision of grasps (fem.mismatch.selection) makes of them.
+
+The evidence of a law takes the place of a signature's, the mean over an effect's forms that over its ways to
+show. The misfit that a law leaves goes as the square of the share of the force that it leaves unexplained:
+the least share (fem.indentation.fit) is as usual as MISFIT is of grasps.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import logsumexp
+
+from fem.indentation.compressed_cylinder import Cylinder
+from fem.indentation.contact_law import OWN, Law
+from fem.indentation.effects.trace_damage import DAMAGE
+from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE, drift_of_cell
+from fem.indentation.effects.trace_plastic_set import PLASTIC_SET
+from fem.indentation.effects.trace_stiffening import FUNG, RUBBER
+from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
+from fem.indentation.fit import TraceFit, fit
+from fem.indentation.no_contact import NoContactNoise
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_effect import TraceEffect
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, Parameter, mixture
+from fem.mismatch.selection.decision import (
+    DETECTION_P,
+    MISFIT,
+    Weighed,
+    credible_set,
+    misfit_p_value,
+    probabilities,
+    smallest_p_value,
+)
+from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.reported_modulus import reported_modulus
+
+DRAWS = 16
+"""Starts drawn from the prior beside those that simpler laws suggest."""
+BEHIND = 30.0
+"""Log evidence behind the best single effect, up to which others are tried in pairs without it."""
+TEMPERATURE = 1.0
+"""Divisor of log Bayes factors: none, since the noise of a curve holds the error of its laws. With that of
+grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
+(benchmarks/silicone_cylinders.py; all ten mixtures)."""
+LEAST_WEIGHT = 1e-4
+"""Probability of a law below which its force is left out of the mean."""
+SHAPES = frozenset({"stiffening", "plastic_set", "damage"})
+"""Effects that bend the curve of a load that only grows. Flesh that yields or is damaged answers such a load
+as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323)."""
+NUISANCES = (*OWN, "ends_held")
+"""Unknowns of the plain law that are reported with every effect."""
+
+
+def forms_of(trace: IndenterTrace) -> dict[str, tuple[TraceEffect, ...]]:
+    """Every effect that a curve is searched for, in all of its forms, the simplest first."""
+    cell = drift_of_cell(class_N_per_min=trace.drift_sd_N_per_min)
+    each = (
+        tuple(viscoelastic(arms) for arms in range(1, ARMS + 1)),
+        (FUNG, *RUBBER) if isinstance(trace.geometry, Cylinder) else (FUNG,),
+        (PLASTIC_SET,),
+        (DAMAGE,),
+        (GRIPPER_COMPLIANCE,),
+        (cell,),
+    )
+    return {forms[0].name: forms for forms in each}
+
+
+def candidate_fits(
+    linear: Law,
+    trace: IndenterTrace,
+    no_contact: NoContactNoise,
+    rng: np.random.Generator,
+    effects: Mapping[str, Sequence[TraceEffect]],
+) -> list[TraceFit]:
+    """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
+
+    Pairs: the best single effect with every other, and those among the effects close behind it, but for two
+    of SHAPES where no recording unloads. Of an effect with several forms a pair takes the best and, where
+    that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
+    """
+
+    def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit], follow: int = 2) -> TraceFit:
+        law = Law(curve=linear.curve, baseline=linear.baseline, effects=effects)
+        return fit(law, trace, no_contact, _starts(law, known, rng), follow=follow)
+
+    plain = fitted((), [])
+    singles: dict[str, list[TraceFit]] = {}
+    for name, forms in effects.items():
+        if name not in linear.curve.without:
+            own = singles.setdefault(name, [])
+            for form in forms:
+                own.append(fitted((form,), [plain, *own[-1:]]))
+    best = {name: max(own, key=lambda one: one.log_score) for name, own in singles.items()}
+    top = max(best, key=lambda name: best[name].log_evidence)
+    reach = best[top].log_evidence - BEHIND
+    chosen = {name: [best[name]] for name in best}
+    for name, (one,) in chosen.items():
+        if one.law.effects[0].relaxation is not None and one is singles[name][0]:
+            chosen[name].append(singles[name][1])
+    pairs = [
+        fitted(one.law.effects + other.law.effects, [one, other], follow=1)
+        for pair in combinations(best, 2)
+        if (top in pair or min(best[name].log_evidence for name in pair) >= reach)
+        and ("unload" in trace.phases or not SHAPES.issuperset(pair))
+        for one, other in product(*(chosen[name] for name in pair))
+    ]
+    return [plain, *(one for own in singles.values() for one in own), *pairs]
+
+
+def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
+    """The prior's mean, draws from it, and draws in which what simpler fits found is kept."""
+    names = [u.name for u in law.unknowns]
+    mean, sd = np.array([(u.mean, u.sd) for u in law.unknowns]).T
+    rows = [np.vstack([mean, mean + 0.7 * sd * rng.standard_normal((DRAWS, len(mean)))])]
+    for one in known:
+        kept = mean + 0.7 * sd * np.vstack([np.zeros(len(mean)), rng.standard_normal((DRAWS, len(mean)))])
+        for u, value in zip(one.law.unknowns, one.scaled, strict=True):
+            if u.name in names:
+                kept[:, names.index(u.name)] = value
+        rows.append(kept)
+    return np.vstack(rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePosterior:
+    """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the
+    likeliest fit of each name; `weights` of all `fits`, unknown physics left out; `p_values`: each
+    statistic's own.
+    """
+
+    fits: tuple[TraceFit, ...]
+    weights: Float[np.ndarray, " f"]
+    probability: dict[str, float]
+    gain: dict[str, float]
+    best: dict[str, TraceFit]
+    p_value: float
+    p_values: dict[str, float]
+
+    @property
+    def verdict(self) -> str | tuple[str, ...]:
+        """As of grasps: "none" unless a mismatch is detected, one name, or several."""
+        if self.p_value >= DETECTION_P:
+            return NONE
+        names = credible_set(list(self.probability), list(self.probability.values()))
+        return names[0] if len(names) == 1 else names
+
+    @property
+    def likeliest(self) -> TraceFit:
+        """The fit of the likeliest law; of other physics, the best of the catalogue."""
+        return self.best[next(name for name in self.probability if name != UNKNOWN)]
+
+    def force_N(self, trace: IndenterTrace) -> Float[np.ndarray, " t"]:
+        """Mean over the laws that the verdict names, by their probabilities."""
+        verdict = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
+        names = {name for name in verdict if name in self.best} or {self.likeliest.law.name}
+        named = np.array([one.law.name in names for one in self.fits])
+        likely = np.flatnonzero(named & (self.weights > LEAST_WEIGHT))
+        forces = [self.fits[k].law.force_N(trace, self.fits[k].scaled[None])[0] for k in likely]
+        return np.asarray(self.weights[likely] @ np.array(forces) / self.weights[likely].sum())
+
+    def candidate(self, name: str) -> Candidate:
+        """One law as answers have it; E is the mixture over its forms."""
+        best = self.best.get(name)
+        own = [k for k, one in enumerate(self.fits) if one.law.name == name]
+        weights = self.weights[own]
+        moduli = [self.fits[k].modulus for k in own]
+        return Candidate(
+            effect=name,
+            probability=self.probability[name],
+            parameters={} if best is None else parameters_of(best),
+            log_evidence=self.gain.get(name, 0.0),
+            gain=0.0 if best is None else self.best[NONE].chi_square - best.chi_square,
+            refitted=True,
+            modulus=mixture(weights.tolist(), moduli) if weights.sum() > 0 else None,
+        )
+
+    def modulus(self, heldout: HeldOut) -> Modulus:
+        """E over all explanations, by the rules of grasps."""
+        candidates = [self.candidate(name) for name in self.probability]
+        ranking = [
+            Hypothesis(name=name, gain=0.0, probability=probability, linear_fits=(), refit=None)
+            for name, probability in self.probability.items()
+        ]
+        return reported_modulus(self.verdict, ranking, candidates, self.best[NONE].modulus, heldout=heldout)
+
+
+def posterior(fits: list[TraceFit]) -> CurvePosterior:
+    """Of all fitted laws, by the decision of grasps; the forms of an effect are equally likely beforehand."""
+    groups: dict[str, list[TraceFit]] = {}
+    for one in fits:
+        groups.setdefault(one.law.name, []).append(one)
+    best = {name: max(own, key=lambda one: one.log_score) for name, own in groups.items()}
+    logs = {name: np.array([one.log_evidence for one in own]) for name, own in groups.items()}
+    plain = best[NONE].log_evidence
+    gain = {name: float(logsumexp(own) - np.log(len(own)) - plain) for name, own in logs.items()}
+    misfit = {name: MISFIT * (one.share / one.usual_share) ** 2 for name, one in best.items()}
+    weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
+    shares, unknown = probabilities(weighed, temperature=TEMPERATURE)
+    probability = {**dict(zip(best, shares.tolist(), strict=True)), UNKNOWN: unknown}
+    singles = [gain[name] for name in gain if name != NONE and "+" not in name]
+    bayes_factor = float(logsumexp(singles) - np.log(len(singles))) if singles else 0.0
+    p_values = {"effects": float(np.exp(-max(bayes_factor, 0.0))), "misfit": misfit_p_value(misfit[NONE])}
+    return CurvePosterior(
+        fits=tuple(fits),
+        weights=np.array(
+            [
+                probability[one.law.name] * float(np.exp(one.log_evidence - logsumexp(logs[one.law.name])))
+                for one in fits
+            ]
+        ),
+        probability=dict(sorted(probability.items(), key=lambda item: -item[1])),
+        gain=gain,
+        best=best,
+        p_value=smallest_p_value(p_values),
+        p_values=p_values,
+    )
+
+
+def parameters_of(one: TraceFit) -> dict[str, Parameter]:
+    """The effects' parameters by the names that files use, with the nuisances that a reader must know."""
+    known: dict[str, Parameter] = {}
+    scaled = list(zip(one.law.unknowns, one.scaled.tolist(), one.sd.tolist(), strict=True))
+    at = len(one.law.baseline)
+    for u, value, sd in scaled[:at]:
+        if u.name.startswith(NUISANCES):
+            known[u.name] = u.parameter(value, sd)
+    for effect in one.law.effects:
+        part = slice(at, at + len(effect.unknowns))
+        if effect.parameters is not None:
+            known |= effect.parameters(one.scaled[part], one.covariance[part, part])
+        else:
+            known |= {u.name: u.parameter(value, sd) for u, value, sd in scaled[part]}
+        at = part.stop
+    return known

@@ -1,0 +1,286 @@
+"""Explanations of curves: presses by closed forms (Hertz) and by another solver, alone and together."""
+
+import numpy as np
+import pytest
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.ball import Ball
+from fem.indentation.contact_law import linear_law
+from fem.indentation.explain_trace import BACK, IN_AIR, SLOWER, account_for, next_press
+from fem.indentation.heldout import whole_recordings
+from fem.indentation.trace import IndenterTrace, joined
+
+E_MPa, RADIUS = 0.3, 20.0
+
+
+def hertz_N(depth_mm, *, E_MPa=E_MPa):
+    return 4 / 3 * E_MPa / (1 - NU**2) * np.sqrt(RADIUS) * np.maximum(depth_mm, 0) ** 1.5
+
+
+def ramp(seed, *, air_s=1.0, ramp_s=6.0, hold_s=0.0, depth_mm=0.8, rate_hz=25.0):
+    """Times, travel from zero, depth and noise of a ball driven in at constant speed after `air_s`."""
+    time = np.arange(0, air_s + ramp_s + hold_s, 1 / rate_hz)
+    depth = np.minimum((time - air_s) * depth_mm / ramp_s, depth_mm)
+    return time, depth - depth[0], depth, 0.003 * np.random.default_rng(seed).standard_normal(len(time))
+
+
+def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None, nu=NU, drift_N_per_min=None):
+    trace = IndenterTrace(
+        time_s=time,
+        force_N=force,
+        travel_mm=travel,
+        geometry=Ball(radius_mm=radius_mm),
+        drift_N_per_min=drift_N_per_min,
+    )
+    rng = np.random.default_rng(0)
+    return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=nu, rng=rng)
+
+
+def of_slab(columns, *, thickness_mm=THICK_MM, nu=NU):
+    """Of a press by the other solver."""
+    return account(*columns, radius_mm=RADIUS_MM, thickness_mm=thickness_mm, nu=nu)
+
+
+def names_of(said):
+    return (said.verdict,) if isinstance(said.verdict, str) else said.verdict
+
+
+def test_hertz_alone_is_nothing_missing_and_zero_and_onset_are_reported_side_by_side():
+    time, travel, depth, noise = ramp(1)
+    said = account(time, hertz_N(depth) + 0.05 + noise, travel).explanation
+    assert said.verdict == "none"
+    assert not said.detected
+    assert said.withheld is None
+    assert said.next_grasp is None
+    assert said.after.value == pytest.approx(E_MPa, rel=0.03)
+    found = said.ranking[0].parameters
+    assert found["zero_N"].value == pytest.approx(0.05, abs=4 * found["zero_N"].sd + 0.003)
+    assert any("with the load cell at 0.0" in note for note in said.notes)
+
+
+def test_linear_flesh_of_another_solver_is_nothing_to_report():
+    said = of_slab(injected(np.random.default_rng(1), press=Press(rate_hz=5.0))).explanation
+    assert said.verdict == "none"
+    assert said.before.value == pytest.approx(0.3, rel=0.02)
+    assert abs(said.after.value - said.before.value) < said.before.sd
+
+
+def test_relaxing_flesh_is_named_with_its_share_its_time_and_its_modulus():
+    press = Press(rate_hz=5.0, onset_mm=1.0)
+    said = of_slab(injected(np.random.default_rng(2), g=(0.4,), tau_s=(5.0,), press=press)).explanation
+    top = said.ranking[0]
+    assert said.verdict == top.effect == "viscoelastic"
+    assert said.p_value < 1e-6
+    assert top.parameters["g"].value == pytest.approx(0.4, rel=0.04)
+    assert top.parameters["tau_s"].value == pytest.approx(5.0, rel=0.08)
+    assert top.parameters["onset_mm"].value == pytest.approx(1.0, abs=0.02)
+    assert said.after.value == pytest.approx(0.3, rel=0.03)
+    assert said.heldout.rms_before > 5 * said.heldout.rms_after
+    assert any("Contact starts late: 1.0" in note for note in said.notes)
+    assert sum(c.probability for c in said.ranking) > 0.95
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(
+    ("injecting", "name"),
+    [
+        ({"law": "damage dmax=0.5 W0_over_E=0.01"}, "damage"),
+        ({"law": "plastic_set yield_over_E=0.1"}, "plastic_set"),
+        ({"newton_per_s": 0.006}, "sensor_drift"),
+        (
+            {"law": "stiffening b=8", "g": (0.4,), "tau_s": (4.0,), "noise_N": 0.002},
+            "stiffening+viscoelastic",
+        ),
+    ],
+)
+def test_effects_of_another_solver_are_named(injecting, name):
+    press = Press(rate_hz=5.0, unload="+" not in name)
+    said = of_slab(injected(np.random.default_rng(4), press=press, **injecting)).explanation
+    assert said.verdict == name
+    assert said.where.region == ("tip" if name == "sensor_drift" else "flesh")
+
+
+def test_a_drift_that_the_air_shows_is_named():
+    """Of a load cell whose class allows a tenth of it."""
+    time, travel, depth, noise = ramp(2, air_s=6.0, hold_s=6.0)
+    said = account(time, hertz_N(depth) + 0.03 * time + noise, travel, drift_N_per_min=0.18).explanation
+    assert said.verdict == "sensor_drift"
+    assert said.ranking[0].parameters["newton_per_s"].value == pytest.approx(0.03, rel=0.1)
+    assert said.after.value == pytest.approx(E_MPa, rel=0.03)
+
+
+def test_a_drift_that_the_cell_cannot_have_is_not_named_in_a_ramp():
+    """Stiffening flesh in one ramp, in which time is travel: a large drift would fit too."""
+    time, travel, depth, noise = ramp(3, air_s=0.0, depth_mm=4.0)
+    said = account(time, hertz_N(depth) * np.exp(1.5 * depth / RADIUS) + noise, travel).explanation
+    assert not any("sensor_drift" in name for name in names_of(said))
+
+
+def test_a_drift_that_the_cell_may_have_is_in_the_error_bar_of_a_single_ramp():
+    time, travel, depth, noise = ramp(3, air_s=0.0)
+    force = hertz_N(depth) + noise
+    sure = account(time, force, travel, drift_N_per_min=1e-4).explanation
+    for drift_N_per_min in (-1.0, 1.0):
+        said = account(time, force + drift_N_per_min * time / 60, travel, drift_N_per_min=1.0).explanation
+        assert said.before.sd > 2 * sure.before.sd
+        assert said.after.sd >= said.before.sd
+        assert abs(said.after.value - E_MPa) < 2 * said.after.sd
+        assert not any("sensor_drift" in name for name in names_of(said))
+
+
+@pytest.mark.parametrize(("hold_s", "fall_s", "noise_N"), [(2.0, 8.0, 0.1), (0.0, 0.0, 0.01)])
+def test_flesh_that_relaxes_a_little_gives_E_held_or_not(hold_s, fall_s, noise_N):
+    """Flesh that relaxes by a tenth within 2 s: a press with hold and way back gives its initial modulus; one
+    ramp, which cannot show relaxation, a modulus between the relaxed and the initial one.
+    """
+    step, tau_s, share = 0.05, 2.0, 0.1
+    time = np.arange(0, 8 + hold_s + fall_s, step)
+    travel = np.interp(time, [0, 8, 8 + hold_s, 8 + hold_s + fall_s], [0, 2, 2, 0 if fall_s else 2])
+    elastic = hertz_N(travel - 0.5 * bool(hold_s), E_MPa=1.0)
+    fading = np.zeros(len(time))
+    for k, rise in enumerate(np.diff(elastic), 1):
+        fading[k] = fading[k - 1] * np.exp(-step / tau_s) + rise
+    force = (1 - share) * elastic + share * fading
+    force = force + noise_N * np.random.default_rng(1).standard_normal(len(time))
+    said = account(time, force, travel).explanation
+    assert said.withheld is None
+    relaxed = 1.0 if hold_s else 1.0 - share
+    assert relaxed - 2 * said.after.sd < said.after.value < 1.0 + 2 * said.after.sd
+    assert said.after.sd < 0.15
+
+
+@pytest.mark.parametrize("left", [pytest.param(0.3, marks=pytest.mark.proof), 0.7])
+def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
+    time, travel, depth, noise = ramp(4, hold_s=2.0)
+    force = hertz_N(depth) * np.where(time > 5.5, left, 1.0)
+    found = account(time, force + noise, travel)
+    assert found.trace.time_s[-1] == pytest.approx(5.5, abs=0.05)
+    assert found.explanation.verdict == "none"
+    assert found.explanation.after.value == pytest.approx(E_MPa, rel=0.04)
+    assert found.explanation.notes[0].startswith("Rupture: at 5.")
+
+
+@pytest.mark.proof
+def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before():
+    found = of_slab(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0)))
+    assert found.explanation.notes[0].startswith("Rupture")
+    assert found.trace.travel_mm[-1] < 1.4
+    assert found.explanation.after.value == pytest.approx(0.3, rel=0.05)
+
+
+def test_what_no_law_explains_is_unknown_and_its_E_is_withheld():
+    time, travel, depth, noise = ramp(8, air_s=2.0, ramp_s=8.0)
+    jerks = np.exp(0.8 * np.sin(3.0 * time) + np.maximum(time - 6, 0) * 0.9)
+    time_s, force_N, travel_mm = injected(np.random.default_rng(5), press=Press(rate_hz=5.0))
+    for said in (
+        account(time, hertz_N(depth) * jerks + noise, travel).explanation,
+        of_slab((time_s, force_N * (1 + 0.3 * np.sin(5 * travel_mm)), travel_mm)).explanation,
+    ):
+        assert names_of(said)[0] == "unknown"
+        assert said.withheld is not None
+        assert np.isnan([said.before.value, said.after.value]).all()
+        assert all(c.modulus is None for c in said.ranking)
+
+
+@pytest.mark.proof
+def test_a_press_that_began_in_contact_has_the_modulus_of_its_flesh():
+    time = np.arange(0, 8, 0.04)
+    travel = np.minimum(0.8 * time / 6, 0.8)
+    noise = 0.003 * np.random.default_rng(9).standard_normal(len(time))
+    said = account(time, hertz_N(travel + 0.3) + noise, travel).explanation
+    assert said.after.value == pytest.approx(E_MPa, rel=0.1)
+
+
+def test_the_next_press_is_what_the_names_differ_in():
+    assert next_press(("viscoelastic",)) is None
+    assert next_press(("viscoelastic", "stiffening")) == SLOWER
+    assert next_press(("none", "plastic_set")) == BACK
+    assert next_press(("sensor_drift", "stiffening")) == IN_AIR
+
+
+def refusal_of(columns, **kind):
+    with pytest.raises(FemFailure) as caught:
+        of_slab(columns, **kind)
+    return caught.value
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_refusals_say_what_was_found_and_what_to_do():
+    time, force, travel = injected(np.random.default_rng(6))
+    back = time.copy()
+    back[10] = back[9]
+    assert "strictly increasing" in refusal_of((back, force, travel)).detail
+    assert "forces" in refusal_of((time, force[1:], travel)).detail
+    assert "not finite" in refusal_of((time, np.where(time > 5, np.nan, force), travel)).detail
+    assert "at least 20" in refusal_of((time[:9], force[:9], travel[:9])).detail
+    assert refusal_of((time, force, travel), nu=0.5).problem is FemProblem.BAD_POISSON_RATIO
+    assert "thickness -1" in refusal_of((time, force, travel), thickness_mm=-1.0).detail
+    noise = np.random.default_rng(7).standard_normal(len(time))
+    assert refusal_of((time, noise, travel)).problem is FemProblem.NO_LOAD
+    assert "more slowly where the machine" in refusal_of((time, noise, travel)).detail
+    nothing = np.zeros(len(time))
+    assert "found a force of 0 N in every frame" in refusal_of((time, nothing, travel)).detail
+    assert "another column taken for the travel" in refusal_of((time, force, nothing)).detail
+
+
+def three(**kind):
+    """Presses of one slab at three rates, each with its own onset."""
+    traces = []
+    for seed, (ramp_s, onset_mm) in enumerate(((1.0, 0.2), (4.0, 0.6), (20.0, 0.9))):
+        shape = Press(ramp_s=ramp_s, hold_s=4.0, unload=False, rate_hz=10.0, onset_mm=onset_mm)
+        time_s, force_N, travel_mm = injected(np.random.default_rng(seed), press=shape, **kind)
+        tool = Ball(radius_mm=RADIUS_MM)
+        traces.append(IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=tool))
+    return traces
+
+
+def together(traces):
+    rng = np.random.default_rng(0)
+    return account_for(joined(traces), thickness_mm=THICK_MM, poisson_ratio=NU, rng=rng).explanation
+
+
+@pytest.mark.slow
+def test_rates_together_name_relaxation_with_one_share_time_and_modulus():
+    said = together(three(g=(0.4,), tau_s=(3.0,)))
+    top = said.ranking[0]
+    assert said.verdict == "viscoelastic"
+    assert top.parameters["g"].value == pytest.approx(0.4, rel=0.04)
+    assert top.parameters["tau_s"].value == pytest.approx(3.0, rel=0.08)
+    assert said.after.value == pytest.approx(0.3, rel=0.03)
+    for name, onset in (("onset_mm", 0.2), ("onset_mm_2", 0.6), ("onset_mm_3", 0.9)):
+        assert top.parameters[name].value == pytest.approx(onset, abs=0.03)
+    assert said.heldout.rms_before > 3 * said.heldout.rms_after
+
+
+@pytest.mark.proof
+def test_linear_flesh_pressed_thrice_is_nothing_to_report():
+    said = together(three())
+    assert said.verdict == "none"
+    assert said.after.value == pytest.approx(0.3, rel=0.02)
+    assert len({cell.grasp for cell in said.cells}) == 3
+
+
+def test_a_joined_trace_has_each_recordings_force_and_phases():
+    parts = three()
+    whole = joined(parts)
+    assert joined(parts[:1]) is parts[0]
+    law = linear_law(whole, thickness_mm=THICK_MM, poisson_ratio=NU)
+    own = [f"{n}{k}" for k in ("", "_2", "_3") for n in ("onset_mm", "zero_N")]
+    assert [u.name for u in law.unknowns] == ["E_MPa", *own, "bend", "drift_N_per_min"]
+    scaled = np.array([u.mean for u in law.unknowns])
+    force = law.force_N(whole, scaled[None])[0]
+    second = linear_law(parts[1], thickness_mm=THICK_MM, poisson_ratio=NU)
+    own = second.force_N(parts[1], scaled[[0, 3, 4, 7, 8]][None])[0]
+    assert force[whole.slices[1]] == pytest.approx(own)
+    assert whole.phases == tuple(phase for part in parts for phase in part.phases)
+    assert (np.diff(whole.time_s) > 0).all()
+
+
+def test_of_a_recording_left_out_only_its_beginning_stays():
+    whole = joined(three())
+    for mask, frames, part in zip(whole_recordings(whole), whole.slices, whole.parts, strict=True):
+        assert not mask[: frames.start].any()
+        assert not mask[frames.stop :].any()
+        kept = part.force_N[~mask[frames]]
+        assert kept.max() < 0.12 * part.force_N.max()
