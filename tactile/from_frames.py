@@ -10,11 +10,10 @@ from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.gel_camera import mm_per_px
 from tactile.io.converted import Converted
-from tactile.io.frame_checks import gaps_said
 from tactile.io.marker_spread import JointCovariance, MarkerSpread
+from tactile.io.pictures import gaps_said
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import GelPad, IndenterPad, Recording
-from tactile.layer_stiffness import layer_stiffness
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
     Progress,
@@ -26,7 +25,7 @@ from tactile.markers.pad_frames import (
 )
 from tactile.markers.reference_places import places_of
 from tactile.markers.tracking import TrackedMarkers, reference_of
-from tactile.sensors import Sensor
+from tactile.sensors import Sensor, layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 from tactile.view_edge import edge_said

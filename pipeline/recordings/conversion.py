@@ -37,11 +37,10 @@ from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
-from tactile.io.tac3d_arrays import write_source
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders, write_source
 from tactile.io.trace_columns import TraceWords
 from tactile.jaw_poses import Jaws, posed_by_jaws
-from tactile.rig.rig_correction import without_rig
+from tactile.rig.rig_curve import without_rig
 from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure
 

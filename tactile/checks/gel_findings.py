@@ -10,7 +10,7 @@ import numpy as np
 
 from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.io.recording import GelPad, marker_area_mm2
-from tactile.published_gel import PublishedGel
+from tactile.io.sensor_model import PublishedGel
 
 FAR_SD = 3.0
 """Standard deviations beyond which a gel is not taken to be the sensor's: one sound gel in 370."""

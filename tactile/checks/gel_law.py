@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad, marker_area_mm2
-from tactile.layer_stiffness import bonded_stiffness
+from tactile.sensors import bonded_stiffness
 
 SAME_STIFFNESS = 0.02
-"""A stated stiffness this near to the bonded layer's was computed from it (tactile/layer_stiffness.py)."""
+"""A stated stiffness this near to the bonded layer's was computed from it (tactile/sensors.py)."""
 MOST_FOR_SLAB = 900
 """Markers for which the slab's compliance is computed: the matrix (3n x 3n) takes 60 MB, and the table it is
 read from, an eighth of the markers' spacing fine and 8 thicknesses beyond them, some 220 MB on a face of

@@ -25,7 +25,7 @@ from tactile.checks.reference import reference_findings
 from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.io.recording import GelPad, Recording
-from tactile.published_gel import PublishedGel
+from tactile.io.sensor_model import PublishedGel
 from tactile.registration import depth_along
 
 QUARTERS = np.array(

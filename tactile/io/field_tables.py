@@ -22,8 +22,7 @@ from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
 from tactile.io.recording_fields import Shape, fits, shape_said
 from tactile.io.ros_bag import bag_fields
-from tactile.layer_stiffness import layer_stiffness
-from tactile.sensors import Sensor
+from tactile.sensors import Sensor, layer_stiffness
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)

@@ -6,9 +6,11 @@ or (T, 3); some also `3D_Normals.npy` and `recvTimestamp.npy` (s). Axes are the 
 gel; forces are those that the gel feels (pressed: negative z).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -128,3 +130,12 @@ def _checked(folder: Path, name: str, values: np.ndarray, shape: Shape) -> np.nd
 def _refused(folder: Path, name: str, found: str, expected: str) -> TactileFailure:
     detail = f"{folder.name}/{name}.npy: found {found}, expected {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
+
+
+def write_source(path: Path, sensors: Sequence[Tac3D]) -> None:
+    """Adds `source/<serial>/<array>` to a recording: full precision, the sensor's own axes and signs."""
+    with h5py.File(path, "a") as file:
+        for sensor in sensors:
+            group = file.create_group(f"source/{sensor.serial}")
+            for name, values in sensor.arrays().items():
+                group.create_dataset(name, data=values, compression="gzip", shuffle=True)

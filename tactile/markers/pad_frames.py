@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.io.frame_checks import Watch
+from tactile.io.pictures import Watch
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
 from tactile.markers.reference_places import Places, places_of

@@ -6,12 +6,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.markers.backward_relabelling import relabelled
-from tactile.markers.contrast import MarkerLook, contrast, find_look, grey
-from tactile.markers.cut_markers import OUTSIDE, disc_radius_px, uncut
-from tactile.markers.marker_detection import Blobs, centred, find_blobs, inside, markers_of, spacing_of
+from tactile.markers.marker_detection import (
+    OUTSIDE,
+    Blobs,
+    MarkerLook,
+    centred,
+    contrast,
+    disc_radius_px,
+    find_blobs,
+    find_look,
+    grey,
+    inside,
+    markers_of,
+    spacing_of,
+    uncut,
+)
 from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say
-from tactile.markers.matching import match
+from tactile.markers.matching import match, relabelled
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_MARKERS = 9

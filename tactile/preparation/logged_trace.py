@@ -14,9 +14,15 @@ from tactile.preparation.logger_correction import (
     spoilt_said,
 )
 from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
-from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
-from tactile.preparation.structure import FEWEST_IN_RUN, runs, wild_note, wild_or_repeated_times, written
+from tactile.preparation.structure import (
+    FEWEST_IN_RUN,
+    reserved_inside,
+    runs,
+    wild_note,
+    wild_or_repeated_times,
+    written,
+)
 from tactile.preparation.wild import of_specimen, wild
 
 MOST_CORRECTED = 0.02

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
 
 FEWEST_CHANGES = 8
 """Changes of a value from which the rhythm of its readings is known."""

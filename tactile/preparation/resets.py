@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
 
 NEIGHBOURS = 5
 """Steps on each side of a reset with which its own is compared."""

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import percentile_filter
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
 
 LONGEST = 3
 """Consecutive wild rows: longer excursions may be the specimen's."""

@@ -13,7 +13,7 @@ from tactile.gel.force_prior import INITIAL_HYPERPARAMETERS
 from tactile.gel.grid import gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad
-from tactile.layer_stiffness import bonded_stiffness
+from tactile.sensors import bonded_stiffness
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 RANGE_MPA = load_prior("nectarine").plausible.E_MPa

@@ -4,8 +4,8 @@ import numpy as np
 from drawn_gel import PITCH_PX, SHAPE, grid
 from jaxtyping import Float
 
-from tactile.markers.backward_relabelling import relabelled
 from tactile.markers.marker_lattice import lattice_of
+from tactile.markers.matching import relabelled
 
 LATTICE = lattice_of(grid(), PITCH_PX, shape=SHAPE, margin_px=0.0)
 JUMPS_AT, HEALS_AT, FRAMES = 4, 8, 14

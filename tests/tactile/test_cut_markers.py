@@ -5,7 +5,7 @@ import pytest
 from drawn_gel import RADIUS_PX, SHAPE, drawn, grid
 from scipy.spatial import cKDTree
 
-from tactile.markers.cut_markers import uncut
+from tactile.markers.marker_detection import uncut
 from tactile.markers.tracking import reference_of, track
 
 

@@ -15,9 +15,9 @@ from tactile.contact import find_contact
 from tactile.from_frames import recording_of
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording, write_recording
-from tactile.markers.estimated_reference import EstimatedReference, estimated_reference
 from tactile.markers.smooth_lattice import lattice_places
 from tactile.markers.tracking import ReferenceMarkers, reference_of
+from tactile.pad_reference import EstimatedReference, estimated_reference
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

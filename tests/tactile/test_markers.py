@@ -5,8 +5,7 @@ import pytest
 from drawn_gel import PITCH_PX, RADIUS_PX, drawn, grid
 from scipy.spatial import cKDTree
 
-from tactile.markers.contrast import contrast, find_look, grey
-from tactile.markers.marker_detection import Blobs, markers_of, spacing_of
+from tactile.markers.marker_detection import Blobs, contrast, find_look, grey, markers_of, spacing_of
 from tactile.markers.tracking import reference_of
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

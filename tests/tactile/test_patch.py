@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile.patch import patch_of
+from tactile.contact_course import patch_of
 
 X, Y = np.meshgrid(np.arange(20.0) - 9.5, np.arange(20.0) - 9.5)
 REST = np.stack([X.ravel(), Y.ravel(), np.zeros(400)], axis=1)

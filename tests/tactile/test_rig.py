@@ -3,11 +3,9 @@ import pytest
 from series_springs import SeriesRig, bare_press, press
 
 from tactile.io.recording import GelPad
-from tactile.rig.gel_give import gel_give_mm
-from tactile.rig.rig_correction import without_rig
-from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
+from tactile.rig.rig_curve import MOST_BEYOND, RigCurve, without_rig
 from tactile.rig.rig_fit import FittedRig, fit_rig
-from tactile.rig.rigid_squeeze import rigid_squeezes
+from tactile.rig.rigid_squeeze import gel_give_mm, rigid_squeezes
 from tactile.tactile_failure import TactileFailure
 
 RIG = SeriesRig()

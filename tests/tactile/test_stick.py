@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile.stick import stick_ratio
+from tactile.contact_course import stick_ratio
 
 NOISE = 0.005
 X, Y = np.meshgrid(np.arange(10.0) - 4.5, np.arange(10.0) - 4.5)

@@ -5,9 +5,8 @@ import pytest
 
 from tactile.io.load_cell import read_trace
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.stated_unit import NoUnit, Unit
+from tactile.io.stated_unit import NoUnit, Unit, unit_of_name
 from tactile.io.trace_columns import TraceWords
-from tactile.io.unit_in_name import unit_of_name
 from tactile.tactile_failure import TactileFailure
 
 OPEN = [
