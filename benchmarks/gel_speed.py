@@ -89,7 +89,7 @@ def timed(
     assert sensor.camera is not None
     reference = reference_of(pictures[0], source="drawn")
     start = time.process_time()
-    position, quality = track(reference, cycled(pictures, frames))
+    position = track(reference, cycled(pictures, frames))
     tracking_s = (time.process_time() - start) / frames
     if lost:
         position[np.random.default_rng(2).random(position.shape[:2]) < LOST] = np.nan
@@ -101,7 +101,6 @@ def timed(
             time_s=np.arange(count) / 30,
             reference_px=rest_px[places.kept],
             position_px=position[:count, places.kept],
-            quality=quality[:count, places.kept],
             rest_mm=places.rest_mm,
         )
 

@@ -26,16 +26,8 @@ SCATTER_MM = 0.005
 than 1 µm."""
 
 
-@dataclass(frozen=True)
-class ContactPatch:
-    """`area_mm2` on the gel's face; `outline_mm` are the segments of its border, in the pad's plane."""
-
-    area_mm2: float
-    outline_mm: Float[np.ndarray, "s 2 2"]
-
-
-def patch_of(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]) -> ContactPatch:
-    """The patch that these markers tell: every edge from a touching marker to one that is not is cut in half.
+def patch_area_mm2(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]) -> float:
+    """Area of the patch that these markers tell: each edge from a touching marker to another is cut in half.
 
     A triangle of neighbouring markers then belongs to the patch wholly, by three quarters (two corners
     touch), by one quarter (one does), or not. The rim is known to half a spacing, without a bias: what counts
@@ -47,27 +39,14 @@ def patch_of(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     whole = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
     count = inside.sum(axis=1)
-    area = float((whole * np.array([0.0, 0.25, 0.75, 1.0])[count]).sum())
-    cut = (count == 1) | (count == 2)
-    # The corner that is unlike the other two: the border runs between the middles of its two edges.
-    odd = np.argmax(inside[cut] == (count[cut] == 1)[:, None], axis=1)
-    turn = (odd[:, None] + np.arange(3)) % 3
-    where = np.take_along_axis(corners[cut], turn[..., None], axis=1)
-    return ContactPatch(area, (where[:, :1] + where[:, 1:]) / 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stick:
-    """Per frame: the share of the touching markers that stick (0 where none touch), and which do."""
-
-    ratio: Float[np.ndarray, " t"]
-    sticks: Bool[np.ndarray, "t n"]
+    return float((whole * np.array([0.0, 0.25, 0.75, 1.0])[count]).sum())
 
 
 def stick_ratio(
     position: Float[np.ndarray, "t n d"], touching: Bool[np.ndarray, "t n"], *, noise: float, lag: int
-) -> Stick:
-    """Which touching markers moved, over the last `lag` frames, as the rigid body that most of them follow.
+) -> Float[np.ndarray, " t"]:
+    """Share of the touching markers that moved, over the last `lag` frames, as the rigid body that most of
+    them follow; 0 where none touch.
 
     Positions may be in the plane or in space, px or mm; `noise` is one coordinate's standard deviation in one
     frame. The body's motion is fitted to the markers that touch throughout and reweighted until outliers
@@ -87,7 +66,7 @@ def stick_ratio(
         follows = _within(before, after, carried, BEYOND_NOISE * noise * np.sqrt(2.0))
         sticks[t, np.flatnonzero(both)[~follows]] = False
     touched = touching.sum(axis=1)
-    return Stick(ratio=sticks.sum(axis=1) / np.maximum(touched, 1), sticks=sticks)
+    return np.asarray(sticks.sum(axis=1) / np.maximum(touched, 1))
 
 
 def _carried(
@@ -157,8 +136,8 @@ def contact_course(contact: Contact) -> tuple[Course, ...]:
                 pad=pad.name,
                 touches=np.asarray(touching.any(axis=1)),
                 normal_N=pad.total_normal_N,
-                patch_mm2=np.array([patch_of(pad.rest_mm, now).area_mm2 for now in touching]),
-                stick_ratio=stick_ratio(pad.position_mm, touching, noise=noise_mm, lag=LAG_FRAMES).ratio,
+                patch_mm2=np.array([patch_area_mm2(pad.rest_mm, now) for now in touching]),
+                stick_ratio=stick_ratio(pad.position_mm, touching, noise=noise_mm, lag=LAG_FRAMES),
             )
         )
     return tuple(found)

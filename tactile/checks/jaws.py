@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.checks.finding import LENGTH, Finding, FindingKind, FindingRank, unit_like
 from tactile.checks.pressing import FEWEST_PRESSED, Pressing
-from tactile.checks.units import LENGTH, unit_like
 from tactile.io.recording import Recording
 
 FACING = 0.9

@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
-from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
+from tactile.checks.finding import LENGTH, Finding, FindingKind, FindingRank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
-from tactile.checks.units import LENGTH
 from tactile.io.recording import marker_area_mm2
 from tactile.markers.matching import UNSURE
 

@@ -17,9 +17,14 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import QhullError, Voronoi
 
 from pipeline.files.plain_file import named_in_utf8, size
-from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
-from tactile.io.hdf5_faults import fault_of
-from tactile.io.hdf5_texts import child_group, link_out, texts_fault
+from tactile.io.hdf5_faults import (
+    REVERSED,
+    child_group,
+    fault_of,
+    has_reversed_dimensions,
+    link_out,
+    texts_fault,
+)
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.pictures import absence
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable

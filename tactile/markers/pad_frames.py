@@ -71,7 +71,7 @@ def tracked_markers(
             )
         if progress is not None:
             progress(pad.name, t + 1, count)
-    position, quality = labelled_places(reference, rows)
+    position = labelled_places(reference, rows)
     certainty = np.minimum.accumulate([row.certainty for row in rows])
     notes = list(known.notes)
     reference_print = None if known.shown is None else known.shown.evidence
@@ -97,7 +97,6 @@ def tracked_markers(
         time_s=pad.time_s,
         reference_px=rest_px[places.kept],
         position_px=position[:, places.kept],
-        quality=quality[:, places.kept],
         rest_mm=places.rest_mm,
         certainty=certainty,
     )
@@ -130,7 +129,6 @@ def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedM
         tracked,
         time_s=tracked.time_s[kept],
         position_px=tracked.position_px[kept],
-        quality=tracked.quality[kept],
         certainty=None if tracked.certainty is None else tracked.certainty[kept],
     )
 
@@ -141,7 +139,6 @@ def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
         tracked,
         reference_px=tracked.reference_px[markers],
         position_px=tracked.position_px[:, markers],
-        quality=tracked.quality[:, markers],
         rest_mm=tracked.rest_mm[markers],
     )
 

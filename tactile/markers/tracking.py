@@ -42,15 +42,14 @@ class TrackedMarkers:
     """Where every marker is in every frame of one camera, px, pixel (0, 0) being the first one's centre.
 
     `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
-    NaN where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference).
-    `rest_mm` is each marker's place on the undeformed gel, gel frame: the sensor's own where it states a
-    grid. `certainty` is the least of the frames so far (FrameMarkers); None: it is not known.
+    NaN where a marker is lost or hidden. `rest_mm` is each marker's place on the undeformed gel, gel frame:
+    the sensor's own where it states a grid. `certainty` is the least of the frames so far (FrameMarkers);
+    None: it is not known.
     """
 
     time_s: Float[np.ndarray, " t"]
     reference_px: Float[np.ndarray, "n 2"]
     position_px: Float[np.ndarray, "t n 2"]
-    quality: Float[np.ndarray, "t n"]
     rest_mm: Float[np.ndarray, "n 3"]
     certainty: Float[np.ndarray, " t"] | None = None
 
@@ -74,14 +73,13 @@ class ReferenceMarkers:
 
 @dataclass(frozen=True)
 class FrameMarkers:
-    """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference.
+    """One frame: `position_px` (NaN where lost) of every marker of the reference.
 
     `blobs_px` is all that looked like a marker, so that names can be set right later. `certainty`:
     0 where the markers could as well be a pitch of their grid further, 1 where they could not.
     """
 
     position_px: Float[np.ndarray, "n 2"]
-    quality: Float[np.ndarray, " n"]
     blobs_px: Float[np.ndarray, "m 2"]
     certainty: float
 
@@ -129,24 +127,15 @@ def follow(
 
 def track(
     reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
-) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions (px, NaN where lost) and quality over all frames, names corrected by later frames."""
-    rows = list(follow(reference, frames))
-    count = len(reference.lattice.rest_px)
-    if not rows:
-        return np.zeros((0, count, 2)), np.zeros((0, count))
-    return labelled_places(reference, rows)
+) -> Float[np.ndarray, "t n 2"]:
+    """Positions (px, NaN where lost) over all frames, names corrected by later frames."""
+    return labelled_places(reference, list(follow(reference, frames)))
 
 
-def labelled_places(
-    reference: ReferenceMarkers, rows: Sequence[FrameMarkers]
-) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions and quality of all frames followed so far, names corrected by later frames."""
-    before = np.stack([row.position_px for row in rows])
-    position = relabelled(reference.lattice, before, [row.blobs_px for row in rows])
-    quality = np.stack([row.quality for row in rows])
-    lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
-    return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
+def labelled_places(reference: ReferenceMarkers, rows: Sequence[FrameMarkers]) -> Float[np.ndarray, "t n 2"]:
+    """Positions in all frames followed so far, names corrected by later frames."""
+    before = np.array([row.position_px for row in rows]).reshape(-1, *reference.lattice.rest_px.shape)
+    return relabelled(reference.lattice, before, [row.blobs_px for row in rows])
 
 
 def _markers_in(
@@ -165,26 +154,15 @@ def _markers_in(
     guesses = [moved + speed, moved, np.zeros_like(moved)]
     best = match(lattice, guesses, blobs.centre_px)
     count = len(lattice.rest_px)
-    position, peak, mass = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
-    found = best.found
-    position[found], peak[found] = blobs.centre_px[best.blob[found]], blobs.peak[best.blob[found]]
-    mass[found] = blobs.mass[best.blob[found]]
-    _look_for_lost(reference, shown, position, peak, mass)
+    position = np.full((count, 2), np.nan)
+    position[best.found] = blobs.centre_px[best.blob[best.found]]
+    _look_for_lost(reference, shown, position)
     _give_up_contradicted(lattice, position)
-    found = np.isfinite(position[:, 0])
-    clear = np.minimum(peak / usual.peak, 1.0) * np.minimum(
-        mass / usual.mass, usual.mass / np.maximum(mass, 1e-9)
-    )
-    quality = np.where(found, np.clip(clear, 0.0, 1.0), 0.0)
-    return FrameMarkers(position, quality, blobs.centre_px, best.certainty)
+    return FrameMarkers(position, blobs.centre_px, best.certainty)
 
 
 def _look_for_lost(
-    reference: ReferenceMarkers,
-    shown: Float[np.ndarray, "h w"],
-    position: Float[np.ndarray, "n 2"],
-    peak: Float[np.ndarray, " n"],
-    mass: Float[np.ndarray, " n"],
+    reference: ReferenceMarkers, shown: Float[np.ndarray, "h w"], position: Float[np.ndarray, "n 2"]
 ) -> None:
     """Fills in, where they lie, the markers that are fainter than a blob but stand where neighbours say."""
     lattice = reference.lattice
@@ -205,11 +183,7 @@ def _look_for_lost(
     )
     lost = np.flatnonzero(~known)
     good = near & clear & whole & apart
-    position[lost[good]], peak[lost[good]], mass[lost[good]] = (
-        tried.centre_px[good],
-        tried.peak[good],
-        tried.mass[good],
-    )
+    position[lost[good]] = tried.centre_px[good]
 
 
 def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) -> None:

@@ -1,4 +1,4 @@
-"""Travel that a rig gives by itself over the force on it, with its spread; a bare trace's travel less that."""
+"""Travel that a rig gives by itself over the force on it, its spread, and a bare trace without it."""
 
 from dataclasses import dataclass, replace
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tactile.io.recording import GelPad
+from tactile.noise import noise_sd
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 UNLOADED_FRAMES = 5
@@ -46,8 +47,6 @@ SOFTENS = 1.5
 three standard errors: a contact stiffens, what yields or slips does not. Set by hand."""
 NOT_RIGID = 0.5
 """Share of the object's size that no rig gives: the object was crushed, or its size is in another unit."""
-THIRD, MAD = 20.0, 1.4826
-"""Variance of the third difference of unit white noise, and a normal's sd over its median deviation."""
 UNDER = 0.5
 """Of the deepest marker's indentation, above which a marker lies under the object. Set by hand."""
 FEWEST_UNDER = 4
@@ -93,7 +92,7 @@ def rigid_squeezes(
     no squeeze of a rigid object: too little force, too few readings, force that falls as the travel goes on
     or that is lost while it stands still, travel that does not come back or grows faster at higher force.
     """
-    noise = _noise(force_N)
+    noise = noise_sd(force_N)
     pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))
     largest = float(pushed.max(initial=0.0))
     if not largest > LEAST_OVER_NOISE * noise:
@@ -155,7 +154,7 @@ def _squeeze(
     lost = _back(travel[into])
     observed = f"a travel that goes back by {lost:.3g} of {gone:.3g} mm while the force grows"
     advice = "check that force and travel have one clock"
-    require(lost <= FALL * gone + TOUCHED * _noise(travel[into]), observed, "one that grows", advice)
+    require(lost <= FALL * gone + TOUCHED * noise_sd(travel[into]), observed, "one that grows", advice)
     _require_stiffening(force[into], travel[into], source)
     stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
     still = after[: len(after) if stands.all() else int(np.argmin(stands))]
@@ -172,7 +171,7 @@ def _squeeze(
         in_there = float(np.interp(np.median(force[low]), np.sort(force[into]), np.sort(travel[into])))
         stays = (float(np.median(travel[low])) - in_there) / gone
         observed = f"{stays:.0%} of the travel left as the force comes back to {np.median(force[low]):.3g} N"
-        within = stays <= SET or stays * gone <= TOUCHED * _noise(travel[back])
+        within = stays <= SET or stays * gone <= TOUCHED * noise_sd(travel[back])
         require(within, observed, f"at most {SET:.0%}", "squeeze an object that is not dented")
     return RigidPress(
         source=source,
@@ -235,15 +234,6 @@ def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
     steps = np.diff(np.r_[0, touched.astype(int), 0])
     starts, stops = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
     return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
-
-
-def _noise(values: Float[np.ndarray, " t"]) -> float:
-    """Noise of one frame from third differences, or a millionth of the largest where there is none."""
-    third = np.abs(np.diff(values, 3))
-    return max(
-        MAD * float(np.median(third)) / np.sqrt(THIRD) if len(third) else 0.0,
-        1e-6 * float(np.abs(values).max(initial=0.0)),
-    )
 
 
 def _no_squeeze(source: str, found: str, expected: str, advice: str) -> TactileFailure:

@@ -30,7 +30,7 @@ UNTRANSLATED = frozenset(
         "recon/pit/placement.py", "recon/pit/priors/__init__.py", "recon/surface/mesh_file.py",
         "recon/underside.py", "tactile/sensor_description.py", "tactile/checks/footprint.py",
         "tactile/checks/gain_findings.py", "tactile/checks/gel_findings.py", "tactile/checks/jaw_share.py",
-        "tactile/checks/lattice.py", "tactile/checks/reference.py", "tactile/correction.py",
+        "tactile/checks/lattice.py", "tactile/correction.py",
         "tactile/from_frames.py", "tactile/from_tac3d.py", "tactile/gel/ball_press.py",
         "tactile/gel/fields.py", "tactile/gel/press_modulus.py", "tactile/gel/shading_file.py",
         "tactile/io/pictures.py", "tactile/io/raw_grasp.py",

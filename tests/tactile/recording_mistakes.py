@@ -9,8 +9,7 @@ from injected_grasp import frames_of
 from recon.pit.priors import load_prior
 from tactile.checks.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
-from tactile.gel.force_prior import INITIAL_HYPERPARAMETERS
-from tactile.gel.grid import gel_grid
+from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad
 from tactile.sensors import bonded_stiffness

@@ -1,4 +1,4 @@
-"""Injected noise, touches and forces are found again."""
+"""Injected noise, touches and forces are found again; a contact at the edge of the markers is said."""
 
 from dataclasses import replace
 
@@ -10,6 +10,7 @@ from tactile.contact import Phase, find_contact
 from tactile.io.recording import IndenterPad
 from tactile.noise import no_contact_noise, noise_in_contact
 from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.view_edge import edge_said
 
 
 @pytest.fixture(scope="module")
@@ -205,3 +206,24 @@ def test_noise_under_a_smooth_signal_comes_from_its_bends():
     signal = np.linspace(0, 5, 30)[:, None, None] * np.ones((1, 200, 3))
     noise = noise_in_contact(signal + rng.normal(size=signal.shape) * 0.02)
     assert noise.sd == pytest.approx(0.02, rel=0.1)
+
+
+LINE = np.arange(-4.0, 5.0)
+REST = np.stack([*(grid.ravel() for grid in np.meshgrid(LINE, LINE)), np.zeros(81)], axis=1)
+
+
+def pushed(x_mm: float, y_mm: float) -> np.ndarray:
+    """Hertz's pressure, 2.5 mm wide, growing over three frames."""
+    away = np.hypot(REST[:, 0] - x_mm, REST[:, 1] - y_mm) / 2.5
+    push = np.sqrt(np.maximum(1 - away**2, 0.0))
+    return np.stack([np.stack([0 * push, 0 * push, k * push], axis=1) for k in (0.0, 0.5, 1.0)])
+
+
+def test_a_contact_in_the_middle_is_whole():
+    assert edge_said(REST, pushed(0.0, 0.5), "left") == []
+    assert edge_said(REST, np.zeros((3, 81, 3)), "left") == []
+
+
+@pytest.mark.parametrize("place", [(3.0, 0.0), (-3.5, 1.0), (0.0, -3.0), (0.5, 3.5)])
+def test_a_contact_at_any_edge_is_said(place):
+    assert "reaches the edge of the markers" in edge_said(REST, pushed(*place), "left")[0]

@@ -1,4 +1,4 @@
-"""The course of a contact, against a shipped recording whose pads close, hold and open again."""
+"""The course of a contact: its patch by the closed form, its stick ratio, and a shipped recording's."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,12 +7,67 @@ import numpy as np
 import pytest
 
 from tactile.contact import find_contact
-from tactile.contact_course import contact_course, said
+from tactile.contact_course import contact_course, patch_area_mm2, said, stick_ratio
 from tactile.io.recording import read_recording
 
 GRASP = (
     Path(__file__).parents[2] / "samples" / "data" / "nectarines" / "fruits" / "N01" / "grasps" / "grasp-1.h5"
 )
+X, Y = (axis.ravel() for axis in np.meshgrid(np.arange(20.0) - 9.5, np.arange(20.0) - 9.5))
+REST = np.stack([X, Y, np.zeros(400)], axis=1)
+NOISE = 0.005
+PATCH = np.column_stack([(near := REST[np.abs(REST).max(axis=1) < 5])[:, :2], 0.02 * (near**2).sum(axis=1)])
+RIM = np.linalg.norm(PATCH[:, :2], axis=1) > 4.6
+ALWAYS = np.ones((20, 100), dtype=bool)
+
+
+def disc(radius_mm: float, centre: tuple[float, float] = (0.3, -0.2)) -> np.ndarray:
+    return np.asarray(np.hypot(X - centre[0], Y - centre[1]) < radius_mm)
+
+
+def test_a_discs_area_is_right_without_a_bias() -> None:
+    rng = np.random.default_rng(8)
+    radii, centres = rng.uniform(3, 7, 60), rng.uniform(-1, 1, (60, 2))
+    areas = [patch_area_mm2(REST, disc(r, (x, y))) for r, (x, y) in zip(radii, centres, strict=True)]
+    error_mm = np.sqrt(np.array(areas) / np.pi) - radii
+    assert np.abs(error_mm).max() < 0.25
+    assert abs(error_mm.mean()) < 0.03
+
+
+def test_a_straight_border_is_exact_and_two_patches_add_up() -> None:
+    assert patch_area_mm2(REST, X > 1.0) == pytest.approx(19 * 8.5, rel=1e-12)
+    left, right = disc(3.0, (-5.0, 0.1)), disc(3.0, (5.0, 0.1))
+    alone = patch_area_mm2(REST, left) + patch_area_mm2(REST, right)
+    assert patch_area_mm2(REST, left | right) == pytest.approx(alone, rel=1e-12)
+    assert patch_area_mm2(REST, np.zeros(400, dtype=bool)) == 0.0
+
+
+def moved(slips: np.ndarray, *, lags: float, dims: int) -> np.ndarray:
+    """The patch turns by 0.6 degrees and shifts a frame; slipping markers make 1 - `lags` of it."""
+    where, a = [PATCH], 0.01
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    for _ in range(19):
+        step = where[-1] @ turn.T + [0.12, 0.05, 0.0] - where[-1]
+        where.append(where[-1] + step * np.where(slips, 1 - lags, 1.0)[:, None])
+    noise = np.random.default_rng(5).normal(scale=NOISE, size=(20, 100, 3))
+    return (np.stack(where) + noise)[..., :dims]
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("slips", [np.zeros(100, bool), RIM])
+def test_a_body_that_turns_and_shifts_sticks_but_for_the_rim_that_stays_behind(slips, dims: int) -> None:
+    found = stick_ratio(moved(slips, lags=0.8, dims=dims), ALWAYS, noise=NOISE, lag=3)
+    np.testing.assert_allclose(found[3:], 1 - slips.mean(), atol=0.04 if slips.any() else 0.02)
+
+
+def test_a_body_at_rest_sticks_no_contact_has_no_stick_and_lost_markers_do_not_slip() -> None:
+    still = PATCH + np.random.default_rng(2).normal(scale=NOISE, size=(12, 100, 3))
+    found = stick_ratio(still, np.arange(12)[:, None] < np.full(100, 8), noise=NOISE, lag=3)
+    assert found[:8].min() > 0.97
+    np.testing.assert_array_equal(found[8:], 0.0)
+    where = moved(np.zeros(100, bool), lags=0, dims=2)
+    where[6:9, 40:50] = np.nan
+    assert stick_ratio(where, ALWAYS, noise=NOISE, lag=3).min() > 0.98
 
 
 @pytest.fixture(scope="module")
