@@ -94,6 +94,19 @@ def find_contact(recording: Recording, *, source: str) -> Contact:
     )
 
 
+def contact_said(contact: Contact) -> list[str]:
+    """One line for people on each pad: when it touches, how often, and how hard at most."""
+    lines = []
+    for pad in contact.pads:
+        at = np.flatnonzero((pad.episode >= 0).any(axis=1))
+        times = 1 + int((np.diff(at) > 1).sum())
+        again = f" in {times} contacts" if times > 1 else ""
+        first, last = contact.time_s[at[[0, -1]]]
+        most = pad.total_normal_N.max()
+        lines.append(f"{pad.name}: contact from {first:.2f} to {last:.2f} s{again}, up to {most:.2f} N")
+    return lines
+
+
 def _require_gel(pad: object, *, source: str) -> GelPad:
     if not isinstance(pad, GelPad):
         name = getattr(pad, "name", "?")

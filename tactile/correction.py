@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from tactile.io.recording import GelPad, IndenterPad, Recording
-from tactile.markers.gaps import poses_at
+from tactile.markers.gaps import at_times, poses_at
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -255,9 +255,7 @@ def _in_time(recording: Recording, lag_s: float) -> Recording:
     return replace(
         recording,
         aperture_mm=np.interp(then, time_s, recording.aperture_mm),
-        wrench_N=None
-        if wrench is None
-        else np.stack([np.interp(then, time_s, column) for column in wrench.T], axis=1),
+        wrench_N=None if wrench is None else at_times(then, time_s, wrench),
         pads=tuple(replace(pad, pose=poses_at(then, time_s, pad.pose)) for pad in recording.pads),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from tactile.checks.lattice import edge_share
 from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.gel_camera import mm_per_px
@@ -28,7 +29,9 @@ from tactile.markers.tracking import TrackedMarkers, reference_of
 from tactile.sensors import Sensor, layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
-from tactile.view_edge import edge_said
+
+MUCH_AT_EDGE = 0.2
+"""More of the largest push than this at the outermost markers: the contact goes on beyond them."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,13 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         shape=shading,
         reference_sd_px=reference_sd_px,
     )
-    notes += edge_said(found.rest_mm, found.force_N, source)
+    push_N = found.force_N[:, :, 2]
+    share, _ = edge_share(found.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
+    if share > MUCH_AT_EDGE:
+        notes.append(
+            f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
+            "there). The force beyond is missing: press closer to the middle, or less."
+        )
     kn, kt = layer_stiffness(pad.sensor)
     gel = GelPad(
         name=pad.name,

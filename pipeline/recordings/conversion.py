@@ -21,8 +21,7 @@ from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
 from tactile.checks.of_recording import recording_findings
-from tactile.contact import find_contact
-from tactile.contact_course import contact_course, said
+from tactile.contact import contact_said, find_contact
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
@@ -202,7 +201,7 @@ def _contact(recording: Recording, name: str) -> list[str]:
         contact = find_contact(recording, source=name)
     except TactileFailure as failure:
         return [str(failure)]
-    return [said(course, contact.time_s) for course in contact_course(contact)]
+    return contact_said(contact)
 
 
 def _read(

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, read_text
 from tactile.io.cell_rows import csv_lines, refuse_repeated_names
-from tactile.io.decimal_number import decimal_number, meant
+from tactile.io.decimal_number import LARGEST, decimal_number, meant
 from tactile.io.pictures import absence, unusable
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
@@ -23,8 +23,6 @@ MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
 FARTHEST_MM = 2000.0
 """mm of aperture: wider than any gripper."""
-LARGEST = 1e12
-"""A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
 EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
 """Cells that hold no reading, in small letters."""

@@ -9,9 +9,9 @@ from jaxtyping import Float
 from pipeline.files.plain_file import not_plain
 from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_of, sheets_of
 from tactile.io.converted import Converted
-from tactile.io.decimal_number import meant
+from tactile.io.decimal_number import LARGEST, meant
 from tactile.io.field_tables import MOVED
-from tactile.io.grasp_log import EMPTY, LARGEST
+from tactile.io.grasp_log import EMPTY
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen

@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable
-from tactile.io.grasp_log import LARGEST
 from tactile.io.pictures import absence
-from tactile.io.plain_numpy import load_npy
-from tactile.io.recording_fields import Shape, fits, shape_said
+from tactile.io.plain_numpy import array_fault, load_npy
+from tactile.io.recording_fields import Shape
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
@@ -116,14 +115,8 @@ def _loaded(folder: Path, name: str) -> np.ndarray:
 
 
 def _checked(folder: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
-    """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
-    if not fits(values.shape, shape):
-        raise _refused(folder, name, f"shape {values.shape}", f"{shape_said(shape)} as the other arrays have")
-    if not np.isfinite(values).all():
-        frame = int(np.argwhere(~np.isfinite(values))[0][0])
-        raise _refused(folder, name, f"a value in frame {frame} that is not finite", "finite numbers")
-    if np.abs(values).max(initial=0.0) > LARGEST:
-        raise _refused(folder, name, f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}")
+    if fault := array_fault(values, shape, like=" as the other arrays have"):
+        raise _refused(folder, name, *fault)
     return values
 
 

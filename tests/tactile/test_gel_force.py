@@ -1,4 +1,4 @@
-"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg, of springs by hand."""
+"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg, springs by hand."""
 
 from functools import partial
 
