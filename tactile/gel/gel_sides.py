@@ -203,8 +203,8 @@ def _endless(
         motion[:, 0, 0] = motion[:, 1, 1] = 1.0
         motion[:, 2, 0] = np.exp(2j * np.pi * np.fft.fftfreq(len(motion)))
         motions.append(motion)
-    along, beside = motions
-    tests = np.conj(along), np.conj(beside)
+    along, over = motions
+    tests = np.conj(along), np.conj(over)
     stiffness = np.einsum("iklujmnw,pka,qlb,pmc,qnd->pqiuabjwcd", above, *tests, *motions, optimize=True)
     waves, unknowns = stiffness.shape[:2], 12 * (len(up) - 1)
     inverse = np.linalg.inv(stiffness.reshape(*waves, unknowns, unknowns)).reshape(stiffness.shape)

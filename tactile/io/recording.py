@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias, cast
 
 import h5py
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
 from pipeline.files.plain_file import named_in_utf8, size
@@ -124,8 +124,6 @@ class GelPad:
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
     spread: MarkerSpread | None = None
-    images: UInt8[np.ndarray, "t h w 3"] | None = None
-    images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
     @property
     def marker_kn_N_per_mm(self) -> float | None:
@@ -203,8 +201,8 @@ class Recording:
     pose_frame: PoseFrame = "fruit"
 
 
-def read_recording(path: Path, *, images: bool = False) -> Recording:
-    """The recording in `path`, checked field by field; the raw frames only when `images` asks for them.
+def read_recording(path: Path) -> Recording:
+    """The recording in `path`, checked field by field.
 
     Raises TactileFailure (unreadable-recording) that names the file, the field, what was found, what was
     expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
@@ -235,7 +233,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             notes=(REVERSED,) if turned else (),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pads=tuple(
-                _read_pad(pads_group.child(name), name, frames=frames, images=images, scale_sd=scale_sd)
+                _read_pad(pads_group.child(name), name, frames=frames, scale_sd=scale_sd)
                 for name in PADS_OF_LOADING[loading]
             ),
         )
@@ -334,9 +332,7 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
     return unreadable(path, "the file", found, COMPLETE, DAMAGED)
 
 
-def _read_pad(
-    pad: GroupReader, name: str, *, frames: int, images: bool, scale_sd: float
-) -> GelPad | IndenterPad:
+def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> GelPad | IndenterPad:
     """One pad of a recording: a gel's fields, or the force of an indenter.
 
     `scale_sd`: the recording's own `force_scale_sd`, for a pad that states none.
@@ -365,8 +361,6 @@ def _read_pad(
         **_gel_constants(pad, scale_sd),
         **{name: _known(pad, name, {"t": (frames,), "n": (markers,)}) for name in GEL_KNOWN},
         spread=read_spread(pad, frames=frames, markers=markers),
-        images=pad.frames("images", frames) if images and "images" in pad else None,
-        images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
 
 
@@ -418,11 +412,9 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 def _write_gel(group: Any, pad: GelPad) -> None:
     """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
-    single = {name: getattr(pad, name).astype(np.float32) for name in ("displacement_mm", "force_N")}
-    packed = single | {"images": pad.images, "images_reference": pad.images_reference}
-    for name, values in packed.items():
-        if values is not None:
-            group.create_dataset(name, data=values, compression="gzip", shuffle=True)
+    for name in ("displacement_mm", "force_N"):
+        values = getattr(pad, name).astype(np.float32)
+        group.create_dataset(name, data=values, compression="gzip", shuffle=True)
     for name in GEL_KNOWN:
         if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)

@@ -4,6 +4,7 @@ which times are wild, and where runs begin.
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,6 +12,8 @@ from jaxtyping import Bool, Float, Int
 from tactile.noise import noise_sd
 from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, correction, listed
 from tactile.preparation.wild import run_starts, wild, wild_times
+
+Values: TypeAlias = Float[np.ndarray, " t"]
 
 JUMP = 10.0
 """Multiples of the usual large step by which a quantity jumps where written rows begin."""
@@ -32,15 +35,13 @@ AS_FAST = 0.4
 """Share of a jump that one row elsewhere has, in place and force at once: a machine moves as fast there."""
 STANDS, LOADED = 0.05, 0.3
 """Share of a jump by which the place moves behind it, and of the largest load that stays: a step's hold."""
-Columns = Mapping[str, Float[np.ndarray, " t"]]
+Columns = Mapping[str, Values]
 
 FEWEST_IN_RUN = 8
 """Rows of the shortest run; fewer are times out of order."""
 
 
-def reserved_ends(
-    time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarray, " t"]]
-) -> tuple[int, int]:
+def reserved_ends(time_s: Values, columns: Sequence[Values]) -> tuple[int, int]:
     """How many rows at the start, and how many at the end, were never written; of the columns the first is a
     place, which stands still at times, and the others are noisy.
     """
@@ -49,7 +50,7 @@ def reserved_ends(
     return start, _at_start(-time_s[start:][::-1], turned)
 
 
-def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarray, " t"]:
+def reserved_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
     """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
     rows = len(columns[0])
     inside = np.zeros(rows, dtype=bool)
@@ -68,7 +69,7 @@ def reserved_inside(columns: Sequence[Float[np.ndarray, " t"]]) -> Bool[np.ndarr
     return inside
 
 
-def _at_start(time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarray, " t"]]) -> int:
+def _at_start(time_s: Values, columns: Sequence[Values]) -> int:
     """Rows in the blocks at the start that were never written; 0 where they were measured."""
     done, rows = 0, len(time_s)
     while done < rows - 1:
@@ -80,15 +81,13 @@ def _at_start(time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarra
     return done
 
 
-def _block(columns: Sequence[Float[np.ndarray, " t"]]) -> int:
+def _block(columns: Sequence[Values]) -> int:
     """How many rows at the start hold one value of each quantity."""
     differs = np.any([~_same(one, one[0]) for one in columns], axis=0)
     return int(np.argmax(differs)) if differs.any() else len(differs)
 
 
-def _never_written(
-    time_s: Float[np.ndarray, " t"], columns: Sequence[Float[np.ndarray, " t"]], length: int
-) -> bool:
+def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bool:
     """Whether the first `length` rows, all of one value, were not measured."""
     nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
     rest = [one[length:] for one in columns]
@@ -165,18 +164,18 @@ def _is_noise_about(value: float, after: Float[np.ndarray, " r"]) -> bool:
     return repeats < SELDOM and bool((near < value).any() and (near > value).any())
 
 
-def _large_step(values: Float[np.ndarray, " t"]) -> float:
+def _large_step(values: Values) -> float:
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     steps = steps[steps > 0]
     return float(np.percentile(steps, LARGE)) if len(steps) else 0.0
 
 
-def _same(one: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"] | float) -> Bool[np.ndarray, " t"]:
+def _same(one: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
     return np.asarray((one == other) | (np.isnan(one) & np.isnan(other)))
 
 
 def written(
-    words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
+    words: Words, time_s: Values, columns: Columns, rows: Int[np.ndarray, " t"]
 ) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
     """Which rows were written, and a note on each block at the start or the end that was not."""
     start, end = reserved_ends(time_s, list(columns.values()))
@@ -216,10 +215,7 @@ def _reserved_note(
 
 
 def runs(
-    time_s: Float[np.ndarray, " t"],
-    breaks: Sequence[int] = (),
-    *,
-    of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
+    time_s: Values, breaks: Sequence[int] = (), *, of_topics: Sequence[Bool[np.ndarray, " t"]] = ()
 ) -> list[slice]:
     """The runs one below the other: each begins where the time runs back, or below a repeated header
     (`breaks`: first rows). Topics (`of_topics`: rows of each) are one run where the time of each goes on.
@@ -234,7 +230,7 @@ def runs(
 
 def wild_or_repeated_times(
     words: Words,
-    time_s: Float[np.ndarray, " t"],
+    time_s: Values,
     columns: Columns,
     rows: Int[np.ndarray, " t"],
     *,
