@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from drawn_sound import SOUND
 from drawn_traces import FAULTS
+from injected_grasp import gel_pad, held_by
 from trace_faults import outcome, read
 
 from tactile.io.grasp_log import read_log
-from tactile.io.recording import GelPad, Recording, read_recording, write_recording
+from tactile.io.recording import Recording, read_recording, write_recording
 from tactile.io.recording_fields import GroupReader
 from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.tactile_failure import TactileFailure
@@ -109,20 +110,10 @@ def recording() -> Recording:
 
     def pad(name):
         noise = 1e-3 * rng.standard_normal((2, FRAMES, 16, 3))
-        return GelPad(
-            name=name,
-            pose=np.broadcast_to(np.eye(4), (FRAMES, 4, 4)).copy(),
-            rest_mm=rest,
-            displacement_mm=-0.1 * depth * normal + noise[0],
-            force_N=0.1 * depth**1.5 * normal + noise[1],
-            gel_kn_MPa_per_mm=0.05,
-            gel_kt_MPa_per_mm=0.02,
-        )
+        moved, force = -0.1 * depth * normal + noise[0], 0.1 * depth**1.5 * normal + noise[1]
+        return gel_pad(name, rest, moved, force, kn=0.05, kt=0.02)
 
-    return Recording(
-        fruit_id="f", category="plum", loading="grasp", support="free", sensor="s",
-        time_s=TIME, aperture_mm=JAWS, pads=(pad("left"), pad("right")),
-    )  # fmt: skip
+    return held_by((pad("left"), pad("right")), TIME, JAWS)
 
 
 def changed(path: Path, change) -> Path:

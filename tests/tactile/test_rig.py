@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from injected_grasp import gel_pad
 from series_springs import SeriesRig, bare_press, press
 
 from tactile.gel.press_modulus import gel_gain
-from tactile.io.recording import GelPad
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve, without_rig
 from tactile.rig.rig_fit import FittedRig, fit_rig
 from tactile.rig.rigid_squeeze import gel_give_mm, rigid_squeezes
@@ -164,15 +164,7 @@ def gel_under_a_ball(depth_mm, *, radius_mm, centre=(0.7, -0.4)):
     lower = radius_mm - np.sqrt(np.maximum(radius_mm**2 - r2, 0.0))
     moved = np.zeros((len(depth_mm), len(rest), 3))
     moved[:, :, 2] = -np.maximum(np.asarray(depth_mm)[:, None] - lower, 0.0)
-    return GelPad(
-        name="left",
-        pose=np.broadcast_to(np.eye(4), (len(depth_mm), 4, 4)).copy(),
-        rest_mm=rest,
-        displacement_mm=moved,
-        force_N=np.zeros_like(moved),
-        gel_kn_MPa_per_mm=0.1,
-        gel_kt_MPa_per_mm=0.1,
-    )
+    return gel_pad("left", rest, moved, np.zeros_like(moved))
 
 
 def test_a_gel_under_a_ball_is_as_deep_as_the_ball_between_its_markers():
