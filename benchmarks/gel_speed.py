@@ -19,8 +19,7 @@ import numpy as np
 
 from tactile.gel.fields import GelFields, fields_of, layer_of
 from tactile.gel.grid import gel_grid
-from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import TrackedMarkers, follow, reference_of, track
+from tactile.markers.tracking import TrackedMarkers, follow, places_of, reference_of, track
 from tactile.sensors import GelCamera, Sensor, marker_grid
 
 SIZE = (640, 480)

@@ -24,8 +24,7 @@ from tactile.markers.pad_frames import (
     of_markers,
     tracked_markers,
 )
-from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import TrackedMarkers, reference_of
+from tactile.markers.tracking import TrackedMarkers, places_of, reference_of
 from tactile.sensors import Sensor, layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem

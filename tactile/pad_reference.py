@@ -20,9 +20,8 @@ from tactile.gel_camera import project
 from tactile.io.pictures import Pictures, refuse_saturated
 from tactile.io.raw_grasp import RawCamera, RawGrasp
 from tactile.markers.marker_lattice import Lattice, lattice_of
-from tactile.markers.reference_places import places_of
 from tactile.markers.smooth_lattice import FEWEST, coherent_misfit_px, fitted_lens, lattice_places
-from tactile.markers.tracking import FrameMarkers, ReferenceMarkers, reference_of
+from tactile.markers.tracking import FrameMarkers, ReferenceMarkers, places_of, reference_of
 from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera, Sensor
 from tactile.square_pixels import with_square_pixels

@@ -23,9 +23,8 @@ from scipy.spatial import cKDTree
 from tactile.gel_camera import project
 from tactile.markers.marker_detection import spacing_of
 from tactile.markers.marker_lattice import lattice_of
-from tactile.markers.reference_places import places_of
 from tactile.markers.smooth_lattice import FEWEST, coherent_misfit_px, fitted_lens, lattice_places
-from tactile.markers.tracking import ReferenceMarkers
+from tactile.markers.tracking import ReferenceMarkers, places_of
 from tactile.sensors import GelCamera
 
 SCALE = 0.2

@@ -18,8 +18,7 @@ from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
 from tactile.gel.marker_force import ForcePlacing, SpringForce
 from tactile.gel.photometric import PhotometricDepth, border_observation
 from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
-from tactile.gel.stereo import ray_information, triangulated
-from tactile.gel_camera import mm_per_px, on_face
+from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem

@@ -9,8 +9,7 @@ from jaxtyping import Bool, Float
 from tactile.io.pictures import Watch
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
-from tactile.markers.reference_places import Places, places_of
-from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places
+from tactile.markers.tracking import FrameMarkers, Places, TrackedMarkers, follow, labelled_places, places_of
 from tactile.pad_reference import PrintWatch, flatter_said, pad_reference
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem

@@ -38,8 +38,8 @@ UNTRANSLATED = frozenset(
         "tactile/io/rig_file.py", "tactile/io/ros_bag.py", "tactile/io/sensor_file.py",
         "tactile/io/tac3d.py", "tactile/io/toml_table.py", "tactile/io/trace_columns.py",
         "tactile/jaw_poses.py", "tactile/sensors.py", "tactile/pad_reference.py",
-        "tactile/markers/pad_frames.py", "tactile/markers/reference_places.py",
-        "tactile/markers/tracking.py", "tactile/plain_jaw.py",
+        "tactile/markers/pad_frames.py", "tactile/markers/tracking.py",
+        "tactile/plain_jaw.py",
         "tactile/rig/rig_curve.py", "tactile/rig/rig_fit.py", "tactile/rig/rigid_squeeze.py",
         "tactile/robot/base_and_mat.py", "tactile/robot/hand_eye.py", "tactile/robot/pad_poses.py",
     }

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from turned_camera import turned_camera
 
-from tactile.gel.stereo import triangulated
-from tactile.gel_camera import on_face, project, rays
+from tactile.gel_camera import on_face, project, rays, triangulated
 from tactile.sensors import GelCamera
 
 TILT = 0.1

@@ -7,8 +7,7 @@ from scipy.spatial import cKDTree
 
 from tactile.gel_camera import project
 from tactile.markers.marker_detection import Blobs, contrast, find_look, grey, markers_of, spacing_of, uncut
-from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import reference_of, track
+from tactile.markers.tracking import places_of, reference_of, track
 from tactile.sensors import GelCamera, marker_grid
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
