@@ -235,96 +235,88 @@ def relation_findings(
 
 
 def _pad_finding(press: Pressing, r: Relation) -> Finding | None:
-    """Everything but a gain, the plainest cause first."""
-    causes = (_dead_finding, _axes_finding, _timing_finding, _markers_finding, _clipped_finding)
-    return next((finding for cause in causes if (finding := cause(press, r)) is not None), None)
+    """Everything but a gain: the first mistake, the plainest first, that the relation shows."""
+    found = (one for shown, *one in _mistakes(press, r) if shown)
+    return next((_refused(press, kind, says, **more) for kind, says, more in found), None)
 
 
-def _dead_finding(press: Pressing, r: Relation) -> Finding | None:
-    """One of the two stays where it is while the other changes."""
+def _mistakes(press: Pressing, r: Relation) -> Iterator[tuple[bool, FindingKind, str, dict[str, Any]]]:
+    """Whether each mistake shows, its kind, what is said of it, and what else the finding holds."""
     force_N, moved_mm = peak_total_N(press), peak_normal(press.felt_mm)
-    if r.felt_mm < DEAD * r.gel_mm and _flat(press.felt_mm, press.felt_sd_mm, press.touched):
-        says = (
-            f"displacement is dead: it stays at {1e3 * moved_mm:.0f} um while its forces reach {force_N:.2g} "
-            "N, so tracking failed"
-        )
-        return _refused(press, FindingKind.DEAD_FIELD, says, field="displacement")
-    if r.gel_mm < DEAD * r.felt_mm and _flat(press.force_N, press.force_sd_N, press.touched):
-        says = f"force is dead: it stays at {force_N:.2g} N while its markers move {moved_mm:.2f} mm"
-        return _refused(press, FindingKind.DEAD_FIELD, says, field="force")
-    return None
-
-
-def _axes_finding(press: Pressing, r: Relation) -> Finding | None:
-    """Axes of one of the two are exchanged."""
-    if (exchanged := _exchanged(r)) is None:
-        return None
-    along, followed = (AXES[axis] for axis in exchanged)
+    yield (
+        r.felt_mm < DEAD * r.gel_mm and _flat(press.felt_mm, press.felt_sd_mm, press.touched),
+        FindingKind.DEAD_FIELD,
+        f"displacement is dead: it stays at {1e3 * moved_mm:.0f} um while its forces reach {force_N:.2g} "
+        "N, so tracking failed",
+        {"field": "displacement"},
+    )
+    yield (
+        r.gel_mm < DEAD * r.felt_mm and _flat(press.force_N, press.force_sd_N, press.touched),
+        FindingKind.DEAD_FIELD,
+        f"force is dead: it stays at {force_N:.2g} N while its markers move {moved_mm:.2f} mm",
+        {"field": "force"},
+    )
+    along, followed = (AXES[axis] for axis in _exchanged(r) or (2, 2))
     field = _field_exchanged(press)
-    says = (
+    yield (
+        along != followed,
+        FindingKind.AXES,
         f"{field or 'force or displacement'} has its axes exchanged or rotated: the force along {along} "
-        f"follows the displacement along {followed}"
+        f"follows the displacement along {followed}",
+        {"field": field},
     )
-    return _refused(press, FindingKind.AXES, says, field=field)
-
-
-def _timing_finding(press: Pressing, r: Relation) -> Finding | None:
-    """The two go against each other, or apart, over time."""
-    if r.in_time < -IN_STEP:
-        wrong: Field = "displacement" if _pushes(press) else "force"
-        says = (
-            f"{wrong} has the wrong sign: pressing must move markers to negative z and give a positive force "
-            "on the fruit"
-        )
-        return _refused(press, FindingKind.SIGN, says, field=wrong)
-    if r.in_time >= OUT_OF_STEP:
-        return None
-    if r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER):
-        says = (
-            f"force comes {abs(r.lag_frames)} frames {'late' if r.lag_frames > 0 else 'early'} relative to "
-            "its displacement: the two clocks disagree"
-        )
-        return _refused(press, FindingKind.DELAY, says, detail=f"{r.lag_frames} frames")
-    if r.summed > IN_STEP:
-        says = (
-            "displacement is written as increments between frames: its cumulative sum follows the force. "
-            "Write displacement from rest"
-        )
-        return _refused(press, FindingKind.INCREMENTS, says)
-    says = (
+    wrong: Field = "displacement" if _pushes(press) else "force"
+    yield (
+        r.in_time < -IN_STEP,
+        FindingKind.SIGN,
+        f"{wrong} has the wrong sign: pressing must move markers to negative z and give a positive force "
+        "on the fruit",
+        {"field": wrong},
+    )
+    apart = r.in_time < OUT_OF_STEP
+    yield (
+        apart and r.lag_frames != 0 and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER),
+        FindingKind.DELAY,
+        f"force comes {abs(r.lag_frames)} frames {'late' if r.lag_frames > 0 else 'early'} relative to "
+        "its displacement: the two clocks disagree",
+        {"detail": f"{r.lag_frames} frames"},
+    )
+    yield (
+        apart and r.summed > IN_STEP,
+        FindingKind.INCREMENTS,
+        "displacement is written as increments between frames: its cumulative sum follows the force. "
+        "Write displacement from rest",
+        {},
+    )
+    yield (
+        apart,
+        FindingKind.OUT_OF_STEP,
         f"force and displacement do not agree over time (correlation {r.in_time:.2f}, expected above 0.97): "
-        "frames of one of them are shuffled, missing or wrong"
+        "frames of one of them are shuffled, missing or wrong",
+        {"detail": f"{r.in_time:.2f}"},
     )
-    return _refused(press, FindingKind.OUT_OF_STEP, says, detail=f"{r.in_time:.2f}")
-
-
-def _markers_finding(press: Pressing, r: Relation) -> Finding | None:
-    """The two list their markers in different orders."""
-    if r.over_markers >= SAME_MARKERS:
-        return None
     correlation = f"{max(r.over_markers, 0):.2f}"
-    says = (
+    yield (
+        r.over_markers < SAME_MARKERS,
+        FindingKind.OTHER_MARKERS,
         f"force and displacement do not belong to the same markers (correlation over markers {correlation}, "
-        "expected above 0.9): one of them has another marker order (permuted)"
+        "expected above 0.9): one of them has another marker order (permuted)",
+        {"detail": correlation},
     )
-    return _refused(press, FindingKind.OTHER_MARKERS, says, detail=correlation)
-
-
-def _clipped_finding(press: Pressing, r: Relation) -> Finding | None:
-    """One of the two stops growing where the other goes on."""
-    if r.saturation < SATURATES:
-        says = (
-            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; the "
-            "sensor saturates or is nonlinear (run drupe explain for the amount)"
-        )
-        return _refused(press, FindingKind.SATURATION, says, field="force", has_effect=True)
-    if r.saturation > 1 / SATURATES:
-        says = (
-            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak as "
-            "below; tracking saturates"
-        )
-        return _refused(press, FindingKind.SATURATION, says, field="displacement")
-    return None
+    yield (
+        r.saturation < SATURATES,
+        FindingKind.SATURATION,
+        f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; the "
+        "sensor saturates or is nonlinear (run drupe explain for the amount)",
+        {"field": "force", "has_effect": True},
+    )
+    yield (
+        r.saturation > 1 / SATURATES,
+        FindingKind.SATURATION,
+        f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak as "
+        "below; tracking saturates",
+        {"field": "displacement"},
+    )
 
 
 def _refused(press: Pressing, kind: FindingKind, says: str, **more: Any) -> Finding:
