@@ -55,7 +55,9 @@ def gain_findings(
     gains: Sequence[tuple[Pressing, float, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
 ) -> list[Finding]:
     """Gains of pads, with how far each closes (mm), said once for both where they agree."""
-    said = [(press, gain, closing, (press.pad.name,), 1 / pads) for press, gain, closing in gains]
+    said: list[tuple[Pressing, float, float, tuple[str, ...], float]] = [
+        (press, gain, closing, (press.pad.name,), 1 / pads) for press, gain, closing in gains
+    ]
     if len(said) == 2 and abs(np.log(said[0][1] / said[1][1])) < ONE_GAIN:
         (press, one, closing, name, _), (_, two, _, other, _) = said
         said = [(press, float(np.sqrt(one * two)), closing, (*name, *other), 1.0)]

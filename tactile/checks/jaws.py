@@ -124,7 +124,7 @@ def _transposed(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
 
 
 def _backward(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
-    return pose * np.array([1.0, 1.0, -1.0, 1.0])
+    return np.asarray(pose * np.array([1.0, 1.0, -1.0, 1.0]))
 
 
 UNDONE: tuple[tuple[FindingKind, Callable[[np.ndarray], np.ndarray], str], ...] = (

@@ -116,7 +116,8 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
     if known.mean() < REGULAR:
         return none
     low, high = places[known].min(axis=0), places[known].max(axis=0)
-    every = np.stack(np.meshgrid(*map(np.arange, low, high + 1)), axis=-1).reshape(-1, 2)
+    lines = [np.arange(first, last + 1) for first, last in zip(low, high, strict=True)]
+    every = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
     sites = every @ fit[:2] + fit[2]
     hull = ConvexHull(rest_mm).equations
     inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < INSIDE * spacing

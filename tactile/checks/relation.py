@@ -236,8 +236,8 @@ def relation_findings(
 
 def _pad_finding(press: Pressing, r: Relation) -> Finding | None:
     """Everything but a gain: the first mistake, the plainest first, that the relation shows."""
-    found = (one for shown, *one in _mistakes(press, r) if shown)
-    return next((_refused(press, kind, says, **more) for kind, says, more in found), None)
+    found = (_refused(press, kind, says, **more) for shown, kind, says, more in _mistakes(press, r) if shown)
+    return next(found, None)
 
 
 def _mistakes(press: Pressing, r: Relation) -> Iterator[tuple[bool, FindingKind, str, dict[str, Any]]]:
