@@ -23,8 +23,6 @@ FORCE = {
 """What a number in newtons becomes in another unit, times."""
 LENGTH = {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1 / 25.4: "inches"}
 """The same of a number in millimetres."""
-STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
-"""The same of a number in MPa/mm."""
 
 
 class FindingRank(IntEnum):

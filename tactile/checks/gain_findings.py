@@ -8,7 +8,6 @@ import numpy as np
 from tactile.checks.finding import (
     FORCE,
     LENGTH,
-    STIFFNESS,
     Field,
     Finding,
     FindingKind,
@@ -25,6 +24,8 @@ without a solver, of the noisiest, one of 400 pads 0.061 (benchmarks/field_sprea
 mildest gain fault of the open cases (1.13) has 0.12, a nonlinear sensor 0.22."""
 ONE_GAIN = 0.15
 """Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
+STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
+"""What a number in MPa/mm becomes in another unit, times."""
 E_PER_GAIN = 0.7
 """Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
 MOST_LEFT_OUT = 4
