@@ -7,10 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from drawn_sound import SOUND
-from drawn_traces import FAULTS
 from injected_grasp import gel_pad, held_by
-from trace_faults import outcome, read
 
 from tactile.io.grasp_log import read_log
 from tactile.io.recording import Recording, read_recording, write_recording
@@ -20,6 +17,9 @@ from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from drawn_sound import SOUND
+from drawn_traces import FAULTS
+from trace_faults import outcome, read
 
 FRAMES = 150
 TIME = np.arange(FRAMES) / 30
