@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from scipy.spatial import Delaunay
 
-from tactile.checks.lattice import edge_share
 from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.gel_camera import mm_per_px
@@ -30,7 +30,7 @@ from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MUCH_AT_EDGE = 0.2
-"""More of the largest push than this at the outermost markers: the contact goes on beyond them."""
+"""More of the largest marker's push than this at an outermost marker: the contact goes on beyond it."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         reference_sd_px=reference_sd_px,
     )
     push_N = found.force_N[:, :, 2]
-    share, _ = edge_share(found.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
+    share = edge_share(found.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
     if share > MUCH_AT_EDGE:
         notes.append(
             f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
@@ -247,3 +247,13 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
         spread=None if pad.spread is None else _spread_at(pad.spread, when, one.time_s),
     )
+
+
+def edge_share(rest_mm: Float[np.ndarray, "n 3"], push_N: Float[np.ndarray, " n"]) -> float:
+    """Greatest push of an outermost marker over the greatest of all; 0 where nothing pushes."""
+    if push_N.max() <= 0:
+        return 0.0
+    mesh = Delaunay(rest_mm[:, :2])
+    rows, across = np.nonzero(mesh.neighbors == -1)
+    outermost = np.unique(np.concatenate([mesh.simplices[rows, (across + k) % 3] for k in (1, 2)]))
+    return float(push_N[outermost].max() / push_N.max())

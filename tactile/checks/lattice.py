@@ -157,25 +157,17 @@ def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 
 def _edge(press: Pressing) -> Iterator[Finding]:
     """A contact that is strong at the outermost markers reaches past them, where nothing is measured."""
+    rest = press.pad.rest_mm[:, :2]
+    hull = ConvexHull(rest).equations
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * press.spacing_mm
     mean = press.force_N[heaviest(press), :, 2].mean(axis=0)
-    share, punch = edge_share(press.pad.rest_mm, mean)
-    if press.touched.any() and share >= AT_EDGE and punch <= ALL_ROUND:
+    peak = float(np.quantile(mean, PEAK_SHARE))
+    if peak <= 0 or not outermost.any() or not press.touched.any():
+        return
+    share = float(np.sort(mean[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
+    if share >= AT_EDGE and float((mean[outermost] > PUNCH * peak).mean()) <= ALL_ROUND:
         says = (
             f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the peak), so "
             "some force is missing; markers are missing, or the fruit was not in the pad's middle"
         )
         yield _finding(press, FindingKind.OVER_EDGE, says)
-
-
-def edge_share(rest_mm: Float[np.ndarray, "n 3"], push_N: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Push of the outermost markers (the strongest tenth of them) over the peak, and how many of them carry
-    PUNCH of it; 0 where nothing pushes.
-    """
-    rest = rest_mm[:, :2]
-    hull = ConvexHull(rest).equations
-    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * spacing_of(rest)
-    peak = float(np.quantile(push_N, PEAK_SHARE))
-    if peak <= 0:
-        return 0.0, 0.0
-    strongest = np.sort(push_N[outermost])[-max(3, int(outermost.sum()) // 10) :]
-    return float(strongest.mean()) / peak, float((push_N[outermost] > PUNCH * peak).mean())
