@@ -142,7 +142,6 @@ def tracked(eye: GelCamera, images: list[np.ndarray], reference: np.ndarray) -> 
         time_s=np.arange(len(images)) / 30.0,
         reference_px=found[which],
         position_px=np.stack([frame.position_px[which] for frame in frames]),
-        quality=np.stack([frame.quality[which] for frame in frames]),
         rest_mm=GRID,
     ), spent
 

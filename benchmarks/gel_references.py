@@ -23,9 +23,9 @@ from gel_lattice_slips import clips_of
 from gel_video import frames_of
 from scipy.spatial import cKDTree
 
-from tactile.markers.estimated_reference import EstimatedReference, estimated_reference
 from tactile.markers.smooth_lattice import fitted_lens, lattice_places
 from tactile.markers.tracking import ReferenceMarkers, reference_of
+from tactile.pad_reference import EstimatedReference, estimated_reference
 from tactile.reference_print import SURE, shown_print
 from tactile.tactile_failure import TactileFailure
 

@@ -19,8 +19,7 @@ import numpy as np
 
 from tactile.gel.fields import GelFields, fields_of, layer_of
 from tactile.gel.grid import gel_grid
-from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import TrackedMarkers, follow, reference_of, track
+from tactile.markers.tracking import TrackedMarkers, follow, places_of, reference_of, track
 from tactile.sensors import GelCamera, Sensor, marker_grid
 
 SIZE = (640, 480)
@@ -89,7 +88,7 @@ def timed(
     assert sensor.camera is not None
     reference = reference_of(pictures[0], source="drawn")
     start = time.process_time()
-    position, quality = track(reference, cycled(pictures, frames))
+    position = track(reference, cycled(pictures, frames))
     tracking_s = (time.process_time() - start) / frames
     if lost:
         position[np.random.default_rng(2).random(position.shape[:2]) < LOST] = np.nan
@@ -101,7 +100,6 @@ def timed(
             time_s=np.arange(count) / 30,
             reference_px=rest_px[places.kept],
             position_px=position[:count, places.kept],
-            quality=quality[:count, places.kept],
             rest_mm=places.rest_mm,
         )
 

@@ -39,9 +39,9 @@ def followed(frames: list[np.ndarray]) -> dict[str, float]:
     """Followed from the clip's first frame, forwards and backwards."""
     reference = reference_of(frames[0], source="first frame")
     start = time.process_time()
-    position, quality = track(reference, frames)
+    position = track(reference, frames)
     seconds = time.process_time() - start
-    backward = track(reference, frames[::-1])[0][::-1]
+    backward = track(reference, frames[::-1])[::-1]
     apart = np.linalg.norm(backward - position, axis=2)
     rest, radius = reference.lattice.rest_px, reference.look.radius_px
     visible = kept_in_view(reference, position)
@@ -60,7 +60,6 @@ def followed(frames: list[np.ndarray]) -> dict[str, float]:
         "forward_backward_px_99": float(np.nanquantile(apart, 0.99)),
         "identities_switched": int((apart > reference.lattice.spacing_px / 2).sum()),
         "frames_with_a_switch": int((apart > reference.lattice.spacing_px / 2).any(axis=1).sum()),
-        "quality_median": float(np.median(quality)),
         "frames_per_second": len(frames) / seconds,
         "doubled_frames": int(doubled(position).sum()),
     }
@@ -125,7 +124,7 @@ def main() -> None:
         rows.append({"clip": name, **followed(frames), "labelled_slip": slip})
         print(rows[-1], flush=True)
         if clip.stem == "camera_0" and "pear" not in name:
-            first = track(empty[clip.stem], frames[:1])[0][0]
+            first = track(empty[clip.stem], frames[:1])[0]
             shown[name] = (frames[0], empty[clip.stem], first)
     pd.DataFrame(rows).to_csv(given.out / "gel_video.csv", index=False, float_format="%.4g")
     picture(shown, given.out / "gel-markers.png")

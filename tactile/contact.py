@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from tactile.checks.reference import print_without_force
+from tactile.checks.gel_findings import print_without_force
 from tactile.io.recording import GelPad, Recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
 from tactile.reference_print import WHAT_TO_DO
@@ -92,6 +92,19 @@ def find_contact(recording: Recording, *, source: str) -> Contact:
         pads=pads,
         no_contact_frames=no_contact_frames,
     )
+
+
+def contact_said(contact: Contact) -> list[str]:
+    """One line for people on each pad: when it touches, how often, and how hard at most."""
+    lines = []
+    for pad in contact.pads:
+        at = np.flatnonzero((pad.episode >= 0).any(axis=1))
+        times = 1 + int((np.diff(at) > 1).sum())
+        again = f" in {times} contacts" if times > 1 else ""
+        first, last = contact.time_s[at[[0, -1]]]
+        most = pad.total_normal_N.max()
+        lines.append(f"{pad.name}: contact from {first:.2f} to {last:.2f} s{again}, up to {most:.2f} N")
+    return lines
 
 
 def _require_gel(pad: object, *, source: str) -> GelPad:

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from scipy.spatial import Delaunay
 
 from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.gel_camera import mm_per_px
 from tactile.io.converted import Converted
-from tactile.io.frame_checks import gaps_said
 from tactile.io.marker_spread import JointCovariance, MarkerSpread
+from tactile.io.pictures import gaps_said
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import GelPad, IndenterPad, Recording
-from tactile.layer_stiffness import layer_stiffness
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
     Progress,
@@ -24,12 +24,13 @@ from tactile.markers.pad_frames import (
     of_markers,
     tracked_markers,
 )
-from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import TrackedMarkers, reference_of
-from tactile.sensors import Sensor
+from tactile.markers.tracking import TrackedMarkers, places_of, reference_of
+from tactile.sensors import Sensor, layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
-from tactile.view_edge import edge_said
+
+MUCH_AT_EDGE = 0.2
+"""More of the largest marker's push than this at an outermost marker: the contact goes on beyond it."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,13 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         shape=shading,
         reference_sd_px=reference_sd_px,
     )
-    notes += edge_said(found.rest_mm, found.force_N, source)
+    push_N = found.force_N[:, :, 2]
+    share = edge_share(found.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
+    if share > MUCH_AT_EDGE:
+        notes.append(
+            f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
+            "there). The force beyond is missing: press closer to the middle, or less."
+        )
     kn, kt = layer_stiffness(pad.sensor)
     gel = GelPad(
         name=pad.name,
@@ -240,3 +247,13 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
         spread=None if pad.spread is None else _spread_at(pad.spread, when, one.time_s),
     )
+
+
+def edge_share(rest_mm: Float[np.ndarray, "n 3"], push_N: Float[np.ndarray, " n"]) -> float:
+    """Greatest push of an outermost marker over the greatest of all; 0 where nothing pushes."""
+    if push_N.max() <= 0:
+        return 0.0
+    mesh = Delaunay(rest_mm[:, :2])
+    rows, across = np.nonzero(mesh.neighbors == -1)
+    outermost = np.unique(np.concatenate([mesh.simplices[rows, (across + k) % 3] for k in (1, 2)]))
+    return float(push_N[outermost].max() / push_N.max())

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.io.converted import Converted
-from tactile.io.frame_checks import gaps_said
+from tactile.io.pictures import gaps_said
 from tactile.io.recording import GelPad, Recording, marker_area_mm2
 from tactile.io.tac3d import Tac3D
 from tactile.markers.gaps import at_times

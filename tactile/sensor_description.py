@@ -1,16 +1,38 @@
-"""From what is published of a sensor, and a picture of its untouched gel, to its description."""
+"""From what is published of a sensor, and a picture of its untouched gel, to its description.
+
+The picture's dots are the ruler: they lie on a grid of known pitch on the gel's face. With the distance
+given, one picture tells the focal length, the first radial distortion, how the camera is turned and what it
+points at: seven numbers from a pair for each dot. One picture of a face cannot tell the distance itself:
+focal length goes with it.
+
+A camera's pixels are square. If no such camera sees the dots, the picture may have been resized without its
+proportions: the ratio of the focal lengths along x and y is then the eighth number. Distortion is a function
+of directions, not of pixels, so resizing does not change it.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
+from scipy.optimize import OptimizeResult, least_squares
 
-from tactile.camera_from_dots import CameraFound, camera_from_dots
 from tactile.gel.gel_sides import GelOutline
+from tactile.gel_camera import has_square_pixels, project
 from tactile.io.sensor_model import Published, SensorModel
+from tactile.markers.smooth_lattice import FEWEST, lattice_places
+from tactile.markers.tracking import reference_of
+from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
+OFF_GRID = 0.06
+"""Of the pitch: root mean square by which dots may be off the grid behind the camera found. Empty gels have
+0.021 to 0.048 of it (135 first frames), printed dots as such;
+loaded ones reach 0.14."""
+
+SQUARE = 7
+"""Numbers of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""
 NEEDED = ("thickness_mm", "E_MPa", "nu")
 """Of a gel, without which no force follows."""
 OF_DEPTH = 0.45
@@ -19,6 +41,131 @@ of it changed forces of dots alone by 15 %, a quarter more by 5 % (benchmarks/ge
 0.75 and 1.25)."""
 OPTIONS = {"thickness_mm": "--thickness-mm", "E_MPa": "--E-MPa", "nu": "--nu", "pitch_mm": "--pitch-mm"}
 """What gives each on the command line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFound:
+    """`rows` and `columns` of the grid, `dots` of it that were found, `off_px` what they are off by (root
+    mean square). `aspect`: of a resized picture, focal length along x over that along y and its standard
+    deviation (of the fit; both pitches taken as exact); None: the pixels are square.
+    """
+
+    camera: GelCamera
+    rows: int
+    columns: int
+    dots: int
+    off_px: float
+    aspect: tuple[float, float] | None = None
+
+
+def camera_from_dots(
+    picture: UInt8[np.ndarray, "h w 3"],
+    *,
+    pitch_mm: tuple[float, float],
+    distance_mm: float,
+    outline: GelOutline | None,
+    source: str,
+    grid: tuple[int, int] | None = None,
+) -> CameraFound:
+    """The camera that sees the grid's dots where they are; the grid's middle is the gel frame's origin.
+
+    `grid`: rows and columns on the gel, of which a cut picture may show a part; the picture's middle then
+    looks at the gel's, to half a pitch. Without it what is seen is the grid. Raises TactileFailure:
+    no-markers, or wrong-sensor where the dots are no grid, more than that, or off it by more than OFF_GRID
+    of the pitch.
+    """
+    reference = reference_of(picture, source=source)
+    places, known = lattice_places(reference.lattice)
+    seen, places = reference.lattice.rest_px[known], places[known]
+    if len(places) < FEWEST:
+        raise _refused(source, f"{len(places)} dots on a grid", f"at least {FEWEST}")
+    height, width = picture.shape[:2]
+    seen_rows, seen_columns = (int(v) for v in np.round(np.ptp(places, axis=0))[::-1] + 1)
+    rows, columns = grid or (seen_rows, seen_columns)
+    if seen_rows > rows or seen_columns > columns:
+        raise _refused(source, f"a grid of {seen_rows} x {seen_columns} dots", f"{rows} x {columns} at most")
+    hidden = columns - seen_columns, rows - seen_rows
+    middle = _middle_of_grid(places, seen, hidden=hidden, shape=(height, width))
+    on_face = np.column_stack([(places - middle) * pitch_mm, np.zeros(len(places))])
+    if outline is not None:
+        on_face[:, 2] = outline.face_mm(on_face[:, 0], on_face[:, 1])
+
+    def camera_of(values: Float[np.ndarray, " p"]) -> GelCamera:
+        turn = cv2.Rodrigues(np.asarray(values[2:5]))[0]
+        pose = np.eye(4)
+        pose[:3, :3] = turn
+        pose[:3, 3] = [values[5], values[6], -distance_mm]
+        focal, aspect = np.exp(values[0]), np.exp(values[7]) if len(values) > SQUARE else 1.0
+        return GelCamera(
+            image_px=(width, height),
+            focal_px=(float(focal * np.sqrt(aspect)), float(focal / np.sqrt(aspect))),
+            centre_px=((width - 1) / 2, (height - 1) / 2),
+            distortion=(float(values[1]), 0.0, 0.0, 0.0, 0.0),
+            gel_from_camera=pose,
+        )
+
+    def misfit(values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " m"]:
+        return np.asarray((project(camera_of(values), on_face) - seen).ravel())
+
+    spacing = reference.lattice.spacing_px
+    start = np.array([np.log(spacing / np.mean(pitch_mm) * distance_mm), 0, 0, 0, 0, 0, 0, 0], dtype=float)
+    unit = np.array([0.1, 0.1, 0.1, 0.1, 0.1, *(0.5 * np.asarray(pitch_mm)), 0.1])
+    for count in (SQUARE, SQUARE + 1):
+        found = least_squares(
+            misfit, start[:count], loss="soft_l1", f_scale=0.02 * spacing, x_scale=unit[:count]
+        )
+        off = float(np.sqrt(np.mean(np.sum(misfit(found.x).reshape(-1, 2) ** 2, axis=1))))
+        camera = camera_of(found.x)
+        if off <= OFF_GRID * spacing and (count == SQUARE or not has_square_pixels(camera)):
+            break
+    else:
+        raise _refused(
+            source,
+            f"dots that deviate by {off:.3g} px from a grid of {pitch_mm[0]:g} x {pitch_mm[1]:g} mm "
+            "behind any camera",
+            f"at most {OFF_GRID * spacing:.3g} px; check that the gel is untouched and the pitch is right",
+        )
+    return CameraFound(
+        camera=camera,
+        rows=rows,
+        columns=columns,
+        dots=len(places),
+        off_px=off,
+        aspect=None if count == SQUARE else _aspect(camera, found),
+    )
+
+
+def _aspect(camera: GelCamera, fit: OptimizeResult) -> tuple[float, float]:
+    """Ratio of the focal lengths, and its standard deviation by the misfit of the dots."""
+    freedom = len(fit.fun) - len(fit.x)
+    variance = np.linalg.inv(fit.jac.T @ fit.jac)[-1, -1] * float(fit.fun @ fit.fun) / freedom
+    ratio = camera.focal_px[0] / camera.focal_px[1]
+    return ratio, float(ratio * np.sqrt(variance))
+
+
+def _middle_of_grid(
+    places: Float[np.ndarray, "n 2"],
+    seen_px: Float[np.ndarray, "n 2"],
+    *,
+    hidden: tuple[int, int],
+    shape: tuple[int, int],
+) -> Float[np.ndarray, "2"]:
+    """The whole grid's middle, in steps: of those that hidden columns and rows allow the nearest to the
+    picture's.
+    """
+    plain = np.column_stack([places, np.ones(len(places))])
+    affine = np.linalg.lstsq(plain, seen_px, rcond=None)[0]
+    looked_at = np.linalg.solve(affine[:2].T, (np.array(shape[::-1]) - 1) / 2 - affine[2])
+    between = (places.min(axis=0) + places.max(axis=0)) / 2
+    middle = []
+    for k, count in enumerate(hidden):
+        allowed = between[k] + np.arange(-count, count + 1, 2) / 2
+        middle.append(allowed[np.abs(allowed - looked_at[k]).argmin()])
+    return np.array(middle)
+
+
+def _refused(source: str, found: str, expected: str) -> TactileFailure:
+    return TactileFailure(TactileProblem.WRONG_SENSOR, f"{source}: found {found}, expected {expected}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +225,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         "kind": model.kind,
         "name": model.name,
         "gel": {name: _plain(one) for name, one in model.gel.items()},
-        "camera": _camera(found),
+        "camera": _camera_table(found),
         "markers": {"rows": found.rows, "columns": found.columns, "pitch_mm": list(_two(model.pitch_mm))},
         "spread": spread,
     }
@@ -160,7 +307,7 @@ def _words(one: Published) -> str:
     return f"{' x '.join(f'{value:g}' for value in one.value)} ± {one.sd:g}"
 
 
-def _camera(found: CameraFound) -> dict[str, Any]:
+def _camera_table(found: CameraFound) -> dict[str, Any]:
     camera = found.camera
     return {
         "image_px": list(camera.image_px),

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.gel.gel_sides import GelOutline
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "photometric", "fields"]
 
@@ -102,3 +103,28 @@ def marker_grid(
     grid = np.stack([x.ravel(), y.ravel(), np.zeros(rows * columns)], axis=1)
     start = np.array([-x[0, -1] / 2, -y[-1, 0] / 2, 0.0]) if first_mm is None else np.asarray(first_mm)
     return np.asarray(grid + start)
+
+
+def bonded_stiffness(E_MPa: float, nu: float, thickness_mm: float) -> tuple[float, float]:
+    """Normal and shear stiffness per area (MPa/mm) of a bonded layer under wide contact.
+
+    kn = E (1 - nu) / ((1 + nu) (1 - 2 nu) h) and kt = E / (2 (1 + nu) h).
+    """
+    kn = E_MPa * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * thickness_mm)
+    return kn, E_MPa / (2 * (1 + nu) * thickness_mm)
+
+
+def layer_stiffness(sensor: Sensor) -> tuple[float, float]:
+    """Normal and shear stiffness per area (MPa/mm): as measured, or of a bonded layer."""
+    E, nu, h = sensor.E_MPa, sensor.nu, sensor.thickness_mm
+    kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
+    if E is not None and nu is not None and h is not None:
+        bonded_kn, bonded_kt = bonded_stiffness(E, nu, h)
+        kn, kt = kn or bonded_kn, kt or bonded_kt
+    if kn is None or kt is None:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_SENSOR,
+            f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, "
+            "expected one of the two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
+        )
+    return kn, kt

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
 
 MOST_FRAMES, KEPT = 1200, 700
 """Frames beyond which a trace is thinned, and to how many at first: explaining one takes time and memory with

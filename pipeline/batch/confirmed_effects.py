@@ -12,8 +12,18 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, Entry
 from pipeline.files.plain_file import printable
 from pipeline.problem import nearest
-from tactile.correction import ComplianceFault, DriftFault, Fault, GainFault, LagFault, PoseFault
-from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
+from tactile.correction import (
+    ComplianceFault,
+    DriftFault,
+    Fault,
+    ForceLawFault,
+    GainFault,
+    GelCreepFault,
+    GelHysteresisFault,
+    LagFault,
+    PoseFault,
+    ThermalFault,
+)
 
 Value = float | tuple[float, ...] | str
 MOST_SD = 1e6

@@ -50,8 +50,7 @@ from tactile.checks.finding import Finding
 from tactile.io.recording import Recording, read_recording
 from tactile.io.specimen import DIAMETERS
 from tactile.recording_digest import recording_digest
-from tactile.rig.rig_correction import without_rig
-from tactile.rig.rig_curve import RigCurve
+from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120

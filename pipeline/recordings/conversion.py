@@ -21,8 +21,7 @@ from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
 from tactile.checks.of_recording import recording_findings
-from tactile.contact import find_contact
-from tactile.contact_course import contact_course, said
+from tactile.contact import contact_said, find_contact
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
@@ -37,11 +36,10 @@ from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
-from tactile.io.tac3d_arrays import write_source
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders, write_source
 from tactile.io.trace_columns import TraceWords
 from tactile.jaw_poses import Jaws, posed_by_jaws
-from tactile.rig.rig_correction import without_rig
+from tactile.rig.rig_curve import without_rig
 from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure
 
@@ -203,7 +201,7 @@ def _contact(recording: Recording, name: str) -> list[str]:
         contact = find_contact(recording, source=name)
     except TactileFailure as failure:
         return [str(failure)]
-    return [said(course, contact.time_s) for course in contact_course(contact)]
+    return contact_said(contact)
 
 
 def _read(

@@ -18,10 +18,9 @@ from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import MOST_BYTES, GelPad, IndenterPad, Recording, read_recording
 from tactile.io.rig_file import FORMAT, VERSION, read_rig
 from tactile.io.trace_columns import TraceWords
-from tactile.rig.gel_give import gel_give_mm
 from tactile.rig.rig_curve import RigCurve
 from tactile.rig.rig_fit import FittedRig, fit_rig
-from tactile.rig.rigid_squeeze import RigidPress, rigid_squeezes
+from tactile.rig.rigid_squeeze import RigidPress, gel_give_mm, rigid_squeezes
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIG = DescriptionKind("# rig, written by drupe calibrate", "a rig that drupe calibrate wrote")

@@ -19,9 +19,8 @@ from recon.cameras.printed_mat import Mat, detect_tags
 from tactile.io.flange_table import FlangeTable, read_flange_table
 from tactile.io.pictures import unusable
 from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
-from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm
+from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm, touched_mat
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
-from tactile.robot.touched_mat import touched_mat
 
 ROBOT = DescriptionKind("# robot, written by drupe robot", "a robot that drupe robot wrote")
 FRUIT_MM = np.array([0.0, 0.0, 30.0])

@@ -5,11 +5,18 @@ from typing import Literal
 
 import numpy as np
 
-from tactile.checks.finding import Field, Finding, FindingKind, FindingRank
+from tactile.checks.finding import (
+    FORCE,
+    LENGTH,
+    Field,
+    Finding,
+    FindingKind,
+    FindingRank,
+    times_said,
+    unit_like,
+)
 from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import Pressing, peak_normal, peak_total_N
-from tactile.checks.relation import Relation
-from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
 
 GAIN_SAID, GAIN_REFUSED = 0.08, 0.4
 """|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.03 and less, on fruit drawn
@@ -17,6 +24,8 @@ without a solver, of the noisiest, one of 400 pads 0.061 (benchmarks/field_sprea
 mildest gain fault of the open cases (1.13) has 0.12, a nonlinear sensor 0.22."""
 ONE_GAIN = 0.15
 """Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
+STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
+"""What a number in MPa/mm becomes in another unit, times."""
 E_PER_GAIN = 0.7
 """Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
 MOST_LEFT_OUT = 4
@@ -28,30 +37,41 @@ NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
 """For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
 
 
+def unseen_error(measured: float, measured_sd: float, *, prior_sd: float) -> float:
+    """Root mean square of an error e ~ N(0, prior_sd^2) that was measured as N(e, measured_sd^2).
+
+    With w = prior_sd^2 / (prior_sd^2 + measured_sd^2) the posterior is N(w measured, w measured_sd^2), and e
+    stays in the number whole: sqrt((w measured)^2 + w measured_sd^2).
+
+    >>> round(unseen_error(0.0, 0.03, prior_sd=0.04), 4), round(unseen_error(0.08, 0.0, prior_sd=0.04), 4)
+    (0.024, 0.08)
+    """
+    if prior_sd == 0.0:
+        return 0.0
+    w = prior_sd**2 / (prior_sd**2 + measured_sd**2)
+    return float(np.sqrt((w * measured) ** 2 + w * measured_sd**2))
+
+
 def gain_findings(
-    gains: Sequence[tuple[Pressing, Relation, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
+    gains: Sequence[tuple[Pressing, float, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
 ) -> list[Finding]:
-    """Gains, said once for both pads where they agree."""
-    if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < ONE_GAIN:
-        gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
-        names = tuple(press.pad.name for press, _, _ in gains)
-        press, _, closing = gains[0]
-        return [_gain_finding(press, closing, gain, names, share=1.0, E_range_MPa=E_range_MPa)]
-    return [
-        _gain_finding(
-            press, closing, relation.gain, (press.pad.name,), share=1 / pads, E_range_MPa=E_range_MPa
-        )
-        for press, relation, closing in gains
+    """Gains of pads, with how far each closes (mm), said once for both where they agree."""
+    said: list[tuple[Pressing, float, float, tuple[str, ...], float]] = [
+        (press, gain, closing, (press.pad.name,), 1 / pads) for press, gain, closing in gains
     ]
+    if len(said) == 2 and abs(np.log(said[0][1] / said[1][1])) < ONE_GAIN:
+        (press, one, closing, name, _), (_, two, _, other, _) = said
+        said = [(press, float(np.sqrt(one * two)), closing, (*name, *other), 1.0)]
+    return [_gain_finding(*one, E_range_MPa=E_range_MPa) for one in said]
 
 
 def _gain_finding(
     press: Pressing,
-    closing_mm: float,
     gain: float,
+    closing_mm: float,
     names: tuple[str, ...],
-    *,
     share: float,
+    *,
     E_range_MPa: tuple[float, float] | None,
 ) -> Finding:
     """The finding for a pad whose force over displacement is `gain` times what its gel predicts."""

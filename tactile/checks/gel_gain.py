@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.gain_findings import GAIN_SAID
+from tactile.checks.gain_findings import GAIN_SAID, unseen_error
 from tactile.checks.pressing import pressing_of
 from tactile.checks.relation import relation_of
 from tactile.io.recording import GelPad
-from tactile.unseen_error import unseen_error
 
 GAIN_SD = GAIN_SAID / 2
 """Prior standard deviation of ln gain: the check's limit is two of them (assumed)."""
@@ -49,7 +48,7 @@ def gain_left(measured: Float[np.ndarray, " n"], noise_sd: Float[np.ndarray, " n
 
     Their mean m has the variance s^2 = LAW_SD^2 + mean(noise_sd^2) / n: the law's error does not average
     out. The prior is N(0, GAIN_SD^2), w the weight of m. The mean square (w m)^2 + w s^2
-    (tactile.unseen_error) is own^2 + shared^2, where own = w * noise is what the noise makes of w m.
+    (tactile.checks.gain_findings) is own^2 + shared^2, where own = w * noise is what the noise makes of w m.
     """
     noise = float(np.sqrt(np.mean(noise_sd**2) / len(noise_sd)))
     sd = float(np.hypot(LAW_SD, noise))

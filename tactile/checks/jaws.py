@@ -1,13 +1,12 @@
 """Poses against each other, against the aperture and against what the gel felt."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.checks.finding import LENGTH, Finding, FindingKind, FindingRank, unit_like
 from tactile.checks.pressing import FEWEST_PRESSED, Pressing
-from tactile.checks.units import LENGTH, unit_like
 from tactile.io.recording import Recording
 
 FACING = 0.9
@@ -47,7 +46,7 @@ def jaw_findings(
     poses = [press.pad.pose for press in pressings]
     if recording.loading == "grasp" and len(poses) == 2:
         first = [pose[0] for pose in poses]
-        if not _facing([pose[:3, 2] for pose in first], [pose[:3, 3] for pose in first]):
+        if not _facing(first):
             return [_wrong_way(first)]
         findings += _aperture(recording, poses, size_mm=size_mm)
     for press in pressings if not findings else ():
@@ -111,33 +110,50 @@ def _aperture(
     return [Finding(kind, FindingRank.MACHINE, says, detail=unit or "", relative_sd=sd)]
 
 
-def _facing(normals: Sequence[Float[np.ndarray, " 3"]], origins: Sequence[Float[np.ndarray, " 3"]]) -> bool:
+def _facing(poses: Sequence[Float[np.ndarray, "4 4"]]) -> bool:
     """Whether two pads look at each other."""
-    line = origins[1] - origins[0]
+    line = poses[1][:3, 3] - poses[0][:3, 3]
+    normals = [pose[:3, 2] for pose in poses]
     return -float(normals[0] @ normals[1]) >= FACING and min(normals[0] @ line, -normals[1] @ line) >= 0
 
 
+def _transposed(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    turned = pose.copy()
+    turned[:3, :3] = pose[:3, :3].T
+    return turned
+
+
+def _backward(pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    return np.asarray(pose * np.array([1.0, 1.0, -1.0, 1.0]))
+
+
+UNDONE: tuple[tuple[FindingKind, Callable[[np.ndarray], np.ndarray], str], ...] = (
+    (
+        FindingKind.POSES_TRANSPOSED,
+        _transposed,
+        "the poses' rotations are transposed (fruit to pad instead of pad to fruit): the pads face each "
+        "other only after transposition",
+    ),
+    (
+        FindingKind.POSES_INVERTED,
+        np.linalg.inv,
+        "the poses are inverted (fruit to pad instead of pad to fruit)",
+    ),
+    (
+        FindingKind.POSES_BACK_TO_BACK,
+        _backward,
+        "the poses put the pads back to back: the z axes point away from each other. z must point out of "
+        "the gel into the fruit, or the poses of left and right are swapped",
+    ),
+)
+"""Mistakes in poses, likeliest first: what undoes each, so that the pads face each other, and its words."""
+
+
 def _wrong_way(poses: Sequence[Float[np.ndarray, "4 4"]]) -> Finding:
-    """Normals that do not face each other: whether transposing the rotations would make them."""
-    normals, turned = [pose[:3, 2] for pose in poses], [pose[2, :3] for pose in poses]
-    origins = [pose[:3, 3] for pose in poses]
-    back = [-pose[:3, :3].T @ pose[:3, 3] for pose in poses]
-    parallel = -float(turned[0] @ turned[1]) > FACING
-    if parallel and _facing(turned, origins):
-        says = (
-            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): the pads face each "
-            "other only after transposition"
-        )
-        return _refused(FindingKind.POSES_TRANSPOSED, says)
-    if parallel and turned[0] @ (back[1] - back[0]) > 0:
-        says = "the poses are inverted (fruit to pad instead of pad to fruit)"
-        return _refused(FindingKind.POSES_INVERTED, says)
-    if -float(normals[0] @ normals[1]) > FACING:
-        says = (
-            "the poses put the pads back to back: the z axes point away from each other. z must point out of "
-            "the gel into the fruit, or the poses of left and right are swapped"
-        )
-        return _refused(FindingKind.POSES_BACK_TO_BACK, says)
+    """Normals that do not face each other: which mistake, undone, makes them."""
+    for kind, undo, says in UNDONE:
+        if _facing([undo(pose) for pose in poses]):
+            return _refused(kind, says)
     says = (
         "the pads do not face each other in their poses: rotations are transposed, or the poses are from "
         "another day"

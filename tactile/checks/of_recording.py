@@ -17,15 +17,14 @@ from tactile.checks.footprint import (
     footprint_findings,
     tilted,
 )
-from tactile.checks.gel_findings import gel_findings
+from tactile.checks.gel_findings import gel_findings, reference_findings
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
-from tactile.checks.reference import reference_findings
-from tactile.checks.relation_findings import axis_findings, relation_findings
+from tactile.checks.relation import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.io.recording import GelPad, Recording
-from tactile.published_gel import PublishedGel
+from tactile.io.sensor_model import PublishedGel
 from tactile.registration import depth_along
 
 QUARTERS = np.array(

@@ -12,17 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.gel.border import border_observation
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import most_likely_hyperparameters
-from tactile.gel.force_placing import ForcePlacing
-from tactile.gel.force_prior import PriorHyperparameters
-from tactile.gel.grid import GelGrid, gel_grid
-from tactile.gel.photometric import PhotometricDepth
+from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
+from tactile.gel.marker_force import ForcePlacing, SpringForce
+from tactile.gel.photometric import PhotometricDepth, border_observation
 from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
-from tactile.gel.spring_force import SpringForce
-from tactile.gel.stereo import ray_information, triangulated
-from tactile.gel_camera import mm_per_px, on_face
+from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -52,7 +48,7 @@ class GelFields:
     their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
     one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
     `hyperparameters` is None where nothing is smoothed. A slab's marker forces are known no better than where
-    on the gel they act (tactile.gel.force_placing): that is part of `force_sd_N` and of the joint covariance.
+    on the gel they act (tactile.gel.marker_force): that is part of `force_sd_N` and of the joint covariance.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]

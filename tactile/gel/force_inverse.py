@@ -11,7 +11,7 @@ solution, with nodes dropped that would pull and neighbours added that want to p
 computed once (tactile.gel.normal_equations). G is continued by smooth fields that no force makes (quadratics
 over the pad, a percent or two of the displacement): what free sides and a housing do to a slab that is not
 endless. They matter: an almost incompressible gel is so stiff against even pressure that 5 um of even depth
-are 5 % of a press of 3 N. The prior (tactile.gel.force_prior) is that of greatest marginal likelihood
+are 5 % of a press of 3 N. The prior (tactile.gel.grid) is that of greatest marginal likelihood
 (tactile.gel.force_likelihood).
 
 Because t is linear in y, force and displacement share their noise: `InvertedForce.joint_covariance` has both.
@@ -25,8 +25,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import blas
 
-from tactile.gel.force_prior import (
+from tactile.gel.grid import (
     USUAL_MOTION_MM,
+    GelGrid,
     PriorDeterminant,
     PriorHyperparameters,
     displacement_by,
@@ -35,7 +36,6 @@ from tactile.gel.force_prior import (
     prior_precision,
     smooth_precision,
 )
-from tactile.gel.grid import GelGrid
 from tactile.gel.normal_equations import FreeFactor, NormalEquations, cholesky_of, rows_of
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.gel.force_inverse import InvertedForce, sees_depth
-from tactile.gel.force_prior import (
+from tactile.gel.grid import (
     INITIAL_HYPERPARAMETERS,
+    GelGrid,
     PriorDeterminant,
     PriorHyperparameters,
     displacement_by,
@@ -24,7 +25,6 @@ from tactile.gel.force_prior import (
     prior_precision,
     smooth_precision,
 )
-from tactile.gel.grid import GelGrid
 from tactile.gel.normal_equations import TouchingFactor, factor_of
 
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")

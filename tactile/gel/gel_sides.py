@@ -1,32 +1,29 @@
-"""What the sides of a gel change in how its face gives way: a finite block less an endless slab.
+"""What the sides of a gel, and a domed face, change in how it gives way: a finite block less an endless slab.
 
 Both are meshed with the same quadratic bricks (27 nodes) whose back is fixed. Bricks as coarse as half the
-gel's thickness err beside a load, but in both by the same, which goes out in the difference; that is
-smooth, a brick or more from the sides, and is added to the endless slab's exact response
-(tactile.gel.slab). The stiffness of bricks on a lattice is a sum of Kronecker products of quadratic elements
-on lines,
+gel's thickness err beside a load, but in both by the same, which goes out in the difference; that is smooth,
+a brick or more from the sides, and is added to the endless slab's exact response (tactile.gel.slab).
 
-    K_ij = lambda A(i, j) + mu (A(j, i) + delta_ij sum_k A(k, k)),    A(a, b) = int d_a v_i d_b u_j,
-
-taken for the block in its four classes of even and odd motion, and for the endless slab one wave vector at a
-time (Bloch), on a lattice that repeats itself CLEAR_CELLS beyond the gel.
+The block's face is z = -x^2 / (2 R_x) - y^2 / (2 R_y) from its middle, its back z = -h; its bricks are
+isoparametric and follow the face. It is taken apart into its four classes of even and odd motion. Of the slab
+one column of bricks is taken, one wave vector at a time (Bloch), on a lattice that repeats itself CLEAR_CELLS
+beyond the gel.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
-
-from tactile.gel.domed_bricks import domed_face_compliance
+from scipy.sparse import block_diag, coo_array, csr_array, kron
 
 PER_THICKNESS, LAYERS = 2.0, 2
 """Bricks per thickness along the face, and through it: within 2 % of what a fine mesh says that the sides
-change (`tests/tactile/test_gel_sides.py`)."""
+change (`tests/tactile/test_gel_slab.py`)."""
 LEAST_CELLS, MOST_CELLS = 4, 14
 """Bricks along a side: a gel wider than seven thicknesses has wider ones. Set by hand, for the time."""
 CLEAR_CELLS = 12
@@ -37,10 +34,6 @@ MOST_NU = 0.495
 GelSides: TypeAlias = Literal["free", "bonded"]
 SIDES: tuple[GelSides, ...] = ("free", "bonded")
 """What the sides of a gel may be."""
-Line: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""int v u, int v' u' and int v' u of the nodes along one axis."""
-Bases: TypeAlias = Sequence[np.ndarray]
-"""By component: its motions along one axis at that axis's nodes, (batch, nodes, motions)."""
 
 
 class GelOutline(NamedTuple):
@@ -105,63 +98,117 @@ def side_response(thickness_mm: float, nu: float, outline: GelOutline) -> SideRe
     per_mm = PER_THICKNESS / thickness_mm
     cells = [int(np.clip(np.ceil(per_mm * size), LEAST_CELLS, MOST_CELLS)) for size in outline.size_mm]
     across = [size / count for size, count in zip(outline.size_mm, cells, strict=True)]
-    through = _line(LAYERS, thickness_mm / LAYERS)
-    bonded = outline.sides == "bonded"
     x_mm, y_mm = (
         middle + size * (np.arange(2 * count + 1) / 2 - count / 2)
         for middle, size, count in zip(outline.centre_mm, across, cells, strict=True)
     )
-    if outline.domed:
-        finite = domed_face_compliance(
-            x_mm,
-            y_mm,
-            thickness_mm=thickness_mm,
-            layers=LAYERS,
-            face_mm=outline.face_mm(*np.meshgrid(x_mm, y_mm, indexing="ij")),
-            nu=nu,
-            parted=[_even_and_odd(2 * count + 1, bonded=bonded) for count in cells],
-        )
-    else:
-        finite = _finite(cells, across, through, nu, bonded=bonded)
-    return SideResponse(x_mm=x_mm, y_mm=y_mm, difference=finite - _endless(cells, across, through, nu))
+    finite = face_compliance(
+        x_mm,
+        y_mm,
+        thickness_mm=thickness_mm,
+        face_mm=outline.face_mm(*np.meshgrid(x_mm, y_mm, indexing="ij")),
+        nu=nu,
+        bonded=outline.sides == "bonded",
+    )
+    return SideResponse(x_mm=x_mm, y_mm=y_mm, difference=finite - _endless(cells, across, thickness_mm, nu))
 
 
-def _finite(
-    cells: Sequence[int], across: Sequence[float], through: Line, nu: float, *, bonded: bool
+def face_compliance(
+    x_mm: Float[np.ndarray, " a"],
+    y_mm: Float[np.ndarray, " b"],
+    *,
+    thickness_mm: float,
+    face_mm: Float[np.ndarray, "a b"],
+    nu: float,
+    bonded: bool,
 ) -> Float[np.ndarray, "c c"]:
-    """Compliance of the block's face, by the parity of its normal motion in x and in y."""
-    lines = [_line(count, size) for count, size in zip(cells, across, strict=True)]
-    parted = [_even_and_odd(2 * count + 1, bonded=bonded) for count in cells]
-    nodes = [2 * count + 1 for count in cells]
-    found = np.zeros((*nodes, 3, *nodes, 3))
+    """Displacement (mm) of the face's nodes per newton on them, E = 1 MPa: x slowest, y, component.
+
+    `x_mm`, `y_mm`: places of the nodes, two to a brick, even about the middle; `face_mm`: height of the face
+    at them, 0 in the middle; `bonded`: the sides do not move.
+    """
+    parted = [_even_and_odd(len(line), bonded=bonded) for line in (x_mm, y_mm)]
+    levels = np.linspace(0.0, 1.0, 2 * LAYERS + 1)
+    height = -thickness_mm + levels * (thickness_mm + face_mm)[..., None]
+    places = np.stack(np.broadcast_arrays(x_mm[:, None, None], y_mm[:, None], height), axis=-1)
+    stiffness = _brick_stiffness(places, nu)
+    a, b, up = places.shape[:3]
+    above = csr_array(np.eye(up)[:, 1:])
+    found = np.zeros((a, b, 3, a, b, 3))
     for parity in product((0, 1), repeat=2):
-        # d/dx turns even into odd: a motion along x has the other parity in x than one along z
-        bases = [[parted[axis][p ^ (i == axis)][None] for i in range(3)] for axis, p in enumerate(parity)]
-        stiffness, top = _stiffness(lines, bases, through, nu)
-        loads = np.eye(len(stiffness[0, 0]))[:, top]
-        compliance = cho_solve(cho_factor(stiffness[0, 0], lower=True), loads)[top]
-        ends = np.cumsum([0, *(bases[0][i].shape[2] * bases[1][i].shape[2] for i in range(3))])
+        bases = [
+            [csr_array(parted[axis][p ^ (i == axis)]) for i in range(3)] for axis, p in enumerate(parity)
+        ]
+        motion = [kron(kron(bases[0][i], bases[1][i]), above) for i in range(3)]
+        own = block_diag(motion, format="csr")
+        small = (own.T @ stiffness @ own).toarray()
+        ends = np.cumsum([0, *(part.shape[1] for part in motion)])
+        top = np.concatenate([np.arange(end + up - 2, stop, up - 1) for end, stop in pairwise(ends)])
+        loads = np.eye(len(small))[:, top]
+        compliance = cho_solve(cho_factor(small, lower=True), loads)[top]
+        face = np.cumsum([0, *(part.shape[1] // (up - 1) for part in motion)])
         for i, j in product(range(3), repeat=2):
-            own = compliance[ends[i] : ends[i + 1], ends[j] : ends[j + 1]]
-            left, right = (np.kron(bases[0][k][0], bases[1][k][0]) for k in (i, j))
-            found[:, :, i, :, :, j] += (left @ own @ right.T).reshape(*nodes, *nodes)
-    return np.asarray(found.reshape(3 * nodes[0] * nodes[1], -1))
+            left, right = (kron(bases[0][k], bases[1][k]).toarray() for k in (i, j))
+            block = compliance[face[i] : face[i + 1], face[j] : face[j + 1]]
+            found[:, :, i, :, :, j] += (left @ block @ right.T).reshape(a, b, a, b)
+    return np.asarray(found.reshape(3 * a * b, -1))
+
+
+def _brick_stiffness(places: Float[np.ndarray, "a b u 3"], nu: float) -> csr_array:
+    """K of E = 1 MPa; unknowns: component, then node (x slowest, then y, then up)."""
+    number = np.arange(places[..., 0].size).reshape(places.shape[:3])
+    corners = number[:-2:2, :-2:2, :-2:2].reshape(-1, 1)
+    steps = np.array(
+        [i * number[1, 0, 0] + j * number[0, 1, 0] + k for i, j, k in product(range(3), repeat=3)]
+    )
+    bricks: Int[np.ndarray, "e 27"] = corners + steps
+    points, weights = np.polynomial.legendre.leggauss(3)
+    value = np.stack([points * (points - 1) / 2, 1 - points**2, points * (points + 1) / 2])
+    slope = np.stack([points - 0.5, -2 * points, points + 0.5])
+    local = np.stack(
+        [
+            np.einsum("ip,jq,kr->pqrijk", *(slope if axis == way else value for axis in range(3)))
+            for way in range(3)
+        ]
+    ).reshape(3, 27, 27)
+    at = places.reshape(-1, 3)[bricks]
+    jacobian = np.einsum("wqn,enx->eqwx", local, at, optimize=True)
+    gradient = np.linalg.solve(jacobian, np.broadcast_to(local.swapaxes(0, 1), (len(bricks), 27, 3, 27)))
+    volume = np.linalg.det(jacobian) * np.einsum("p,q,r->pqr", *[weights] * 3).ravel()
+    lame, mu = nu / ((1 + nu) * (1 - 2 * nu)), 1 / (2 * (1 + nu))
+    moment = np.einsum("eq,eqin,eqjm->eijnm", volume, gradient, gradient, optimize=True)
+    same = np.einsum("eiinm->enm", moment)
+    count = number.size
+    rows, columns, entries = [], [], []
+    for i, j in product(range(3), repeat=2):
+        block = lame * moment[:, i, j] + mu * moment[:, j, i] + (mu * same if i == j else 0.0)
+        rows.append(np.broadcast_to((i * count + bricks)[:, :, None], block.shape).ravel())
+        columns.append(np.broadcast_to((j * count + bricks)[:, None, :], block.shape).ravel())
+        entries.append(block.ravel())
+    where = np.concatenate(rows), np.concatenate(columns)
+    return csr_array(coo_array((np.concatenate(entries), where), shape=(3 * count, 3 * count)))
 
 
 def _endless(
-    cells: Sequence[int], across: Sequence[float], through: Line, nu: float
+    cells: Sequence[int], across: Sequence[float], thickness_mm: float, nu: float
 ) -> Float[np.ndarray, "c c"]:
     """Compliance between the same nodes of a slab that goes on."""
-    lines, bases = [_line(1, size) for size in across], []
+    x, y = (size * np.arange(3) / 2 for size in across)
+    up = np.linspace(-thickness_mm, 0.0, 2 * LAYERS + 1)
+    column = _brick_stiffness(np.stack(np.meshgrid(x, y, up, indexing="ij"), axis=-1), nu).toarray()
+    above = column.reshape(3, 3, 3, len(up), 3, 3, 3, len(up))[:, :, :, 1:, :, :, :, 1:]
+    motions = []
     for count in cells:
-        phase = np.exp(2j * np.pi * np.fft.fftfreq(count + CLEAR_CELLS))
-        motion = np.zeros((len(phase), 3, 2), dtype=complex)
+        motion = np.zeros((count + CLEAR_CELLS, 3, 2), dtype=complex)
         motion[:, 0, 0] = motion[:, 1, 1] = 1.0
-        motion[:, 2, 0] = phase
-        bases.append([motion] * 3)
-    stiffness, top = _stiffness(lines, bases, through, nu)
-    by_wave = np.linalg.inv(stiffness)[..., top[:, None], top]
-    by_cell = np.real(np.fft.ifft2(by_wave, axes=(0, 1))).reshape(*by_wave.shape[:2], 3, 2, 2, 3, 2, 2)
+        motion[:, 2, 0] = np.exp(2j * np.pi * np.fft.fftfreq(len(motion)))
+        motions.append(motion)
+    along, over = motions
+    tests = np.conj(along), np.conj(over)
+    stiffness = np.einsum("iklujmnw,pka,qlb,pmc,qnd->pqiuabjwcd", above, *tests, *motions, optimize=True)
+    waves, unknowns = stiffness.shape[:2], 12 * (len(up) - 1)
+    inverse = np.linalg.inv(stiffness.reshape(*waves, unknowns, unknowns)).reshape(stiffness.shape)
+    by_cell = np.real(np.fft.ifft2(inverse[:, :, :, -1, :, :, :, -1], axes=(0, 1)))
     cell, kind = zip(*(np.divmod(np.arange(2 * count + 1), 2) for count in cells), strict=True)
     apart = [own[:, None] - own for own in cell]
     found = by_cell[
@@ -171,56 +218,6 @@ def _endless(
     ]  # fmt: skip
     size = 3 * len(kind[0]) * len(kind[1])
     return np.ascontiguousarray(found.transpose(0, 1, 4, 2, 3, 5)).reshape(size, size)
-
-
-def _stiffness(
-    lines: Sequence[Line], bases: Sequence[Bases], through: Line, nu: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """K of E = 1 MPa, (batch in x, batch in y, d, d), of what is above the back; and which unknowns are of
-    the face. Unknowns: component, node through the gel, motion along x, motion along y.
-    """
-    lame, mu = nu / ((1 + nu) * (1 - 2 * nu)), 1 / (2 * (1 + nu))
-    above = tuple(matrix[1:, 1:] for matrix in through)
-
-    def along(axis: int, i: int, j: int, *, test: bool, trial: bool) -> np.ndarray:
-        mass, stiff, slope = above if axis == 2 else lines[axis]
-        own = stiff if test and trial else slope if test else slope.T if trial else mass
-        return own if axis == 2 else np.conj(bases[axis][i].swapaxes(1, 2)) @ own @ bases[axis][j]
-
-    def product_of(i: int, j: int, a: int, b: int) -> np.ndarray:
-        x, y, z = (along(axis, i, j, test=axis == a, trial=axis == b) for axis in range(3))
-        found = np.einsum("zw,xij,ykl->xyzikwjl", z, x, y)
-        rows = int(np.prod(found.shape[2:5]))
-        return np.asarray(found.reshape(*found.shape[:2], rows, -1))
-
-    rows = []
-    for i in range(3):
-        row = []
-        for j in range(3):
-            own = lame * product_of(i, j, i, j) + mu * product_of(i, j, j, i)
-            for k in range(3) if i == j else ():
-                own += mu * product_of(i, i, k, k)
-            row.append(own)
-        rows.append(np.concatenate(row, axis=-1))
-    ends = np.cumsum([own.shape[-2] for own in rows])
-    flat = [bases[0][i].shape[2] * bases[1][i].shape[2] for i in range(3)]
-    top = np.concatenate([np.arange(end - count, end) for end, count in zip(ends, flat, strict=True)])
-    return np.concatenate(rows, axis=-2), top
-
-
-def _line(cells: int, size_mm: float) -> Line:
-    """Quadratic elements of equal size in a row, three nodes each."""
-    elements = (
-        size_mm / 30 * np.array([[4.0, 2.0, -1.0], [2.0, 16.0, 2.0], [-1.0, 2.0, 4.0]]),
-        np.array([[7.0, -8.0, 1.0], [-8.0, 16.0, -8.0], [1.0, -8.0, 7.0]]) / (3 * size_mm),
-        np.array([[-3.0, -4.0, 1.0], [4.0, 0.0, -4.0], [-1.0, 4.0, 3.0]]) / 6,
-    )
-    mass, stiff, slope = (np.zeros((2 * cells + 1,) * 2) for _ in elements)
-    for cell in range(cells):
-        at = slice(2 * cell, 2 * cell + 3)
-        for whole, element in zip((mass, stiff, slope), elements, strict=True):
-            whole[at, at] += element
-    return mass, stiff, slope
 
 
 def _even_and_odd(nodes: int, *, bonded: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import blas, lapack
 
-from tactile.gel.force_prior import dofs_of
+from tactile.gel.grid import dofs_of
 
 KEPT_NUMBERS = 8_000_000
 """Of the factors that are kept, numbers at most: 64 MB."""

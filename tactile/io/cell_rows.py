@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 import zipfile
 from collections import Counter
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from pipeline.files.plain_file import NotReadable, read_bytes, size
-from tactile.io.decimal_number import decimal_number
+from tactile.io.decimal_number import LARGEST, decimal_number, meant
 from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import absence, unusable
 
@@ -29,6 +30,8 @@ DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 """In the order in which they are believed: a comma may be a decimal one."""
 SEPARATOR_LINE = re.compile(r'"?sep=([^\r\n"])"?[ ,;\t]*(?=[\r\n])', re.IGNORECASE)
 """The first line of a table that Excel wrote for other countries, with the delimiter."""
+EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
+"""Cells that hold no reading, in small letters."""
 SPACES = "spaces"
 """Cells apart by one space or more, where the text has none of the delimiters."""
 SPREADSHEETS = (".xls", ".xlsx")
@@ -77,6 +80,20 @@ def number_of(cell: Cell) -> float | None:
     if isinstance(cell, float):
         return cell
     return decimal_number(cell.replace(",", ".") if cell.count(",") == 1 and "." not in cell else cell)
+
+
+def number_in(source: str, row: int, cell: Cell, *, holes: bool = False, commas: bool = False) -> float:
+    """The number in a cell of a row, with a decimal comma too where `commas` says so; NaN in one of EMPTY
+    where `holes` allows them. Raises TactileFailure (unreadable-frames) for no number, or too large a one.
+    """
+    text = str(cell).strip()
+    if holes and text.lower() in EMPTY:
+        return math.nan
+    value = number_of(cell) if commas or isinstance(cell, float) else decimal_number(text)
+    if value is None or not abs(value) <= LARGEST:
+        found = f'"{text[:60]}"' if text else "nothing"
+        raise unusable(source, f"{found} in row {row}", f"a number up to {LARGEST:g}{meant(text)}")
+    return value
 
 
 def _text(path: Path, data: bytes) -> CellTable:

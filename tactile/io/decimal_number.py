@@ -4,6 +4,8 @@ import math
 import re
 import unicodedata
 
+LARGEST = 1e12
+"""A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 _POINTS = str.maketrans({",": ".", "\u066b": "."})
 """The decimal comma, and the Arabic one."""

@@ -16,14 +16,13 @@ from jaxtyping import Float
 
 from pipeline.files.plain_file import NotReadable
 from tactile.io.converted import Converted
-from tactile.io.grasp_log import LARGEST, increasing, read_columns
+from tactile.io.grasp_log import increasing, read_columns
 from tactile.io.pictures import unusable
-from tactile.io.plain_numpy import load_npz
+from tactile.io.plain_numpy import array_fault, load_npz
 from tactile.io.recording import GelPad, Loading, Recording
-from tactile.io.recording_fields import Shape, fits, shape_said
+from tactile.io.recording_fields import Shape
 from tactile.io.ros_bag import bag_fields
-from tactile.layer_stiffness import layer_stiffness
-from tactile.sensors import Sensor
+from tactile.sensors import Sensor, layer_stiffness
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
@@ -123,11 +122,6 @@ def _field(path: Path, held: dict[str, np.ndarray], name: str, shape: Shape) -> 
 
 
 def _checked(path: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
-    """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
-    if not fits(values.shape, shape):
-        raise unusable(f"{path.name}: {name}", f"shape {values.shape}", shape_said(shape))
-    if not np.isfinite(values).all():
-        raise unusable(f"{path.name}: {name}", "a value that is not finite", "numbers")
-    if np.abs(values).max(initial=0.0) > LARGEST:
-        raise unusable(f"{path.name}: {name}", f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}")
+    if fault := array_fault(values, shape):
+        raise unusable(f"{path.name}: {name}", *fault)
     return values

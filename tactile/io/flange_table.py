@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from tactile.io.cell_rows import Row, number_of, refuse_repeated_names, sheets_of
+from tactile.io.cell_rows import Row, number_in, refuse_repeated_names, sheets_of
 from tactile.io.grasp_log import increasing
 from tactile.io.pictures import unusable
 
@@ -122,13 +122,7 @@ class _Columns:
             at = self.names.index(name)
             for k, (row, cells) in enumerate(self.rows):
                 cell = cells[at] if at < len(cells) else ""
-                number = number_of(cell)
-                if number is None and not (holes and not str(cell).strip()):
-                    observed = (
-                        f'"{str(cell)[:60]}" in row {row}' if str(cell).strip() else f"nothing in row {row}"
-                    )
-                    raise unusable(f"{self.path.name}: {name}", observed, "a number")
-                values[k, j] = np.nan if number is None else number
+                values[k, j] = number_in(f"{self.path.name}: {name}", row, cell, holes=holes, commas=True)
         return values
 
     def rotations(self, names: tuple[str, ...]) -> Float[np.ndarray, "n 3 3"]:

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, read_text
-from tactile.io.cell_rows import csv_lines, refuse_repeated_names
-from tactile.io.decimal_number import decimal_number, meant
+from tactile.io.cell_rows import csv_lines, number_in, refuse_repeated_names
 from tactile.io.pictures import absence, unusable
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
@@ -23,11 +22,7 @@ MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
 FARTHEST_MM = 2000.0
 """mm of aperture: wider than any gripper."""
-LARGEST = 1e12
-"""A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
-EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
-"""Cells that hold no reading, in small letters."""
 _OTHERS = ((";", "semicolons"), ("\t", "tabs"))
 LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
@@ -77,8 +72,7 @@ def read_columns(
             expected = f"{len(header)} as in the header, and numbers with a decimal point"
             raise unusable(path.name, f"{len(row)} cells in row {k + 2}", expected)
         for j, cell in enumerate(row):
-            empty = holes and cell.strip().lower() in EMPTY
-            values[k, j] = np.nan if empty else _number(path, header[j], k + 2, cell)
+            values[k, j] = number_in(f"{path.name}: {header[j][:60]}", k + 2, cell, holes=holes)
     return {name: values[:, j] for j, name in enumerate(header)}
 
 
@@ -136,12 +130,3 @@ def increasing(source: str, time_s: Float[np.ndarray, " t"]) -> None:
         k = int(back[0])
         found = f"{time_s[k + 1]:g} s in row {k + 3} after {time_s[k]:g} s"
         raise unusable(f"{source}: time_s", found, "increasing times; leave out the repeated rows")
-
-
-def _number(path: Path, column: str, row: int, cell: str) -> float:
-    value = decimal_number(cell)
-    if value is None or abs(value) > LARGEST:
-        found = f'"{cell.strip()[:60]}"' if cell.strip() else "nothing"
-        expected = f"a number up to {LARGEST:g}{meant(cell)}"
-        raise unusable(f"{path.name}: {column[:60]}", f"{found} in row {row}", expected)
-    return value

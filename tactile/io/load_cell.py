@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import not_plain
-from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_of, sheets_of
+from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_in, number_of, sheets_of
 from tactile.io.converted import Converted
-from tactile.io.decimal_number import meant
 from tactile.io.field_tables import MOVED
-from tactile.io.grasp_log import EMPTY, LARGEST
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
 from tactile.io.specimen import PressedSpecimen
@@ -206,7 +204,7 @@ def _logged(path: Path, sheet: CellTable, found: FoundColumns, notes: list[str])
         notes.append(f"{path.name}: decimal commas.")
     values = {
         q: found.units[q].factor
-        * np.array([_number(path, found.header[at], row, at, commas=commas) for row in rows])
+        * np.array([_number(f"{path.name}: {found.header[at][:60]}", row, at, commas=commas) for row in rows])
         for q, at in found.place.items()
     }
     quantity = "gap" if "gap" in values else "travel"
@@ -254,22 +252,9 @@ def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], found: Found
     return comma is not None
 
 
-def _number(path: Path, column: str, row: tuple[int, list[Cell]], at: int, *, commas: bool) -> float:
+def _number(source: str, row: Row, at: int, *, commas: bool) -> float:
     number, cells = row
-    cell = cells[at] if at < len(cells) else ""
-    plain = cell.replace(",", ".") if commas and isinstance(cell, str) else cell
-    if isinstance(cell, str) and cell.strip().lower() in EMPTY:
-        return np.nan
-    value = plain if isinstance(plain, float) else None if "," in plain else number_of(plain)
-    if value is None or not abs(value) <= LARGEST:
-        text = str(cell).strip()
-        found = f'"{text[:60]}"' if text else "nothing"
-        raise unusable(
-            f"{path.name}: {column[:60]}",
-            f"{found} in row {number}",
-            f"a number up to {LARGEST:g}{meant(text)}",
-        )
-    return value
+    return number_in(source, number, cells[at] if at < len(cells) else "", holes=True, commas=commas)
 
 
 def _travel(

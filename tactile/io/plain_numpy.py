@@ -11,6 +11,8 @@ import numpy as np
 from numpy.lib import format as npy
 
 from pipeline.files.plain_file import NotReadable, read_bytes, size
+from tactile.io.decimal_number import LARGEST
+from tactile.io.recording_fields import Shape, fits, shape_said
 
 MOST_BYTES = 400_000_000
 """Of a file, and of what it unpacks to: twenty minutes of 400 markers at 30 frames a second."""
@@ -18,6 +20,20 @@ MOST_ARRAYS = 200
 """In an archive: recordings have a dozen for each pad. Set by hand."""
 MOST_VALUES = MOST_BYTES // 8
 """In double precision, as they are handed on: bytes become eight times as many."""
+
+
+def array_fault(values: np.ndarray, shape: Shape, *, like: str = "") -> tuple[str, str] | None:
+    """What was found and expected where a shape does not fit, or numbers are not finite or too large; None
+    where nothing is wrong. `like`: why the shape is expected, as the end of a sentence.
+    """
+    if not fits(values.shape, shape):
+        return f"shape {values.shape}", shape_said(shape) + like
+    if not np.isfinite(values).all():
+        where = f" in frame {int(np.argwhere(~np.isfinite(values))[0][0])}" if values.ndim else ""
+        return f"a value{where} that is not finite", "finite numbers"
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        return f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}"
+    return None
 
 
 def load_npy(path: Path) -> np.ndarray:

@@ -46,6 +46,7 @@ from tactile.io.recording import PADS_OF_LOADING, Loading, Support
 from tactile.io.reference_source import ESTIMATE, named_reference, read_reference, reference_path
 from tactile.io.sensor_file import look_up_of, read_sensor
 from tactile.io.toml_table import Table, read_table
+from tactile.markers.gaps import at_times
 from tactile.sensors import Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -156,7 +157,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
         ),
         plain_jaw=_plain_jaw(plain[0], pads_table, log, when, at_mm) if plain else None,
         aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
-        wrench_N=None if wrench is None else _interpolated(when, log.time_s, wrench),
+        wrench_N=None if wrench is None else at_times(when, log.time_s, wrench),
         pads=pads,
         notes=log.notes,
     )
@@ -380,9 +381,3 @@ def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> Non
                 f"{folder.name}/grasp.toml: pads.{pad.name}.serial: found {serial!r}, expected "
                 f"{pad.sensor.serial!r} as its sensor's description says{advice}.",
             )
-
-
-def _interpolated(
-    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, "s c"]
-) -> Float[np.ndarray, "t c"]:
-    return np.stack([np.interp(when, time_s, column) for column in values.T], axis=1)

@@ -13,13 +13,18 @@ from typing import Any, Literal, TypeAlias, cast
 
 import h5py
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
 from pipeline.files.plain_file import named_in_utf8, size
-from tactile.io.hdf5_dimensions import REVERSED, has_reversed_dimensions
-from tactile.io.hdf5_faults import fault_of
-from tactile.io.hdf5_texts import child_group, link_out, texts_fault
+from tactile.io.hdf5_faults import (
+    REVERSED,
+    child_group,
+    fault_of,
+    has_reversed_dimensions,
+    link_out,
+    texts_fault,
+)
 from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.pictures import absence
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
@@ -62,6 +67,24 @@ likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E
 MPa per mm; quotients by numbers that are next to nothing overflow."""
 RIG_FIELDS = ("rig_give_mm", "rig_sd_mm")
 """Optional, of a bare press that `drupe convert --rig` corrected: both or none."""
+GEL_CONSTANTS = {
+    "gel_kn_MPa_per_mm": ("gel_kn_MPa_per_mm", STIFFNESS),
+    "gel_kt_MPa_per_mm": ("gel_kt_MPa_per_mm", STIFFNESS),
+    "thickness_mm": ("thickness_mm", THICKNESS),
+    "gel_E_MPa": ("E_MPa", MODULUS),
+    "gel_nu": ("nu", RATIO),
+    "force_scale_sd": ("force_scale_sd", SCALE_SD),
+    "displacement_scale_sd": ("displacement_scale_sd", SCALE_SD),
+}
+"""Attributes of a gel pad by the field that holds each, with its limit: the first two are needed, the others
+may be left out."""
+GEL_KNOWN = {
+    "certainty": ("t", SHARE),
+    "reference_print": ("", ANY),
+    "print_shown": ("t", ANY),
+    "reference_sd_mm": ("n", REST),
+}
+"""Optional datasets of a gel pad, of no negative value: one a frame (t), a marker (n), or in all."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -101,8 +124,6 @@ class GelPad:
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
     spread: MarkerSpread | None = None
-    images: UInt8[np.ndarray, "t h w 3"] | None = None
-    images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
     @property
     def marker_kn_N_per_mm(self) -> float | None:
@@ -180,8 +201,8 @@ class Recording:
     pose_frame: PoseFrame = "fruit"
 
 
-def read_recording(path: Path, *, images: bool = False) -> Recording:
-    """The recording in `path`, checked field by field; the raw frames only when `images` asks for them.
+def read_recording(path: Path) -> Recording:
+    """The recording in `path`, checked field by field.
 
     Raises TactileFailure (unreadable-recording) that names the file, the field, what was found, what was
     expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
@@ -212,7 +233,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             notes=(REVERSED,) if turned else (),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pads=tuple(
-                _read_pad(pads_group.child(name), name, frames=frames, images=images, scale_sd=scale_sd)
+                _read_pad(pads_group.child(name), name, frames=frames, scale_sd=scale_sd)
                 for name in PADS_OF_LOADING[loading]
             ),
         )
@@ -311,9 +332,7 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
     return unreadable(path, "the file", found, COMPLETE, DAMAGED)
 
 
-def _read_pad(
-    pad: GroupReader, name: str, *, frames: int, images: bool, scale_sd: float
-) -> GelPad | IndenterPad:
+def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> GelPad | IndenterPad:
     """One pad of a recording: a gel's fields, or the force of an indenter.
 
     `scale_sd`: the recording's own `force_scale_sd`, for a pad that states none.
@@ -339,20 +358,9 @@ def _read_pad(
         rest_mm=rest_mm,
         displacement_mm=pad.array("displacement_mm", (frames, markers, 3), limit=DISPLACEMENT),
         force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
-        gel_kn_MPa_per_mm=pad.positive("gel_kn_MPa_per_mm", limit=STIFFNESS),
-        gel_kt_MPa_per_mm=pad.positive("gel_kt_MPa_per_mm", limit=STIFFNESS),
-        thickness_mm=pad.optional_positive("thickness_mm", limit=THICKNESS),
-        gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
-        gel_nu=pad.optional_positive("nu", limit=RATIO),
-        certainty=_certainty(pad, frames) if "certainty" in pad else None,
-        reference_print=_at_least_zero(pad, "reference_print", ()),
-        print_shown=_at_least_zero(pad, "print_shown", (frames,)),
-        reference_sd_mm=_at_least_zero(pad, "reference_sd_mm", (markers,)),
-        force_scale_sd=pad.optional_positive("force_scale_sd", limit=SCALE_SD) or scale_sd,
-        displacement_scale_sd=pad.optional_positive("displacement_scale_sd", limit=SCALE_SD) or 0.0,
+        **_gel_constants(pad, scale_sd),
+        **{name: _known(pad, name, {"t": (frames,), "n": (markers,)}) for name in GEL_KNOWN},
         spread=read_spread(pad, frames=frames, markers=markers),
-        images=pad.frames("images", frames) if images and "images" in pad else None,
-        images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
 
 
@@ -367,19 +375,24 @@ def _rig_fields(root: GroupReader, frames: int) -> dict[str, Float[np.ndarray, "
     return values
 
 
-def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
-    values = pad.array("certainty", (frames,), limit=SHARE)
-    pad.refuse_negative("certainty", values, expected="0 to 1")
-    return values
+def _gel_constants(pad: GroupReader, scale_sd: float) -> dict[str, Any]:
+    """By field; spreads of scales are 0 where nobody states them."""
+    said = {
+        field: (pad.positive if limit is STIFFNESS else pad.optional_positive)(name, limit=limit)
+        for field, (name, limit) in GEL_CONSTANTS.items()
+    }
+    known = {"force_scale_sd": scale_sd, "displacement_scale_sd": 0.0}
+    return said | {name: said[name] or default for name, default in known.items()}
 
 
-def _at_least_zero(pad: GroupReader, name: str, shape: tuple[int, ...]) -> Any:
-    """A field that may be left out, none of whose values is negative."""
+def _known(pad: GroupReader, name: str, shapes: dict[str, tuple[int, ...]]) -> Any:
+    """An optional field of a gel; None where it is left out."""
     if name not in pad:
         return None
-    values = pad.array(name, shape, limit=REST if name.endswith("_mm") else ANY)
-    pad.refuse_negative(name, values)
-    return values if shape else float(values)
+    axis, limit = GEL_KNOWN[name]
+    values = pad.array(name, shapes.get(axis, ()), limit=limit)
+    pad.refuse_negative(name, values, expected="0 to 1" if limit is SHARE else "0 or more")
+    return values if axis else float(values)
 
 
 def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
@@ -399,23 +412,12 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 def _write_gel(group: Any, pad: GelPad) -> None:
     """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
-    single = {name: getattr(pad, name).astype(np.float32) for name in ("displacement_mm", "force_N")}
-    packed = single | {"images": pad.images, "images_reference": pad.images_reference}
-    for name, values in packed.items():
-        if values is not None:
-            group.create_dataset(name, data=values, compression="gzip", shuffle=True)
-    for name in ("certainty", "reference_print", "print_shown", "reference_sd_mm"):
+    for name in ("displacement_mm", "force_N"):
+        values = getattr(pad, name).astype(np.float32)
+        group.create_dataset(name, data=values, compression="gzip", shuffle=True)
+    for name in GEL_KNOWN:
         if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)
-    attributes = {
-        "gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm,
-        "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm,
-        "thickness_mm": pad.thickness_mm,
-        "E_MPa": pad.gel_E_MPa,
-        "nu": pad.gel_nu,
-        "force_scale_sd": pad.force_scale_sd or None,
-        "displacement_scale_sd": pad.displacement_scale_sd or None,
-    }
-    group.attrs.update({name: number for name, number in attributes.items() if number is not None})
+    group.attrs.update({name: said for f, (name, _) in GEL_CONSTANTS.items() if (said := getattr(pad, f))})
     if pad.spread is not None:
         write_spread(group, pad.spread)

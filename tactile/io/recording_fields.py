@@ -274,21 +274,14 @@ class GroupReader:
             raise self._refuse(name, found, expected, "divide the recording")
         return data
 
-    def frames(self, name: str, frames: int) -> UInt8[np.ndarray, "t h w 3"]:
-        """Raw colour frames."""
-        return self._image(name, (frames, None, None, 3))
-
     def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
         """One raw colour frame."""
-        return self._image(name, (None, None, 3))
-
-    def _image(self, name: str, shape: Shape) -> UInt8[np.ndarray, "..."]:
-        data = self._dataset(name)
+        data, shape = self._dataset(name), (None, None, 3)
         self._require_shape(name, data, shape)
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
         self._require_budget(name, data, 1)
-        return _chosen(np.asarray(self._values(name, data, axes=len(shape)), dtype=np.uint8), shape)
+        return np.asarray(self._values(name, data, axes=3), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
         """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""

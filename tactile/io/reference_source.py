@@ -3,7 +3,7 @@
 `reference` is a picture, or another clip of the same gel (a folder of frame_*.png or a video), beside the
 grasp or elsewhere in its batch; `reference_frames = [k, m]` are frames k to m - 1 of that clip or, without
 one, of the pad's own. `reference = "estimate"`: the gel is never untouched in view
-(tactile.markers.estimated_reference).
+(tactile.pad_reference).
 """
 
 from dataclasses import dataclass

@@ -28,8 +28,7 @@ from tactile.io.flange_table import NOT_ROTATION
 from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import unusable
 from tactile.io.toml_table import read_table
-from tactile.markers.gaps import at_times
-from tactile.pose_path import poses_at
+from tactile.markers.gaps import at_times, poses_at
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000

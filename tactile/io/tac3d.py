@@ -6,17 +6,18 @@ or (T, 3); some also `3D_Normals.npy` and `recvTimestamp.npy` (s). Axes are the 
 gel; forces are those that the gel feels (pressed: negative z).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable
-from tactile.io.grasp_log import LARGEST
 from tactile.io.pictures import absence
-from tactile.io.plain_numpy import load_npy
-from tactile.io.recording_fields import Shape, fits, shape_said
+from tactile.io.plain_numpy import array_fault, load_npy
+from tactile.io.recording_fields import Shape
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
@@ -114,17 +115,20 @@ def _loaded(folder: Path, name: str) -> np.ndarray:
 
 
 def _checked(folder: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
-    """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
-    if not fits(values.shape, shape):
-        raise _refused(folder, name, f"shape {values.shape}", f"{shape_said(shape)} as the other arrays have")
-    if not np.isfinite(values).all():
-        frame = int(np.argwhere(~np.isfinite(values))[0][0])
-        raise _refused(folder, name, f"a value in frame {frame} that is not finite", "finite numbers")
-    if np.abs(values).max(initial=0.0) > LARGEST:
-        raise _refused(folder, name, f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}")
+    if fault := array_fault(values, shape, like=" as the other arrays have"):
+        raise _refused(folder, name, *fault)
     return values
 
 
 def _refused(folder: Path, name: str, found: str, expected: str) -> TactileFailure:
     detail = f"{folder.name}/{name}.npy: found {found}, expected {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
+
+
+def write_source(path: Path, sensors: Sequence[Tac3D]) -> None:
+    """Adds `source/<serial>/<array>` to a recording: full precision, the sensor's own axes and signs."""
+    with h5py.File(path, "a") as file:
+        for sensor in sensors:
+            group = file.create_group(f"source/{sensor.serial}")
+            for name, values in sensor.arrays().items():
+                group.create_dataset(name, data=values, compression="gzip", shuffle=True)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
-from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit
-from tactile.io.unit_in_name import unit_of_name, unit_with_factor
+from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, unit_with_factor
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")

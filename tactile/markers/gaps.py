@@ -1,8 +1,11 @@
-"""Values of markers that were not seen, from those around them and from the frames before and after."""
+"""Values of markers that were not seen, from those around them; values and poses between the times at which
+they are known.
+"""
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation, Slerp
 
 AROUND = 6
 """Neighbours from whose values a missing one is taken: those next to it on a grid, about."""
@@ -40,3 +43,16 @@ def at_times(
     share = np.clip((when - time_s[later - 1]) / (time_s[later] - time_s[later - 1]), 0.0, 1.0)
     share = share.reshape(-1, *([1] * (values.ndim - 1)))
     return np.asarray(values[later - 1] * (1.0 - share) + values[later] * share)
+
+
+def poses_at(
+    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], pose: Float[np.ndarray, "s 4 4"]
+) -> Float[np.ndarray, "t 4 4"]:
+    """Rigid transforms at other times (s): shifts linear in between, turns at a constant rate.
+
+    `when` lies within `time_s`, which has two times or more and increases.
+    """
+    moved = np.tile(np.eye(4), (len(when), 1, 1))
+    moved[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(pose[:, :3, :3]))(when).as_matrix()
+    moved[:, :3, 3] = np.column_stack([np.interp(when, time_s, axis) for axis in pose[:, :3, 3].T])
+    return moved

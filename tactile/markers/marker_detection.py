@@ -1,14 +1,31 @@
-"""Markers of one frame, found to a fraction of a pixel."""
+"""Markers of one frame, found to a fraction of a pixel.
+
+The light on a gel is uneven and drifts; a marker is told from it by contrast = |I / background - 1|, where
+the background is the frame itself with the markers closed (dark ones) or opened (light ones) away and
+smoothed.
+
+The frame's edge cuts some markers. Of a disc of radius r whose centre lies s inside a straight edge the part
+in view has its centroid at
+
+    m(s) = s + (2/3) (r^2 - s^2)^(3/2) / A(s),   A(s) = r^2 (pi - acos(s/r)) + s sqrt(r^2 - s^2)
+
+inside that edge. m grows with s, so that it tells s; at s = r nothing is cut and m = r.
+"""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from scipy.spatial import cKDTree
 
-from tactile.markers.contrast import MarkerLook
-
+COARSE_RADIUS_PX = 3.0
+"""The background is made on a frame so shrunk that a marker's radius is about this."""
+SCALES = np.geomspace(1.5, 24.0, 13)
+"""Standard deviations tried for blobs, px; a disc of radius r answers most at r / sqrt(2)."""
+STRONG = 0.5
+"""Of the 0.9 quantile of the peaks: those above are markers for sure, weaker ones may be dirt. Set by
+hand."""
 WINDOW_RADII = 1.7
 """Half the width of the window a centroid is taken in, in marker radii."""
 FLOOR = 0.3
@@ -24,6 +41,73 @@ UNLIKE = 3.0
 """A blob whose mass or peak differs from the median by more than this factor is no marker."""
 NEAR = 0.55
 """Two blobs nearer than this share of the usual spacing are one marker and its glint."""
+OUTSIDE = 0.2
+"""A centre may lie this many radii outside the frame: two fifths of the disc are then in view."""
+STEPS = 60
+"""Of the table of m(s), straight between: a fortieth of a radius each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerLook:
+    """What a sensor's markers look like: `radius_px`, and whether they are darker than the gel."""
+
+    radius_px: float
+    dark: bool
+
+
+def grey(frame: UInt8[np.ndarray, "h w *c"]) -> Float[np.ndarray, "h w"]:
+    """The mean of the channels, single precision."""
+    if frame.ndim == 2:
+        return np.asarray(frame, dtype=np.float32)
+    weights = np.full((1, frame.shape[2]), 1.0 / frame.shape[2], dtype=np.float32)
+    return np.asarray(cv2.transform(frame, weights), dtype=np.uint8).astype(np.float32)
+
+
+def contrast(intensity: Float[np.ndarray, "h w"], look: MarkerLook) -> Float[np.ndarray, "h w"]:
+    """0 on the gel, towards 1 on a marker (dark ones: 1 is black)."""
+    shrink = max(1, round(look.radius_px / COARSE_RADIUS_PX))
+    height, width = intensity.shape
+    size = (max(8, width // shrink), max(8, height // shrink))
+    small = cv2.resize(intensity, size, interpolation=cv2.INTER_AREA)
+    radius = look.radius_px / shrink
+    side = 2 * int(np.ceil(1.5 * radius)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    # A border of its own value: the default would let the frame's edge win every maximum or minimum.
+    pad = side
+    framed = cv2.copyMakeBorder(small, pad, pad, pad, pad, cv2.BORDER_REFLECT_101)
+    operation = cv2.MORPH_CLOSE if look.dark else cv2.MORPH_OPEN
+    closed = cv2.GaussianBlur(cv2.morphologyEx(framed, operation, kernel), (0, 0), 1.5 * radius)
+    background = cv2.resize(closed[pad:-pad, pad:-pad], (width, height), interpolation=cv2.INTER_LINEAR)
+    ratio = intensity / np.maximum(background, 1.0)
+    return np.asarray(np.maximum(1.0 - ratio if look.dark else ratio - 1.0, 0.0), dtype=np.float32)
+
+
+def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
+    """Radius and polarity of the blobs that answer most.
+
+    At each scale s the answer is s^2 times the Laplacian of the Gaussian-smoothed frame, in parts of the
+    local brightness; the score is the median of the strong maxima times the fourth root of how many there
+    are, so that many like blobs win over one large shade.
+    """
+    shade = cv2.GaussianBlur(intensity, (0, 0), intensity.shape[0] / 12)
+    relative = intensity / np.maximum(shade, 1.0)
+    best, found = 0.0, MarkerLook(radius_px=4.0, dark=True)
+    for scale in SCALES[intensity.shape[0] / 10 > SCALES]:
+        laplacian = scale**2 * cv2.Laplacian(cv2.GaussianBlur(relative, (0, 0), scale), cv2.CV_32F, ksize=1)
+        for dark in (True, False):
+            answer = laplacian if dark else -laplacian
+            heights = answer[_maxima(answer, scale)]
+            strong = heights[heights > STRONG * np.quantile(heights, 0.9)] if len(heights) else heights
+            score = float(np.median(strong) * len(strong) ** 0.25) if len(strong) > 3 else 0.0
+            if score > best:
+                best, found = score, MarkerLook(radius_px=float(scale * np.sqrt(2.0)), dark=dark)
+    return found
+
+
+def _maxima(answer: Float[np.ndarray, "h w"], scale: float) -> "np.ndarray":
+    side = 2 * int(np.ceil(1.5 * scale)) + 1
+    highest = cv2.dilate(answer, cv2.getStructuringElement(cv2.MORPH_RECT, (side, side)))
+    return np.asarray((answer >= highest) & (answer > 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,3 +226,33 @@ def _alone(found: Blobs) -> Bool[np.ndarray, " n"]:
         if keep[a] and keep[b]:
             keep[a if found.mass[a] < found.mass[b] else b] = False
     return keep
+
+
+def disc_radius_px(shown: Float[np.ndarray, "h w"], markers: Blobs) -> float:
+    """The markers' radius: that of a disc of the (median) area on which contrast exceeds half its peak."""
+    over = (shown > 0.5 * float(np.median(markers.peak))).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(over, connectivity=4)
+    columns, rows = np.rint(markers.centre_px).astype(np.int64).T
+    mine = labels[rows, columns]
+    areas = stats[mine[mine > 0], cv2.CC_STAT_AREA]
+    return float(np.sqrt(np.median(areas) / np.pi)) if len(areas) else 0.0
+
+
+def uncut(
+    centroid_px: Float[np.ndarray, "n 2"], shape: tuple[int, ...], radius_px: float
+) -> Float[np.ndarray, "n 2"]:
+    """Centres of the discs whose visible parts have these centroids, in a frame of (height, width).
+
+    Pixels are squares around whole coordinates: the frame's edges lie at -0.5. Each axis is taken by itself,
+    which is exact but for the corners.
+    """
+    s = np.linspace(-1.5 * OUTSIDE, 1.0, STEPS)
+    area = np.pi - np.arccos(s) + s * np.sqrt(1.0 - s**2)
+    seen_at = (s + 2.0 / 3.0 * (1.0 - s**2) ** 1.5 / area) * radius_px
+    centre = centroid_px.copy()
+    for axis, size in enumerate((shape[1], shape[0])):
+        for sign, edge in ((1.0, -0.5), (-1.0, size - 0.5)):
+            within = sign * (centroid_px[:, axis] - edge)
+            cut = within < radius_px
+            centre[cut, axis] = edge + sign * np.interp(within[cut], seen_at, s * radius_px)
+    return centre

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.io.frame_checks import Watch
+from tactile.io.pictures import Watch
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
-from tactile.markers.reference_places import Places, places_of
-from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places
+from tactile.markers.tracking import FrameMarkers, Places, TrackedMarkers, follow, labelled_places, places_of
 from tactile.pad_reference import PrintWatch, flatter_said, pad_reference
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -71,7 +70,7 @@ def tracked_markers(
             )
         if progress is not None:
             progress(pad.name, t + 1, count)
-    position, quality = labelled_places(reference, rows)
+    position = labelled_places(reference, rows)
     certainty = np.minimum.accumulate([row.certainty for row in rows])
     notes = list(known.notes)
     reference_print = None if known.shown is None else known.shown.evidence
@@ -97,7 +96,6 @@ def tracked_markers(
         time_s=pad.time_s,
         reference_px=rest_px[places.kept],
         position_px=position[:, places.kept],
-        quality=quality[:, places.kept],
         rest_mm=places.rest_mm,
         certainty=certainty,
     )
@@ -130,7 +128,6 @@ def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedM
         tracked,
         time_s=tracked.time_s[kept],
         position_px=tracked.position_px[kept],
-        quality=tracked.quality[kept],
         certainty=None if tracked.certainty is None else tracked.certainty[kept],
     )
 
@@ -141,7 +138,6 @@ def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
         tracked,
         reference_px=tracked.reference_px[markers],
         position_px=tracked.position_px[:, markers],
-        quality=tracked.quality[:, markers],
         rest_mm=tracked.rest_mm[markers],
     )
 

@@ -80,7 +80,9 @@ def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.
     grid: Int[np.ndarray, "n 2"] = np.full((len(places), 2), UNINDEXED)
     if steps is None:
         return np.zeros_like(places), found
-    seed = int(np.linalg.norm(places - np.median(places, axis=0), axis=1).argmin())
+    lonely = tree.query_ball_point(places, (1 + REACH) * lattice.spacing_px, return_length=True) < 4
+    aside = np.linalg.norm(places - np.median(places, axis=0), axis=1)
+    seed = int(np.where(lonely, aside + np.ptp(places), aside).argmin())
     grid[seed], here, queue = 0, {seed: steps}, [seed]
     taken = {(0, 0)}
     while queue:

@@ -1,17 +1,34 @@
-"""Markers followed through a sequence, one frame at a time: memory does not grow with its length."""
+"""Markers followed through a sequence, one frame at a time (memory does not grow with its length), and which
+marker of the sensor's description each of them is.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy.spatial import cKDTree
 
-from tactile.markers.backward_relabelling import relabelled
-from tactile.markers.contrast import MarkerLook, contrast, find_look, grey
-from tactile.markers.cut_markers import OUTSIDE, disc_radius_px, uncut
-from tactile.markers.marker_detection import Blobs, centred, find_blobs, inside, markers_of, spacing_of
+from tactile.gel.gel_sides import GelOutline
+from tactile.gel_camera import on_gel, project
+from tactile.markers.marker_detection import (
+    OUTSIDE,
+    Blobs,
+    MarkerLook,
+    centred,
+    contrast,
+    disc_radius_px,
+    find_blobs,
+    find_look,
+    grey,
+    inside,
+    markers_of,
+    spacing_of,
+    uncut,
+)
 from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say
-from tactile.markers.matching import match
+from tactile.markers.matching import match, relabelled
+from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_MARKERS = 9
@@ -24,6 +41,10 @@ FAINT_REACH = 0.3
 """... and to be found within this share of the spacing."""
 TORN = 0.6
 """A marker that its neighbours' motion contradicts by more than this share of the spacing is given up."""
+REACH = 0.4
+"""A marker lies within this share of the spacing from where the description has it."""
+ENOUGH = 0.8
+"""Share of the markers that must lie so."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,15 +52,14 @@ class TrackedMarkers:
     """Where every marker is in every frame of one camera, px, pixel (0, 0) being the first one's centre.
 
     `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
-    NaN where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference).
-    `rest_mm` is each marker's place on the undeformed gel, gel frame: the sensor's own where it states a
-    grid. `certainty` is the least of the frames so far (FrameMarkers); None: it is not known.
+    NaN where a marker is lost or hidden. `rest_mm` is each marker's place on the undeformed gel, gel frame:
+    the sensor's own where it states a grid. `certainty` is the least of the frames so far (FrameMarkers);
+    None: it is not known.
     """
 
     time_s: Float[np.ndarray, " t"]
     reference_px: Float[np.ndarray, "n 2"]
     position_px: Float[np.ndarray, "t n 2"]
-    quality: Float[np.ndarray, "t n"]
     rest_mm: Float[np.ndarray, "n 3"]
     certainty: Float[np.ndarray, " t"] | None = None
 
@@ -63,14 +83,13 @@ class ReferenceMarkers:
 
 @dataclass(frozen=True)
 class FrameMarkers:
-    """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference.
+    """One frame: `position_px` (NaN where lost) of every marker of the reference.
 
     `blobs_px` is all that looked like a marker, so that names can be set right later. `certainty`:
     0 where the markers could as well be a pitch of their grid further, 1 where they could not.
     """
 
     position_px: Float[np.ndarray, "n 2"]
-    quality: Float[np.ndarray, " n"]
     blobs_px: Float[np.ndarray, "m 2"]
     certainty: float
 
@@ -118,24 +137,15 @@ def follow(
 
 def track(
     reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
-) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions (px, NaN where lost) and quality over all frames, names corrected by later frames."""
-    rows = list(follow(reference, frames))
-    count = len(reference.lattice.rest_px)
-    if not rows:
-        return np.zeros((0, count, 2)), np.zeros((0, count))
-    return labelled_places(reference, rows)
+) -> Float[np.ndarray, "t n 2"]:
+    """Positions (px, NaN where lost) over all frames, names corrected by later frames."""
+    return labelled_places(reference, list(follow(reference, frames)))
 
 
-def labelled_places(
-    reference: ReferenceMarkers, rows: Sequence[FrameMarkers]
-) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions and quality of all frames followed so far, names corrected by later frames."""
-    before = np.stack([row.position_px for row in rows])
-    position = relabelled(reference.lattice, before, [row.blobs_px for row in rows])
-    quality = np.stack([row.quality for row in rows])
-    lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
-    return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
+def labelled_places(reference: ReferenceMarkers, rows: Sequence[FrameMarkers]) -> Float[np.ndarray, "t n 2"]:
+    """Positions in all frames followed so far, names corrected by later frames."""
+    before = np.array([row.position_px for row in rows]).reshape(-1, *reference.lattice.rest_px.shape)
+    return relabelled(reference.lattice, before, [row.blobs_px for row in rows])
 
 
 def _markers_in(
@@ -154,26 +164,15 @@ def _markers_in(
     guesses = [moved + speed, moved, np.zeros_like(moved)]
     best = match(lattice, guesses, blobs.centre_px)
     count = len(lattice.rest_px)
-    position, peak, mass = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
-    found = best.found
-    position[found], peak[found] = blobs.centre_px[best.blob[found]], blobs.peak[best.blob[found]]
-    mass[found] = blobs.mass[best.blob[found]]
-    _look_for_lost(reference, shown, position, peak, mass)
+    position = np.full((count, 2), np.nan)
+    position[best.found] = blobs.centre_px[best.blob[best.found]]
+    _look_for_lost(reference, shown, position)
     _give_up_contradicted(lattice, position)
-    found = np.isfinite(position[:, 0])
-    clear = np.minimum(peak / usual.peak, 1.0) * np.minimum(
-        mass / usual.mass, usual.mass / np.maximum(mass, 1e-9)
-    )
-    quality = np.where(found, np.clip(clear, 0.0, 1.0), 0.0)
-    return FrameMarkers(position, quality, blobs.centre_px, best.certainty)
+    return FrameMarkers(position, blobs.centre_px, best.certainty)
 
 
 def _look_for_lost(
-    reference: ReferenceMarkers,
-    shown: Float[np.ndarray, "h w"],
-    position: Float[np.ndarray, "n 2"],
-    peak: Float[np.ndarray, " n"],
-    mass: Float[np.ndarray, " n"],
+    reference: ReferenceMarkers, shown: Float[np.ndarray, "h w"], position: Float[np.ndarray, "n 2"]
 ) -> None:
     """Fills in, where they lie, the markers that are fainter than a blob but stand where neighbours say."""
     lattice = reference.lattice
@@ -194,11 +193,7 @@ def _look_for_lost(
     )
     lost = np.flatnonzero(~known)
     good = near & clear & whole & apart
-    position[lost[good]], peak[lost[good]], mass[lost[good]] = (
-        tried.centre_px[good],
-        tried.peak[good],
-        tried.mass[good],
-    )
+    position[lost[good]] = tried.centre_px[good]
 
 
 def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) -> None:
@@ -210,3 +205,59 @@ def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) 
     say = neighbours_say(lattice, displacement, known)
     wrong = known & (np.linalg.norm(displacement - say, axis=1) > TORN * lattice.spacing_px)
     position[wrong] = np.nan
+
+
+@dataclass(frozen=True)
+class Places:
+    """The reference's markers that the description knows: `kept[n]` counts in the reference's order.
+
+    `described[n]` counts in the description's; without one, in the reference's.
+    """
+
+    kept: Int[np.ndarray, " n"]
+    described: Int[np.ndarray, " n"]
+    rest_mm: Float[np.ndarray, "n 3"]
+
+
+def places_of(
+    camera: GelCamera,
+    reference_px: Float[np.ndarray, "n 2"],
+    rest_mm: Float[np.ndarray, "m 3"] | None,
+    *,
+    shape: tuple[int, int],
+    source: str,
+    outline: GelOutline | None = None,
+) -> Places:
+    """Each marker's rest place: the described one whose projection it lies on, else its ray's on the face
+    (that of `outline`, a plane without).
+
+    Raises TactileFailure (wrong-sensor) that says what does not agree: the image's size (height, width), or
+    the markers' places.
+    """
+    width, height = camera.image_px
+    if shape != (height, width):
+        raise TactileFailure(
+            TactileProblem.WRONG_SENSOR,
+            f"{source}: found frames of {shape[1]} x {shape[0]} pixels, expected {width} x {height} "
+            "as in the sensor's description; check that the description belongs to this sensor.",
+        )
+    if rest_mm is None:
+        every = np.arange(len(reference_px))
+        return Places(every, every, on_gel(camera, reference_px, outline))
+    expected_px = project(camera, rest_mm)
+    away, which = cKDTree(expected_px).query(reference_px)
+    spacing = spacing_of(reference_px)
+    near = np.asarray(away) < REACH * spacing
+    kept = np.flatnonzero(near)
+    single = len(np.unique(np.asarray(which)[kept])) == len(kept)
+    spacing_differs = abs(spacing_of(expected_px) / spacing - 1.0) if spacing else np.inf
+    if near.mean() < ENOUGH or not single or spacing_differs > REACH:
+        raise TactileFailure(
+            TactileProblem.WRONG_SENSOR,
+            f"{source}: found {int(near.sum())} of {len(near)} markers at their places in the "
+            f"sensor's description (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} "
+            f"px), expected at least {ENOUGH:.0%}. Check that the description belongs to this sensor "
+            "and that the pads are not swapped.",
+        )
+    described = np.asarray(which)[kept]
+    return Places(kept, described, rest_mm[described])

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,10 +15,18 @@ from tactile.preparation.logger_correction import (
     spoilt_said,
 )
 from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
-from tactile.preparation.reserved import reserved_inside
 from tactile.preparation.resets import Ambiguous, resets
-from tactile.preparation.structure import FEWEST_IN_RUN, runs, wild_note, wild_or_repeated_times, written
+from tactile.preparation.structure import (
+    FEWEST_IN_RUN,
+    reserved_inside,
+    runs,
+    wild_note,
+    wild_or_repeated_times,
+    written,
+)
 from tactile.preparation.wild import of_specimen, wild
+
+Values: TypeAlias = Float[np.ndarray, " t"]
 
 MOST_CORRECTED = 0.02
 """Share of the rows that may be left out one by one (wild or missing): more is a broken record."""
@@ -43,9 +52,9 @@ class LoggedTrace:
     file; `breaks`: rows (by index) before which the header stands again.
     """
 
-    time_s: Float[np.ndarray, " t"]
-    travel: Float[np.ndarray, " t"]
-    force_N: Float[np.ndarray, " t"]
+    time_s: Values
+    travel: Values
+    force_N: Values
     rows: Int[np.ndarray, " t"]
     quantity: str = "travel"
     breaks: tuple[int, ...] = ()
@@ -61,7 +70,7 @@ class LoggedTrace:
         )
 
     @property
-    def columns(self) -> dict[str, Float[np.ndarray, " t"]]:
+    def columns(self) -> dict[str, Values]:
         """Travel (or gap) and force by name."""
         return {self.quantity: self.travel, "force": self.force_N}
 
@@ -173,9 +182,7 @@ def _is_joined(logged: LoggedTrace) -> bool:
     return bool(apart and min(travel.sum(), force.sum()) >= FEWEST_READINGS)
 
 
-def _without_wild(
-    words: Words, logged: LoggedTrace
-) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"], list[LoggerCorrection]]:
+def _without_wild(words: Words, logged: LoggedTrace) -> tuple[Values, Values, list[LoggerCorrection]]:
     """Travel and force with NaN for what is wild, and the notes."""
     columns, notes = [], []
     for name, values in logged.columns.items():

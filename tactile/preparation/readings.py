@@ -4,11 +4,14 @@ that two quantities of two rates have in common.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
+
+Values: TypeAlias = Float[np.ndarray, " t"]
 
 FEWEST_CHANGES = 8
 """Changes of a value from which the rhythm of its readings is known."""
@@ -42,7 +45,7 @@ class Rhythm:
     period: float
 
 
-def rhythm_of(values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"]) -> tuple[Rhythm | None, bool]:
+def rhythm_of(values: Values, other: Values) -> tuple[Rhythm | None, bool]:
     """The readings of a value that is sampled and held, and whether its equal steps may be a display's.
 
     Readings come at whole periods of two rows or more, whatever the speed. A hold of the machine alone has no
@@ -71,9 +74,7 @@ def rhythm_of(values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"]) -
     return Rhythm(rows=_grid(at[0], changes, period, at[-1]), period=period), of_display
 
 
-def _moves_in_steps(
-    values: Float[np.ndarray, " t"], other: Float[np.ndarray, " t"], changes: Int[np.ndarray, " c"]
-) -> bool:
+def _moves_in_steps(values: Values, other: Values, changes: Int[np.ndarray, " c"]) -> bool:
     """Whether the other quantity changes when the value does, as it does where a machine moves in steps, and
     not in between.
     """
@@ -96,7 +97,7 @@ def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) 
     return np.unique(rows)
 
 
-def is_held(values: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], rhythm: Rhythm) -> bool:
+def is_held(values: Values, force_N: Values, rhythm: Rhythm) -> bool:
     """Whether equal steps are readings that come late, by where the force bends when the motion turns.
 
     With equal steps alone, a value that is sampled and held reaches its last place in the row in which the
@@ -122,7 +123,7 @@ def is_held(values: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], r
     return digits not in ("1", "2", "25", "5")
 
 
-def _held_by_kinks(force_N: Float[np.ndarray, " t"], last: int, begins: int, period: float) -> float:
+def _held_by_kinks(force_N: Values, last: int, begins: int, period: float) -> float:
     """How much better the force bends where a held value has it than where a rounded one has it, in variances
     of its noise; `last`, `begins`: rows of the last change before the turn and of the first one behind it.
     """
@@ -150,7 +151,7 @@ def _held_by_kinks(force_N: Float[np.ndarray, " t"], last: int, begins: int, per
     return score if np.isfinite(score) else 0.0
 
 
-def _misfit(force_N: Float[np.ndarray, " t"], part: slice, kinks: Sequence[float]) -> float:
+def _misfit(force_N: Values, part: slice, kinks: Sequence[float]) -> float:
     """Squared residuals of parabolas that meet at the kinks (rows); NaN where the record is shorter."""
     force = force_N[max(part.start, 0) : part.stop]
     if part.start < 0 or len(force) < part.stop - part.start or not np.isfinite(force).all():
@@ -166,7 +167,7 @@ def _misfit(force_N: Float[np.ndarray, " t"], part: slice, kinks: Sequence[float
 
 
 def on_common_rows(
-    time_s: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
+    time_s: Values, travel: Values, force_N: Values
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Rows of force readings and the travel there, interpolated where the row has none of its own.
 

@@ -1,11 +1,14 @@
 """Steps that a zeroed display or load cell makes in one quantity, told from what a specimen does."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
+
+Values: TypeAlias = Float[np.ndarray, " t"]
 
 NEIGHBOURS = 5
 """Steps on each side of a reset with which its own is compared."""
@@ -55,9 +58,7 @@ class Air:
     touch: int
 
 
-def resets(
-    time_s: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
-) -> list[Reset]:
+def resets(time_s: Values, travel: Values, force_N: Values) -> list[Reset]:
     """Resets of the travel and of the force, in this order.
 
     Raises Ambiguous for a step of the force of which the air afterwards shows some part, or is not recorded.
@@ -76,7 +77,7 @@ def resets(
     return [*found, *_of_force(time_s, scaled, force_N, steps)] if 0 < len(steps) <= MOST else found
 
 
-def impulses(time_s: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"]) -> Int[np.ndarray, " k"]:
+def impulses(time_s: Values, values: Values) -> Int[np.ndarray, " k"]:
     """Rows after which the value jumps in one step that those before and after it do not lead to.
 
     A change of speed has unlike steps on its two sides, none of them beyond both; a break in the recording is
@@ -104,7 +105,7 @@ def _beyond(
     return np.asarray(beyond > np.maximum(ABOVE_NOISE * sd, ABOVE_SPREAD * (high - low) * length))
 
 
-def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> Air:
+def air_levels(travel: Values, force_N: Values) -> Air:
     """The force before the first touch and after the release, where either was recorded."""
     sd = noise_sd(force_N)
     level = float(np.median(force_N[:NEIGHBOURS]))
@@ -124,14 +125,12 @@ def air_levels(travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
     return Air(before_N=before, after_N=after, touch=touch)
 
 
-def direction(travel: Float[np.ndarray, " t"], touch: int) -> float:
+def direction(travel: Values, touch: int) -> float:
     """1 where the travel grows towards the touch, -1 where it falls (a gap), by the signs of its steps."""
     return 1.0 if np.sign(np.diff(travel))[: touch + NEIGHBOURS].sum() >= 0 else -1.0
 
 
-def _flat_tail(
-    travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], sd: float
-) -> Float[np.ndarray, " k"]:
+def _flat_tail(travel: Values, force_N: Values, sd: float) -> Float[np.ndarray, " k"]:
     """The last forces, where they stay level while the travel moves on."""
     calm = np.abs(force_N - float(np.median(force_N[-STAYS:]))) < CLEAR * sd
     first = len(calm) - int(np.argmax(~calm[::-1])) if not calm.all() else 0
@@ -144,12 +143,7 @@ def _flat_tail(
     return tail if moves and level else tail[:0]
 
 
-def _of_travel(
-    time_s: Float[np.ndarray, " t"],
-    travel: Float[np.ndarray, " t"],
-    force_N: Float[np.ndarray, " t"],
-    steps: Int[np.ndarray, " k"],
-) -> list[Reset]:
+def _of_travel(time_s: Values, travel: Values, force_N: Values, steps: Int[np.ndarray, " k"]) -> list[Reset]:
     """Steps of the travel while the force goes on. In the air a jump that presses on before the touch, or
     draws back after the release, is the machine's.
     """
@@ -169,9 +163,7 @@ def _of_travel(
     return found
 
 
-def _felt(
-    travel: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], k: int, step: float, sd: float
-) -> bool:
+def _felt(travel: Values, force_N: Values, k: int, step: float, sd: float) -> bool:
     """Whether a motion by this step would have changed the force clearly, by its slope around row k."""
     slopes = [0.0]
     for side in (slice(max(k + 1 - LOCAL, 0), k + 1), slice(k + 1, k + 1 + LOCAL)):
@@ -181,12 +173,7 @@ def _felt(
     return max(slopes) * abs(step) > CLEAR * sd
 
 
-def _of_force(
-    time_s: Float[np.ndarray, " t"],
-    travel: Float[np.ndarray, " t"],
-    force_N: Float[np.ndarray, " t"],
-    steps: Int[np.ndarray, " k"],
-) -> list[Reset]:
+def _of_force(time_s: Values, travel: Values, force_N: Values, steps: Int[np.ndarray, " k"]) -> list[Reset]:
     """Steps of the force that the air shows afterwards.
 
     Raises Ambiguous where it shows some part, and for one to zero with the same slope behind it where no air
@@ -224,10 +211,7 @@ def _found(
 
 
 def _zeroed(
-    travel: Float[np.ndarray, " t"],
-    force_N: Float[np.ndarray, " t"],
-    steps: Int[np.ndarray, " k"],
-    sd: float,
+    travel: Values, force_N: Values, steps: Int[np.ndarray, " k"], sd: float
 ) -> Bool[np.ndarray, " k"]:
     """Which steps lead to a force of zero, behind which it changes over the travel as it did before."""
     zeroed = []
@@ -246,7 +230,7 @@ def _zeroed(
     return np.array(zeroed, dtype=bool)
 
 
-def _step_of(time_s: Float[np.ndarray, " t"], values: Float[np.ndarray, " t"], k: int) -> float:
+def _step_of(time_s: Values, values: Values, k: int) -> float:
     """The step between rows k and k + 1 beyond the course: lines through the rows on both sides."""
     middle = (time_s[k] + time_s[k + 1]) / 2
     ends = []

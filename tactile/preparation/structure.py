@@ -1,23 +1,181 @@
-"""Rows as the logger wrote them: which were never written, which times are wild, and where runs begin."""
+"""Rows as the logger wrote them: which were never written (a block in which every quantity keeps one value),
+which times are wild, and where runs begin.
+"""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tactile.noise import noise_sd
 from tactile.preparation.logger_correction import LoggerCorrection, LoggerFault, Words, correction, listed
-from tactile.preparation.reserved import reserved_ends
-from tactile.preparation.wild import run_starts, wild_times
+from tactile.preparation.wild import run_starts, wild, wild_times
 
-Columns = Mapping[str, Float[np.ndarray, " t"]]
+Values: TypeAlias = Float[np.ndarray, " t"]
+
+JUMP = 10.0
+"""Multiples of the usual large step by which a quantity jumps where written rows begin."""
+LARGE = 95
+"""Percentile of the steps that are not zero: the usual large step."""
+LONG = 8
+"""Rows of exact zeros beside noise that never repeats itself, which no load cell reads."""
+FEWEST = 8
+"""Rows behind a block from which the usual step is known."""
+FIRST = 5
+"""Rows behind a block that are looked at together: one of them may be wild."""
+SELDOM = 0.2
+"""Share of rows that repeat the force of the row before, below which LONG exact repeats are no reading."""
+LONGEST_WILD = 3
+"""Rows of one value inside the record that count as wild, each by itself."""
+NEAR = 0.02
+"""Share of the range within which the record comes back to a place or a force."""
+AS_FAST = 0.4
+"""Share of a jump that one row elsewhere has, in place and force at once: a machine moves as fast there."""
+STANDS, LOADED = 0.05, 0.3
+"""Share of a jump by which the place moves behind it, and of the largest load that stays: a step's hold."""
+Columns = Mapping[str, Values]
 
 FEWEST_IN_RUN = 8
 """Rows of the shortest run; fewer are times out of order."""
 
 
+def reserved_ends(time_s: Values, columns: Sequence[Values]) -> tuple[int, int]:
+    """How many rows at the start, and how many at the end, were never written; of the columns the first is a
+    place, which stands still at times, and the others are noisy.
+    """
+    start = _at_start(time_s, columns)
+    turned = [one[start:][::-1] for one in columns]
+    return start, _at_start(-time_s[start:][::-1], turned)
+
+
+def reserved_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
+    """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
+    rows = len(columns[0])
+    inside = np.zeros(rows, dtype=bool)
+    same = np.all([_same(one[1:], one[:-1]) for one in columns], axis=0)
+    edges = np.flatnonzero(np.r_[True, ~same, True])
+    limits = [JUMP * _large_step(one) for one in columns]
+    for k in np.flatnonzero(np.diff(edges) > LONGEST_WILD).tolist():
+        first, end = edges[k], edges[k + 1]
+        if first > 0 and end < rows:
+            jumps = [
+                min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
+                for one, limit in zip(columns, limits, strict=True)
+            ]
+            rest = [np.delete(one, np.s_[first:end]) for one in columns]
+            inside[first:end] = all(jumps) and _is_fill([one[first] for one in columns], rest)
+    return inside
+
+
+def _at_start(time_s: Values, columns: Sequence[Values]) -> int:
+    """Rows in the blocks at the start that were never written; 0 where they were measured."""
+    done, rows = 0, len(time_s)
+    while done < rows - 1:
+        each = [one[done:] for one in columns]
+        length = _block(each)
+        if length == rows - done or not _never_written(time_s[done:], each, length):
+            break
+        done += length
+    return done
+
+
+def _block(columns: Sequence[Values]) -> int:
+    """How many rows at the start hold one value of each quantity."""
+    differs = np.any([~_same(one, one[0]) for one in columns], axis=0)
+    return int(np.argmax(differs)) if differs.any() else len(differs)
+
+
+def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bool:
+    """Whether the first `length` rows, all of one value, were not measured."""
+    nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
+    rest = [one[length:] for one in columns]
+    if nothing[0] or all(nothing[1:]):
+        return True
+    fill = _is_fill([one[0] for one in columns], rest)
+    stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
+    back = time_s[length] < time_s[length - 1]
+    if stands or (back and (length > 1 or fill)):
+        return True
+    if any(nothing):
+        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
+    alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
+    if alone or not fill or len(rest[0]) < FEWEST:
+        return False
+    jumps = _jumps([one[0] for one in columns], rest)
+    if (all(jumps) or (any(jumps) and length > 1)) and not _was_measured([one[0] for one in columns], rest):
+        return True
+    noisy = [_is_noise_about(one[0], after) for one, after in zip(columns[1:], rest[1:], strict=True)]
+    return length >= LONG and any(noisy)
+
+
+def _is_fill(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
+    """Whether all quantities hold one number, or each a number that is far beyond the record's range."""
+    beyond = []
+    for value, values in zip(held, rest, strict=True):
+        known = values[np.isfinite(values)]
+        low, high = np.percentile(known, [2, 98]) if len(known) else (value, value)
+        beyond.append(not low - (high - low) <= value <= high + (high - low))
+    return len(set(held)) == 1 or all(beyond)
+
+
+def _jumps(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> list[bool]:
+    """Of each quantity, whether it jumps where the rows of one value end."""
+    return [
+        bool(abs(np.median(after[np.isfinite(after)][:FIRST]) - value) > JUMP * _large_step(after))
+        for value, after in zip(held, rest, strict=True)
+        if np.isfinite(after).any()
+    ]
+
+
+def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
+    """Whether place and force of a block can be a machine's that stands in the air: the record comes back to
+    both, moves as fast elsewhere, or stays loaded at one place behind the block.
+    """
+    if len(rest) == 1:
+        return False
+    place, force = rest
+    known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force) & ~reserved_inside(rest)
+    other = _block([place[::-1], force[::-1]])
+    if (place[-1], force[-1]) == tuple(held) and other < len(place):  # the same block at the other end
+        inner = [one[: len(one) - other][::-1] for one in rest]
+        if any(_jumps(held, inner)):
+            known[len(known) - other :] = False
+    place, force = place[known], force[known]
+    if len(place) < FEWEST:
+        return False
+    gone_mm, gone_N = np.abs(place - held[0]), np.abs(force - held[1])
+    near = max(NEAR * float(np.ptp(force)), 6 * noise_sd(force))
+    returns = (gone_mm <= NEAR * np.ptp(place)) & (gone_N <= near)
+    steps_mm, steps_N = np.abs(np.diff(place)), np.abs(np.diff(force))
+    as_fast = (steps_mm >= AS_FAST * gone_mm[0]) & (steps_N >= AS_FAST * gone_N[0])
+    stays = np.ptp(place) <= STANDS * gone_mm[0] and gone_N.min() >= LOADED * gone_N.max()
+    less = abs(held[1]) < np.abs(force).min()
+    return bool(returns.any() or (gone_mm[0] > 0 and as_fast.any()) or (stays and less))
+
+
+def _is_noise_about(value: float, after: Float[np.ndarray, " r"]) -> bool:
+    """Whether readings that hardly ever repeat themselves scatter about this value, which a sensor that shows
+    exactly this value in the air does not do.
+    """
+    repeats = float(_same(after[1:], after[:-1]).mean()) if len(after) > 1 else 1.0
+    near = after[: 2 * LONG]
+    return repeats < SELDOM and bool((near < value).any() and (near > value).any())
+
+
+def _large_step(values: Values) -> float:
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    steps = steps[steps > 0]
+    return float(np.percentile(steps, LARGE)) if len(steps) else 0.0
+
+
+def _same(one: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
+    return np.asarray((one == other) | (np.isnan(one) & np.isnan(other)))
+
+
 def written(
-    words: Words, time_s: Float[np.ndarray, " t"], columns: Columns, rows: Int[np.ndarray, " t"]
+    words: Words, time_s: Values, columns: Columns, rows: Int[np.ndarray, " t"]
 ) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
     """Which rows were written, and a note on each block at the start or the end that was not."""
     start, end = reserved_ends(time_s, list(columns.values()))
@@ -57,10 +215,7 @@ def _reserved_note(
 
 
 def runs(
-    time_s: Float[np.ndarray, " t"],
-    breaks: Sequence[int] = (),
-    *,
-    of_topics: Sequence[Bool[np.ndarray, " t"]] = (),
+    time_s: Values, breaks: Sequence[int] = (), *, of_topics: Sequence[Bool[np.ndarray, " t"]] = ()
 ) -> list[slice]:
     """The runs one below the other: each begins where the time runs back, or below a repeated header
     (`breaks`: first rows). Topics (`of_topics`: rows of each) are one run where the time of each goes on.
@@ -75,7 +230,7 @@ def runs(
 
 def wild_or_repeated_times(
     words: Words,
-    time_s: Float[np.ndarray, " t"],
+    time_s: Values,
     columns: Columns,
     rows: Int[np.ndarray, " t"],
     *,

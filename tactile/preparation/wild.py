@@ -1,10 +1,14 @@
 """Isolated readings that leave the smooth course of a record and come back to it within a few rows."""
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import percentile_filter
 
-from tactile.preparation.difference_noise import noise_sd
+from tactile.noise import noise_sd
+
+Values: TypeAlias = Float[np.ndarray, " t"]
 
 LONGEST = 3
 """Consecutive wild rows: longer excursions may be the specimen's."""
@@ -29,7 +33,7 @@ FAR_OUT = 20.0
 """Multiples of the remaining record's length by which a first or last time is off."""
 
 
-def wild(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+def wild(values: Values) -> Bool[np.ndarray, " t"]:
     """Which values are wild; none of a NaN.
 
     A block of up to LONGEST values is wild where each is off the line between the values on both sides by
@@ -49,11 +53,7 @@ def wild(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
 
 
 def of_specimen(
-    off: Bool[np.ndarray, " t"],
-    values: Float[np.ndarray, " t"],
-    other: Float[np.ndarray, " t"],
-    *,
-    of_force: bool,
+    off: Bool[np.ndarray, " t"], values: Values, other: Values, *, of_force: bool
 ) -> Bool[np.ndarray, " t"]:
     """Which values off their course the specimen and the machine can have caused, none of a NaN.
 
@@ -81,16 +81,13 @@ def of_specimen(
     return np.asarray(caused & off & (values != 0))
 
 
-def _within(values: Float[np.ndarray, " t"], sound: Float[np.ndarray, " s"]) -> Bool[np.ndarray, " t"]:
+def _within(values: Values, sound: Float[np.ndarray, " s"]) -> Bool[np.ndarray, " t"]:
     beyond = OUTSIDE * float(np.ptp(sound))
     return np.asarray((values >= sound.min() - beyond) & (values <= sound.max() + beyond))
 
 
 def _unloaded_in_part(
-    force_N: Float[np.ndarray, " t"],
-    gone: Float[np.ndarray, " t"],
-    sound: Int[np.ndarray, " s"],
-    onward: Float[np.ndarray, " t"],
+    force_N: Values, gone: Values, sound: Int[np.ndarray, " s"], onward: Values
 ) -> Bool[np.ndarray, " t"]:
     """Forces below their course that keep a clear part of its load while the machine presses on (`onward`: by
     how much the place changes, positive where the force grows with it).
@@ -103,14 +100,14 @@ def _unloaded_in_part(
     return np.asarray((load > clear) & (load < course) & (sign * onward > 0))
 
 
-def _least(values: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+def _least(values: Values) -> Values:
     """How far off its course a wild value is at least."""
     steps = np.abs(np.diff(values))
     usual = percentile_filter(steps, STEP_PERCENTILE, size=min(NEIGHBOURS, len(steps)), mode="nearest")
     return np.asarray(np.maximum(ABOVE_NOISE * noise_sd(values), ABOVE_STEPS * np.r_[usual[0], usual]))
 
 
-def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+def _off_course(values: Values) -> Bool[np.ndarray, " t"]:
     least = _least(values)
     off = np.zeros(len(values), dtype=bool)
     low, high = np.percentile(values, [2, 98])
@@ -134,7 +131,7 @@ def _off_course(values: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     return off
 
 
-def wild_times(time_s: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+def wild_times(time_s: Values) -> Bool[np.ndarray, " t"]:
     """Which times are off the increasing course of the rows on both sides; NaN is none."""
     found = np.zeros(len(time_s), dtype=bool)
     at = np.flatnonzero(np.isfinite(time_s))
@@ -160,7 +157,7 @@ def wild_times(time_s: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
     return found
 
 
-def run_starts(time_s: Float[np.ndarray, " t"]) -> Int[np.ndarray, " k"]:
+def run_starts(time_s: Values) -> Int[np.ndarray, " k"]:
     """Rows at which the time runs back, the first row included; wild times and NaN are passed over."""
     at = np.flatnonzero(np.isfinite(time_s) & ~wild_times(time_s))
     return np.r_[0, at[1:][np.diff(time_s[at]) < 0]] if len(at) else np.zeros(1, dtype=int)

@@ -1,10 +1,15 @@
-"""Squeezes of a rigid object found in a recording of force and travel, and why one is none."""
+"""Squeezes of a rigid object found in a recording of force and travel, why one is none, and how far the gels
+themselves are pressed in.
+"""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tactile.io.recording import GelPad
+from tactile.noise import noise_sd
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 UNLOADED_FRAMES = 5
@@ -42,8 +47,10 @@ SOFTENS = 1.5
 three standard errors: a contact stiffens, what yields or slips does not. Set by hand."""
 NOT_RIGID = 0.5
 """Share of the object's size that no rig gives: the object was crushed, or its size is in another unit."""
-THIRD, MAD = 20.0, 1.4826
-"""Variance of the third difference of unit white noise, and a normal's sd over its median deviation."""
+UNDER = 0.5
+"""Of the deepest marker's indentation, above which a marker lies under the object. Set by hand."""
+FEWEST_UNDER = 4
+"""Markers under a ball from which its lowest point is fitted: three unknowns, and one to spare."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +92,7 @@ def rigid_squeezes(
     no squeeze of a rigid object: too little force, too few readings, force that falls as the travel goes on
     or that is lost while it stands still, travel that does not come back or grows faster at higher force.
     """
-    noise = _noise(force_N)
+    noise = noise_sd(force_N)
     pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))
     largest = float(pushed.max(initial=0.0))
     if not largest > LEAST_OVER_NOISE * noise:
@@ -147,7 +154,7 @@ def _squeeze(
     lost = _back(travel[into])
     observed = f"a travel that goes back by {lost:.3g} of {gone:.3g} mm while the force grows"
     advice = "check that force and travel have one clock"
-    require(lost <= FALL * gone + TOUCHED * _noise(travel[into]), observed, "one that grows", advice)
+    require(lost <= FALL * gone + TOUCHED * noise_sd(travel[into]), observed, "one that grows", advice)
     _require_stiffening(force[into], travel[into], source)
     stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
     still = after[: len(after) if stands.all() else int(np.argmin(stands))]
@@ -164,7 +171,7 @@ def _squeeze(
         in_there = float(np.interp(np.median(force[low]), np.sort(force[into]), np.sort(travel[into])))
         stays = (float(np.median(travel[low])) - in_there) / gone
         observed = f"{stays:.0%} of the travel left as the force comes back to {np.median(force[low]):.3g} N"
-        within = stays <= SET or stays * gone <= TOUCHED * _noise(travel[back])
+        within = stays <= SET or stays * gone <= TOUCHED * noise_sd(travel[back])
         require(within, observed, f"at most {SET:.0%}", "squeeze an object that is not dented")
     return RigidPress(
         source=source,
@@ -229,17 +236,41 @@ def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
 
-def _noise(values: Float[np.ndarray, " t"]) -> float:
-    """Noise of one frame from third differences, or a millionth of the largest where there is none."""
-    third = np.abs(np.diff(values, 3))
-    return max(
-        MAD * float(np.median(third)) / np.sqrt(THIRD) if len(third) else 0.0,
-        1e-6 * float(np.abs(values).max(initial=0.0)),
-    )
-
-
 def _no_squeeze(source: str, found: str, expected: str, advice: str) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_FRAMES,
         f"{source}: no squeeze of a rigid object: found {found}, expected {expected}; {advice}.",
     )
+
+
+def gel_give_mm(pad: GelPad, *, shape: Literal["ball", "block"], size_mm: float) -> Float[np.ndarray, " t"]:
+    """Indentation of the gel at the object's foremost point, mm, for each frame; 0 where nothing presses.
+
+    Under a ball of radius R a marker that touches stands at depth d - r^2/2R, r its distance from the lowest
+    point, so that depth + (x^2 + y^2)/2R = a + b x + c y over the markers that are pressed in at least half
+    as deep as the deepest, and d = a + R (b^2 + c^2)/2 (the sphere's paraboloid: off by r^4/8R^3). Under a
+    flat block it is the mean of these. With fewer than four of them it is the deepest one's own.
+    """
+    position = pad.rest_mm + pad.displacement_mm
+    pressed = -pad.displacement_mm[:, :, 2]
+    height = -position[:, :, 2]
+    found = np.zeros(len(pressed))
+    for t in np.flatnonzero(pressed.max(axis=1) > 0):
+        under = pressed[t] > UNDER * pressed[t].max()
+        if shape == "block":
+            found[t] = float(height[t, under].mean())
+        elif under.sum() < FEWEST_UNDER:
+            found[t] = float(height[t, under].max())
+        else:
+            found[t] = _apex_mm(position[t, under, :2], height[t, under], radius_mm=size_mm / 2)
+    return found
+
+
+def _apex_mm(places: Float[np.ndarray, "n 2"], depth: Float[np.ndarray, " n"], *, radius_mm: float) -> float:
+    """Depth of a ball's lowest point from markers that it has pressed in."""
+    middle = places.mean(axis=0)
+    around = places - middle
+    rows = np.column_stack([np.ones(len(around)), around])
+    raised = depth + (around**2).sum(axis=1) / (2 * radius_mm)
+    a, b, c = np.linalg.lstsq(rows, raised, rcond=None)[0]
+    return float(a + radius_mm * (b * b + c * c) / 2)

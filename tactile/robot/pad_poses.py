@@ -12,7 +12,7 @@ from tactile.io.flange_table import FlangeTable
 from tactile.io.pictures import unusable
 from tactile.io.recording import Recording
 from tactile.io.robot_file import Robot
-from tactile.pose_path import poses_at
+from tactile.markers.gaps import poses_at
 from tactile.robot.base_and_mat import flange_covariance, place_sd_mm
 from tactile.tactile_failure import TactileFailure
 

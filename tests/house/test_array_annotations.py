@@ -10,8 +10,7 @@ import pytest
 from jaxtyping import Float, TypeCheckError
 
 from tactile.gel.force_inverse import ActiveSet
-from tactile.gel.force_prior import motion_of, smooth_precision
-from tactile.gel.grid import GelGrid
+from tactile.gel.grid import GelGrid, motion_of, smooth_precision
 
 
 class OfNoGrid:

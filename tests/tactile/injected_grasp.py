@@ -21,6 +21,37 @@ class InjectedGrasp:
     no_contact_frames: int
 
 
+def gel_pad(
+    name, rest_mm, displacement_mm, force_N, *, pose=None, kn=KN_MPA_PER_MM, kt=0.05, **more
+) -> GelPad:
+    """A pad with these fields, at rest in the fruit frame where no pose is given."""
+    still = np.tile(np.eye(4), (len(force_N), 1, 1))
+    return GelPad(
+        name=name,
+        pose=still if pose is None else pose,
+        rest_mm=rest_mm,
+        displacement_mm=displacement_mm,
+        force_N=force_N,
+        gel_kn_MPa_per_mm=kn,
+        gel_kt_MPa_per_mm=kt,
+        **more,
+    )
+
+
+def held_by(pads, time_s, aperture_mm, *, loading="grasp") -> Recording:
+    """A recording of these pads."""
+    return Recording(
+        fruit_id="f",
+        category="plum",
+        loading=loading,
+        support="free" if loading == "grasp" else "base",
+        sensor="injected",
+        time_s=time_s,
+        aperture_mm=aperture_mm,
+        pads=tuple(pads),
+    )
+
+
 def frames_of(recording: Recording, frames: slice | np.ndarray) -> Recording:
     """Some of the frames."""
     pads = tuple(
@@ -87,26 +118,7 @@ def injected_grasp(
         pose[:, :3, 0] = [0, 1, 0]
         pose[:, :3, 1] = np.cross(pose[0, :3, 2], pose[0, :3, 0])
         pose[:, 0, 3] = side * (RADIUS_MM - travel)
-        pads.append(
-            GelPad(
-                name=name,
-                pose=pose,
-                rest_mm=rest,
-                displacement_mm=displacement,
-                force_N=force,
-                gel_kn_MPa_per_mm=KN_MPA_PER_MM,
-                gel_kt_MPa_per_mm=0.05,
-            )
-        )
-    recording = Recording(
-        fruit_id="ball",
-        category="plum",
-        loading="grasp",
-        support="free",
-        sensor="injected",
-        time_s=np.arange(len(travel)) * 0.1,
-        aperture_mm=2 * (RADIUS_MM - travel),
-        pads=tuple(pads),
-    )
+        pads.append(gel_pad(name, rest, displacement, force, pose=pose))
+    recording = held_by(pads, np.arange(len(travel)) * 0.1, 2 * (RADIUS_MM - travel))
     lag1 = 0.35 / (1 + 0.35**2)
     return InjectedGrasp(recording, onset, clean, sd_mm, sd_N, lag1, air)

@@ -1,26 +1,56 @@
-"""Mistakes of the field, made on a recording that has none, and what the checks have to say of each."""
+"""Mistakes of the field (benchmarks/field_list.py), made on a sound recording; and a pad by a slab's law."""
 
+import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
-from injected_grasp import frames_of
+from injected_grasp import frames_of, gel_pad
 
 from recon.pit.priors import load_prior
+from recon.surface.mesh_file import read_mesh
+from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
-from tactile.gel.force_prior import INITIAL_HYPERPARAMETERS
-from tactile.gel.grid import gel_grid
+from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.io.recording import GelPad
-from tactile.layer_stiffness import bonded_stiffness
+from tactile.io.recording import read_recording
+from tactile.sensors import bonded_stiffness
 
-SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from field_fruit import Fruit
+from field_list import MISTAKES, Answer, Mistake, naming
+from field_mistakes import checked
+
+__all__ = ["MISTAKES", "naming"]
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ROOT / "samples" / "data" / "nectarines"
 RANGE_MPA = load_prior("nectarine").plausible.E_MPa
 
 
 def findings(recording, mesh):
     return recording_findings(recording, *mesh, E_range_MPa=RANGE_MPA)
+
+
+@cache
+def fruit_and_other() -> list[Fruit]:
+    """The fruit of tests/data/nectarine-grasp, and one of the sample's."""
+    data, sample = ROOT / "tests" / "data" / "nectarine-grasp", fruits_of_seed(4, seed=1)[0]
+    grasps = (data / "grasp.h5", SHIPPED / "fruits" / sample.fruit_id / "grasps" / "grasp-1.h5")
+    meshes = (read_mesh(data / "fruit.ply"), scanned_mesh(sample, cells=28, error_mm=0.1))
+    return [
+        Fruit(
+            name=path.parent.name, number=4, category="nectarine", E_MPa=0.5, vertices=mesh[0], faces=mesh[1],
+            pit=None, recordings=(read_recording(path),),
+        )
+        for path, mesh in zip(grasps, meshes, strict=True)
+    ]  # fmt: skip
+
+
+def said_of(mistake: Mistake) -> list[Answer]:
+    """What the checks say where the mistake was made."""
+    return checked(mistake.change(*fruit_and_other(), np.random.default_rng([11, 4])))
 
 
 def on_pads(change, only=None):
@@ -35,39 +65,8 @@ def force(times, only=None):
     return on_pads(lambda pad: replace(pad, force_N=pad.force_N * times), only)
 
 
-def shift(times, only=None):
-    return on_pads(lambda pad: replace(pad, displacement_mm=pad.displacement_mm * times), only)
-
-
-def both(change):
-    return on_pads(
-        lambda pad: replace(
-            pad, force_N=change(pad.force_N.copy()), displacement_mm=change(pad.displacement_mm.copy())
-        )
-    )
-
-
-def delayed(values, frames):
-    return values[np.clip(np.arange(len(values)) - frames, 0, None)]
-
-
 def picked(n, share=0.3):
     return np.random.default_rng(5).random(n) < share
-
-
-def spoilt(start, value):
-    def change(values):
-        who = picked(values.shape[1])
-        values[start:, who] = value if value is not None else values[start, who]
-        return values
-
-    return both(change)
-
-
-def clipped(values):
-    out = values.copy()
-    out[:, :, 2] = np.minimum(out[:, :, 2], 0.5 * out[:, :, 2].max())
-    return out
 
 
 def without(choose):
@@ -80,135 +79,8 @@ def without(choose):
     return on_pads(change)
 
 
-def in_order(log):
-    def change(recording):
-        k = np.random.default_rng(3).permutation(len(recording.time_s))
-        changed = both(lambda values: values[k])(recording)
-        if log:
-            changed = on_pads(lambda pad: replace(pad, pose=pad.pose[k]))(changed)
-            changed = replace(changed, aperture_mm=changed.aperture_mm[k])
-        return changed
-
-    return change
-
-
-def one_zero_frame(values):
-    values[30] = 0.0
-    return values
-
-
-def permuted(field):
-    order = np.random.default_rng(4).permutation(400)
-    if field == "rest_mm":
-        return on_pads(lambda pad: replace(pad, rest_mm=pad.rest_mm[order]))
-    return on_pads(lambda pad: replace(pad, **{field: getattr(pad, field)[:, order]}))
-
-
-def poses(change):
-    return on_pads(lambda pad: replace(pad, pose=change(pad.pose.copy())))
-
-
-def in_metres(pose):
-    pose[:, :3, 3] *= 1e-3
-    return pose
-
-
-def transposed(pose):
-    pose[:, :3, :3] = np.swapaxes(pose[:, :3, :3], 1, 2)
-    return pose
-
-
-def gel(times):
-    return on_pads(lambda pad: replace(pad, gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times))
-
-
-def drifting(recording):
-    time = recording.time_s
-    grown = 1.8 * (time - time[0])[:, None] / (time[-1] - time[0]) / 400
-    left, right = recording.pads
-    force = left.force_N.copy()
-    force[:, :, 2] += grown
-    return replace(recording, pads=(replace(left, force_N=force), right))
-
-
-def dropped(recording):
-    return kept(np.flatnonzero(np.arange(len(recording.time_s)) % 3 != 2))(recording)
-
-
 def kept(frames):
     return lambda recording: frames_of(recording, frames)
-
-
-def noisy(times):
-    def change(pad):
-        rng = np.random.default_rng(7)
-        more = np.sqrt(times**2 - 1)
-        return replace(
-            pad,
-            displacement_mm=pad.displacement_mm + rng.normal(0, 0.004 * more, pad.force_N.shape),
-            force_N=pad.force_N + rng.normal(0, 0.005 * more, pad.force_N.shape),
-        )
-
-    return on_pads(change)
-
-
-REFUSED = {
-    "grams": (force(101.97), "look like grams"),
-    "kilonewtons": (force(1e-3), "look like kilonewtons"),
-    "one pad in grams": (force(101.97, "left"), "the left pad's forces look like grams"),
-    "one pad halved": (force(0.5, "right"), "the right pad's forces are 0.50 times"),
-    "force sign": (force(-1.0), "force has the wrong sign"),
-    "force clipped": (on_pads(lambda p: replace(p, force_N=clipped(p.force_N))), "is clipped"),
-    "force late": (on_pads(lambda p: replace(p, force_N=delayed(p.force_N, 5))), "5 frames late"),
-    "force x and z": (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1])), "force has its axes"),
-    "force permuted": (permuted("force_N"), "permuted"),
-    "metres": (shift(1e-3), "displacement looks like metres"),
-    "displacement halved": (shift(0.5), "a scale of the displacement"),
-    "displacement sign": (shift(-1.0), "displacement has the wrong sign"),
-    "displacement x and z": (
-        on_pads(lambda p: replace(p, displacement_mm=p.displacement_mm[..., ::-1])),
-        "displacement has its axes",
-    ),
-    "displacement permuted": (permuted("displacement_mm"), "permuted"),
-    "displacement dead": (shift(0.0, "left"), "the left pad's displacement is dead"),
-    "increments": (
-        on_pads(lambda p: replace(p, displacement_mm=np.diff(p.displacement_mm, axis=0, prepend=0.0))),
-        "increments",
-    ),
-    "rest permuted": (permuted("rest_mm"), "permuted"),
-    "markers missing": (without(lambda pad: picked(len(pad.rest_mm))), "grid has holes"),
-    "every second marker missing": (
-        without(lambda pad: np.arange(len(pad.rest_mm)) % 2 == 1),
-        "both pads' markers are only every second one of the gel: about 200 of 400 are missing",
-    ),
-    "every second marker missing, in turns": (
-        without(lambda pad: np.indices((20, 20)).sum(axis=0).ravel() % 2 == 1),
-        "both pads' markers are only every second one of the gel: about 200 of 400 are missing",
-    ),
-    "every third marker kept": (
-        without(lambda pad: np.arange(len(pad.rest_mm)) % 3 != 1),
-        "both pads' markers are only every third one of the gel",
-    ),
-    "half of the gel missing": (without(lambda pad: pad.rest_mm[:, 0] > 0.2), "markers are missing"),
-    "zero throughout": (spoilt(0, 0.0), "are zero in displacement and force"),
-    "zero from the middle": (spoilt(28, 0.0), "are zero in displacement and force"),
-    "frozen": (spoilt(24, None), "are frozen in displacement and force"),
-    "a frame of zeros": (both(one_zero_frame), "zero at every marker in 1 frames"),
-    "gel's frames shuffled": (in_order(log=False), "shuffled"),
-    "all frames shuffled": (in_order(log=True), "shuffled"),
-    "poses in metres": (poses(in_metres), "poses look like metres"),
-    "poses transposed": (poses(transposed), "transposed"),
-    "poses of one instant": (poses(lambda pose: np.tile(pose[0], (len(pose), 1, 1))), "poses stand still"),
-    "stiffness in kPa": (gel(1e3), "kPa/mm"),
-}
-SAID = {
-    "a gain of 1.2": (force(1.2), "forces are 1.20 times"),
-    "a drift": (drifting, "the left pad's force drifts"),
-    "aperture in cm": (lambda r: replace(r, aperture_mm=r.aperture_mm / 10), "aperture_mm looks like cent"),
-    "every third frame dropped": (dropped, "frames were dropped: "),
-    "ten times the noise": (noisy(10.0), "mostly noise"),
-    "no first touch": (kept(slice(22, None)), "starts in contact"),
-}
 
 
 def slab_pad():
@@ -231,15 +103,5 @@ def slab_pad():
         seen = np.einsum("nimj,mj->ni", compliance, load) + rng.normal(0, 0.004, rest.shape)
         moved.append(seen)
         pushed.append(inverse.solve(seen).force_N)
-    return GelPad(
-        name="left",
-        pose=np.tile(np.eye(4), (len(moved), 1, 1)),
-        rest_mm=rest,
-        displacement_mm=np.array(moved),
-        force_N=np.array(pushed),
-        gel_kn_MPa_per_mm=kn,
-        gel_kt_MPa_per_mm=kt,
-        thickness_mm=4.0,
-        gel_E_MPa=0.2,
-        gel_nu=0.48,
-    )
+    stated = {"thickness_mm": 4.0, "gel_E_MPa": 0.2, "gel_nu": 0.48}
+    return gel_pad("left", rest, np.array(moved), np.array(pushed), kn=kn, kt=kt, **stated)

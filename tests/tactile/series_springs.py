@@ -7,8 +7,9 @@ tactile or fem is used.
 from dataclasses import dataclass
 
 import numpy as np
+from injected_grasp import held_by
 
-from tactile.io.recording import IndenterPad, Recording
+from tactile.io.recording import IndenterPad
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,4 @@ def bare_press(time_s, force_N, travel_mm):
         indenter="ball",
         radius_mm=5.0,
     )
-    return Recording(
-        fruit_id="f",
-        category="plum",
-        loading="press",
-        support="base",
-        sensor="load cell",
-        time_s=time_s,
-        aperture_mm=travel_mm,
-        pads=(pad,),
-    )
+    return held_by((pad,), time_s, travel_mm, loading="press")

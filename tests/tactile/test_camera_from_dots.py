@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tactile.camera_from_dots import camera_from_dots
 from tactile.gel.gel_sides import GelOutline
 from tactile.gel_camera import on_gel, project
+from tactile.sensor_description import camera_from_dots
 from tactile.sensors import GelCamera, marker_grid
 from tactile.tactile_failure import TactileFailure
 

@@ -8,15 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from injected_grasp import gel_pad
 from recording_mistakes import (
-    REFUSED,
-    SAID,
+    MISTAKES,
     SHIPPED,
     findings,
     force,
     kept,
+    naming,
     on_pads,
     picked,
+    said_of,
     slab_pad,
     without,
 )
@@ -27,7 +29,7 @@ from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import noise_shares, pressing_of
 from tactile.checks.time_order import dropped_steps
-from tactile.io.recording import GelPad, read_recording
+from tactile.io.recording import read_recording
 
 
 def test_a_sound_recording_passes(nectarine_grasp):
@@ -42,23 +44,63 @@ def test_the_shipped_sample_passes_on_its_scans(number):
         assert findings(read_recording(path), mesh) == [], path
 
 
-@pytest.mark.parametrize("mistake", REFUSED)
-def test_a_mistake_is_refused_and_its_cause_stands_first(nectarine_grasp, mistake):
-    change, words = REFUSED[mistake]
-    recording, mesh = nectarine_grasp
-    found = findings(change(recording), mesh)
-    assert found
-    assert found[0].refused
-    assert words in found[0].sentence
+AMONG_SEVERAL = {
+    "force in pounds", "force x 1.3", "one pad's force x 0.5", "displacement x 0.5",
+    "half of the markers missing", "stiffness of another gel", "poses of another day",
+    "another fruit's recording", "another fruit's mesh", "mesh x 1.1", "mesh x 0.95",
+}  # fmt: skip
+"""Mistakes that the first sentence lists among other causes."""
+UNSEEN = {"force 2 frames early", "noise x 10", "mesh turned by 90 degrees", "mesh mirrored"}
+"""On this recording: its frames are few, its noise is low, and its fruit is nearly round."""
+MILD = {
+    "force in 6 steps", "every third frame dropped", "no first touch", "no unloading",
+    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "stiffness and force x 2",
+    "stiffness and force x 0.5", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
+    "Poisson's ratio 0.39", "a plum's category", "an apricot's category", "a cherry's category",
+    "pads' signals exchanged", "pads' poses exchanged", "mesh lying on its side", "pit moved 6 mm",
+    "pit x 1.4", "pit turned by 90 degrees", "force x 1.3", "another fruit's mesh",
+}  # fmt: skip
+"""Mistakes that leave the recording of use."""
 
 
-@pytest.mark.parametrize("mistake", SAID)
-def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(nectarine_grasp, mistake):
-    change, words = SAID[mistake]
+@pytest.mark.parametrize(
+    "mistake",
+    [one for one in MISTAKES if not one.covered and one.name not in UNSEEN],
+    ids=lambda one: one.name,
+)
+def test_a_mistake_is_named_first_and_refused_where_no_modulus_would_mean_anything(mistake):
+    said = said_of(mistake)
+    assert naming(said[0], mistake) == ("among several" if mistake.name in AMONG_SEVERAL else "named")
+    assert any(one.refused for one in said) == (mistake.name not in MILD)
+
+
+def drifting(recording):
+    time, left = recording.time_s, recording.pads[0]
+    force_N = left.force_N.copy()
+    force_N[:, :, 2] += 1.8 * (time - time[0])[:, None] / (time[-1] - time[0]) / 400
+    return replace(recording, pads=(replace(left, force_N=force_N), recording.pads[1]))
+
+
+SECOND = "both pads' markers are only every second one of the gel: about 200 of 400 are missing"
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "refused"),
+    [
+        (without(lambda pad: np.arange(len(pad.rest_mm)) % 2 == 1), SECOND, True),
+        (without(lambda pad: np.indices((20, 20)).sum(axis=0).ravel() % 2 == 1), SECOND, True),
+        (without(lambda pad: np.arange(len(pad.rest_mm)) % 3 != 1), "markers are only every third one", True),
+        (force(101.97, "left"), "the left pad's forces look like grams", True),
+        (force(0.5, "right"), "the right pad's forces are 0.50 times", True),
+        (force(1.2), "forces are 1.20 times", False),
+        (drifting, "the left pad's force drifts", False),
+    ],
+)
+def test_markers_left_out_gains_and_drift_are_said_with_their_size(nectarine_grasp, change, words, refused):
     recording, mesh = nectarine_grasp
     found = findings(change(recording), mesh)
     assert any(words in one.sentence for one in found)
-    assert not any(one.refused for one in found)
+    assert any(one.refused for one in found) == refused
 
 
 @pytest.mark.parametrize(("from_share", "refused"), [(0.4, True), (0.99, False)])
@@ -152,15 +194,7 @@ def test_markers_beside_a_patch_are_not_dead_where_nothing_is_noisy():
     depth = np.concatenate([np.zeros(10), 1.2 * -np.expm1(-np.arange(1, 61) / 8)])[:, None]
     held = np.maximum(depth - (rest[:, :2] ** 2).sum(axis=1) / 80, 0)
     normal = held[..., None] * np.array([0.0, 0.0, 1.0])
-    pad = GelPad(
-        name="left",
-        pose=np.tile(np.eye(4), (70, 1, 1)),
-        rest_mm=rest,
-        displacement_mm=-normal,
-        force_N=0.22 * normal,
-        gel_kn_MPa_per_mm=0.22,
-        gel_kt_MPa_per_mm=0.055,
-    )
+    pad = gel_pad("left", rest, -normal, 0.22 * normal, kn=0.22, kt=0.055)
     assert not dead_markers(pressing_of(pad))[0].any()
     stuck = pad.displacement_mm.copy()
     stuck[:, 210] = 0.0  # in the middle of the patch

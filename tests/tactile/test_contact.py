@@ -1,12 +1,14 @@
-"""Injected noise, touches and forces are found again."""
+"""Injected noise, touches and forces are found again; a contact at the edge of the markers is said."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from injected_grasp import elsewhere, frames_of, injected_grasp
 
-from tactile.contact import Phase, find_contact
+from tactile.contact import Phase, contact_said, find_contact
+from tactile.from_frames import MUCH_AT_EDGE, edge_share
 from tactile.io.recording import IndenterPad
 from tactile.noise import no_contact_noise, noise_in_contact
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -73,6 +75,10 @@ def test_two_cycles_are_two_contacts():
     for pad in contact.pads:
         centre = int(np.argmin(np.linalg.norm(pad.rest_mm, axis=1)))
         assert set(pad.episode[:, centre]) == {-1, 0, 1}
+    assert all(
+        re.search(r"contact from .* in 2 contacts, up to \d+\.\d\d N$", line)
+        for line in contact_said(contact)
+    )
 
 
 def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
@@ -205,3 +211,22 @@ def test_noise_under_a_smooth_signal_comes_from_its_bends():
     signal = np.linspace(0, 5, 30)[:, None, None] * np.ones((1, 200, 3))
     noise = noise_in_contact(signal + rng.normal(size=signal.shape) * 0.02)
     assert noise.sd == pytest.approx(0.02, rel=0.1)
+
+
+LINE = np.arange(-4.0, 5.0)
+REST = np.stack([*(grid.ravel() for grid in np.meshgrid(LINE, LINE)), np.zeros(81)], axis=1)
+
+
+def pushed(x_mm: float, y_mm: float) -> np.ndarray:
+    """Hertz's pressure, 2.5 mm wide."""
+    away = np.hypot(REST[:, 0] - x_mm, REST[:, 1] - y_mm) / 2.5
+    return np.sqrt(np.maximum(1 - away**2, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("place", "reaches"),
+    [((0.0, 0.5), False), ((3.0, 0.0), True), ((-3.5, 1.0), True), ((0.0, -3.0), True), ((0.5, 3.5), True)],
+)
+def test_a_contact_at_any_edge_is_told_from_one_in_the_middle(place, reaches):
+    assert (edge_share(REST, pushed(*place)) > MUCH_AT_EDGE) == reaches
+    assert edge_share(REST, np.zeros(81)) == 0.0

@@ -10,13 +10,16 @@ from series_springs import bare_press
 from tactile.correction import (
     ComplianceFault,
     DriftFault,
+    ForceLawFault,
     GainFault,
+    GelCreepFault,
+    GelHysteresisFault,
     LagFault,
     PoseFault,
+    ThermalFault,
     corrected,
     misplacement,
 )
-from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
 
 
 @pytest.fixture(scope="module")

@@ -42,7 +42,6 @@ def tracked(camera: GelCamera, seed: int) -> TrackedMarkers:
         time_s=np.arange(len(DEPTHS)) / 30,
         reference_px=seen_at(camera, REST),
         position_px=pixels + rng.normal(scale=0.03, size=pixels.shape),
-        quality=np.ones(pixels.shape[:2]),
         rest_mm=REST,
     )
 

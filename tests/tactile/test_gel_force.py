@@ -1,12 +1,18 @@
+"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg, springs by hand."""
+
+from functools import partial
+
 import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
+from tactile.gel import normal_equations
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import DRAGGED, most_likely_hyperparameters, one_way_share
-from tactile.gel.force_prior import PriorHyperparameters
-from tactile.gel.grid import GelGrid, gel_grid
-from tactile.gel.slab import GelSlab
+from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
+from tactile.gel.marker_force import PLACING, ForcePlacing, SpringForce
+from tactile.gel.normal_equations import FreeFactor, NormalEquations, factor_of, rows_of
+from tactile.gel.slab import GelSlab, SpringBed
 from tactile.sensors import marker_grid
 
 SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
@@ -229,3 +235,180 @@ def test_a_drag_goes_one_way_and_a_press_all_ways() -> None:
     press[x > 4] = np.nan
     assert one_way_share(press) < DRAGGED
     assert one_way_share(np.zeros_like(press)) == 0.0
+
+
+NODES, FIELDS, POINTS = 30, 4, 40
+UNKNOWNS = 3 * NODES + FIELDS
+FORCES = np.arange(UNKNOWNS) < 3 * NODES
+
+
+def drawn(
+    rng: np.random.Generator, *, depth: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Observation, information (without depth of rank two), prior, and the normal matrix of all markers."""
+    observed = rng.normal(size=(3 * POINTS, UNKNOWNS))
+    root = rng.normal(size=(POINTS, 3, 3))
+    root[:, :, 2] *= depth
+    information = root @ root.transpose(0, 2, 1)
+    half = rng.normal(size=(3 * NODES, 3 * NODES))
+    prior = np.zeros((UNKNOWNS, UNKNOWNS))
+    prior[: 3 * NODES, : 3 * NODES] = half @ half.T + 5 * np.eye(3 * NODES)
+    return observed, information, prior, normal_of(observed, information, prior)
+
+
+def normal_of(observed: np.ndarray, information: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    weighted = np.matmul(information, observed.reshape(len(information), 3, -1)).reshape(observed.shape)
+    return np.asarray(weighted.T @ observed + prior)
+
+
+def free_of(normal: np.ndarray) -> FreeFactor:
+    return FreeFactor(normal, np.ones(FIELDS))
+
+
+def log_det_prior(prior: np.ndarray, nodes: np.ndarray) -> float:
+    at = (3 * nodes[:, None] + np.arange(3)).ravel()
+    return float(np.linalg.slogdet(prior[np.ix_(at, at)])[1])
+
+
+@pytest.mark.parametrize("depth", [True, False])
+@pytest.mark.parametrize("gone", [0, 7])
+@pytest.mark.parametrize("touched", [0, 1, 12, NODES])
+def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
+    depth: bool, gone: int, touched: int
+) -> None:
+    """Markers that are out of view too, and whatever number of nodes touch."""
+    rng = np.random.default_rng(touched + 100 * gone)
+    observed, information, prior, normal = drawn(rng, depth=depth)
+    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
+    if gone:
+        rows = rows_of(observed[: 3 * gone], information[:gone])
+        assert len(rows) == (3 if depth else 2) * gone
+        equations = equations.without(rows)
+    left = normal_of(observed[3 * gone :], information[gone:], prior)
+    touching = np.zeros(NODES, dtype=bool)
+    touching[rng.permutation(NODES)[:touched]] = True
+    right, smooth = rng.normal(size=UNKNOWNS), rng.uniform(1, 9, FIELDS)
+    at = np.flatnonzero(np.repeat(touching, 3))
+    play = np.concatenate([at, np.flatnonzero(~FORCES)])
+    whole = left + np.diag(np.where(FORCES, 0.0, np.pad(smooth, (3 * NODES, 0))))
+    block = whole[np.ix_(play, play)]
+
+    factor = equations.factor(touching)
+    forces, fields, log_det_root = factor.solved(right, smooth)
+
+    expected = np.linalg.solve(block, right[play])
+    np.testing.assert_allclose(np.concatenate([forces, fields]), expected, rtol=1e-8, atol=1e-10)
+    assert log_det_root == pytest.approx(np.linalg.slogdet(block)[1] / 2)
+    np.testing.assert_allclose(
+        equations.resisted(factor.at, forces, fields),
+        (whole[:, play] @ expected)[2 : 3 * NODES : 3],
+        atol=1e-9,
+    )
+    root = factor.covariance_root(smooth)
+    np.testing.assert_allclose(root.T @ root, np.linalg.inv(block), rtol=1e-7, atol=1e-10)
+    other = factor_of(left[np.ix_(play, play)], len(at))
+    np.testing.assert_allclose(other.solved(right[play], smooth)[0], forces, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("gone", [0, 7])
+def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inverse(gone: int) -> None:
+    rng = np.random.default_rng(gone)
+    observed, information, prior, normal = drawn(rng)
+    smooth, right = rng.uniform(1, 9, FIELDS), rng.normal(size=UNKNOWNS)
+    free = FreeFactor(normal, smooth)
+    if gone:
+        free = free.without(rows_of(observed[: 3 * gone], information[:gone]))
+
+    found, sd = free.pressures(right)
+
+    left = normal_of(observed[3 * gone :], information[gone:], prior)
+    inverse = np.linalg.inv(left + np.diag(np.pad(smooth, (3 * NODES, 0))))
+    np.testing.assert_allclose(found, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(inverse))[2 : 3 * NODES : 3], rtol=1e-8)
+
+
+def test_factors_are_kept_up_to_a_bound_and_the_latest_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    _, _, prior, normal = drawn(rng)
+    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
+    sets = [np.arange(NODES) < count for count in (10, 11, 12)]
+    monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 30**2 + 33**2)
+    first, second = equations.factor(sets[0]), equations.factor(sets[1])
+    assert equations.factor(sets[0]) is first
+    third = equations.factor(sets[2])  # the one of 11 nodes, asked for longest ago, goes, and the other too
+    assert equations.factor(sets[2]) is third
+    assert equations.factor(sets[1]) is not second
+    monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 1)
+    only = equations.factor(sets[0])
+    assert only is not first
+    assert equations.factor(sets[0]) is only
+
+
+def test_equations_without_a_solution_are_an_error_and_no_numbers() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        factor_of(-np.eye(5), 3)
+
+
+SD_MM = np.array([0.001, 0.002, 0.004])
+
+
+@pytest.fixture
+def springs() -> SpringForce:
+    information = np.broadcast_to(np.diag(SD_MM**-2.0), (9, 3, 3))
+    layer = SpringBed(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05)
+    return SpringForce(layer=layer, cell_mm2=2.0, information_per_mm2=information)
+
+
+def test_force_is_stiffness_times_area_times_displacement_against_it(springs):
+    moved = np.tile([0.1, -0.2, -0.5], (9, 1))
+    np.testing.assert_allclose(springs.force_N(moved), np.tile([-0.01, 0.02, 0.2], (9, 1)), rtol=1e-12)
+
+
+def test_a_marker_that_is_not_seen_has_no_force_and_does_not_touch(springs):
+    moved = np.full((9, 3), -0.1)
+    moved[4] = np.nan
+    assert (springs.force_N(moved)[4] == 0).all()
+    assert springs.touching(moved).tolist() == [True] * 4 + [False] + [True] * 4
+
+
+def test_noise_alone_seldom_touches(springs):
+    noise = np.random.default_rng(3).normal(size=(2000, 9, 3)) * SD_MM
+    assert springs.touching(noise).mean() < 1e-3
+    assert not springs.touching(np.zeros((9, 3))).any()
+
+
+def test_force_and_displacement_of_springs_share_their_noise(springs):
+    noise = np.random.default_rng(4).normal(size=(40_000, 9, 3)) * SD_MM
+    both = np.concatenate([noise.reshape(-1, 27), springs.force_N(noise).reshape(-1, 27)], axis=1)
+    covariance = springs.joint_covariance()
+    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    np.testing.assert_allclose(np.cov(both.T) / spread, covariance / spread, atol=0.03)
+    assert covariance[2, 27 + 2] < 0
+
+
+X, Y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(3.0)))
+REST = np.stack([X, Y, 0 * X], axis=1)
+
+
+def test_the_steeper_the_front_the_less_is_known_of_either_side() -> None:
+    row = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    force = np.zeros((4, 3))
+    force[:, 2] = [0.0, 0.0, 5.0, 5.0]
+    found = ForcePlacing(row).sd_N(force) / PLACING
+    assert not found[:, :2].any()
+    # markers 1 and 2 each exchange 5 N with the other, so that either gets it twice
+    np.testing.assert_allclose(found[:, 2], [0.0, np.sqrt(50.0), np.sqrt(50.0), 0.0])
+
+
+def test_the_covariance_has_these_variances_and_leaves_the_total_force_alone() -> None:
+    force = np.random.default_rng(0).normal(size=(12, 3))
+    placing = ForcePlacing(REST)
+    covariance = placing.covariance_N2(force)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), placing.sd_N(force).ravel())
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    total = np.tile(np.eye(3), (1, 12))
+    np.testing.assert_allclose(total @ covariance @ total.T, 0.0, atol=1e-12)
+
+
+def test_an_even_pressure_is_known_as_well_as_before() -> None:
+    assert not ForcePlacing(REST).sd_N(np.ones((12, 3))).any()

@@ -12,9 +12,9 @@ from pathlib import Path
 import h5py
 import pytest
 
-import tactile.io.hdf5_texts
+import tactile.io.hdf5_faults
 import tactile.io.limited_process
-from tactile.io.hdf5_texts import texts_fault
+from tactile.io.hdf5_faults import texts_fault
 from tactile.io.recording import read_recording
 from tactile.tactile_failure import TactileFailure
 
@@ -25,7 +25,7 @@ SHIPPED = (
 
 @pytest.fixture(autouse=True)
 def _no_contents_are_known(monkeypatch):
-    monkeypatch.setattr(tactile.io.hdf5_texts, "_read_through", set())
+    monkeypatch.setattr(tactile.io.hdf5_faults, "_read_through", set())
 
 
 def with_a_broken_heap(path):
@@ -45,7 +45,7 @@ def test_a_sound_file_can_be_read_at_once():
 def test_a_heap_without_an_end_is_refused(tmp_path, monkeypatch):
     path = with_a_broken_heap(tmp_path / "grasp-1.h5")
     assert "in 1 s" in texts_fault(path, patience_s=1.0)
-    monkeypatch.setattr(tactile.io.hdf5_texts.texts_fault, "__kwdefaults__", {"patience_s": 1.0})
+    monkeypatch.setattr(tactile.io.hdf5_faults.texts_fault, "__kwdefaults__", {"patience_s": 1.0})
     with pytest.raises(TactileFailure, match=r"grasp-1\.h5") as refused:
         read_recording(path)
     assert "copy it again" in str(refused.value)
@@ -55,7 +55,7 @@ def test_contents_that_were_read_through_are_not_tried_again_and_changed_ones_ar
     path = tmp_path / "grasp-1.h5"
     shutil.copy(SHIPPED, path)
     assert not texts_fault(path)
-    monkeypatch.setattr(tactile.io.hdf5_texts, "tried", None)
+    monkeypatch.setattr(tactile.io.hdf5_faults, "tried", None)
     assert not texts_fault(path)
     monkeypatch.undo()
     assert "in 1 s" in texts_fault(with_a_broken_heap(path), patience_s=1.0)
@@ -66,11 +66,11 @@ def test_contents_whose_reading_failed_are_tried_again(monkeypatch):
         raise OSError("no file can be opened now")
 
     with monkeypatch.context() as patch:
-        patch.setattr(tactile.io.hdf5_texts, "_read", failing)
+        patch.setattr(tactile.io.hdf5_faults, "_read", failing)
         assert texts_fault(SHIPPED) == ""
-    assert not tactile.io.hdf5_texts._read_through
+    assert not tactile.io.hdf5_faults._read_through
     assert texts_fault(SHIPPED) == ""
-    assert tactile.io.hdf5_texts._read_through
+    assert tactile.io.hdf5_faults._read_through
 
 
 def test_links_are_not_followed_to_find_out(tmp_path):
@@ -132,7 +132,7 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
 CHECKING = """
 import os, sys
 from pathlib import Path
-from tactile.io.hdf5_texts import texts_fault
+from tactile.io.hdf5_faults import texts_fault
 fork = os.fork
 def refuse():
     child = fork()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from injected_grasp import gel_pad, held_by
 
 from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
@@ -40,15 +41,7 @@ def grasp(*, shear_N: float = 0.0) -> Recording:
     weight = pressed / pressed.sum()
     force = share[:, None, None] * weight[:, None] * np.array([shear_N, 0.0, 5.0])
     moved = share[:, None, None] * pressed[:, None] * np.array([0.0, 0.0, -0.4])
-    left = GelPad(
-        name="left",
-        pose=np.stack([pose_at(-1.0, CLOSED_MM * s) for s in share]),
-        rest_mm=rest,
-        displacement_mm=moved,
-        force_N=force,
-        gel_kn_MPa_per_mm=0.2,
-        gel_kt_MPa_per_mm=0.05,
-    )
+    left = gel_pad("left", rest, moved, force, pose=np.stack([pose_at(-1.0, CLOSED_MM * s) for s in share]))
     right = IndenterPad(
         name="right",
         pose=np.stack([pose_at(1.0, CLOSED_MM * s) for s in share]),
@@ -56,10 +49,7 @@ def grasp(*, shear_N: float = 0.0) -> Recording:
         indenter="plate",
         radius_mm=None,
     )
-    return Recording(
-        fruit_id="b", category="phantom", loading="grasp", support="free", sensor="s",
-        time_s=np.arange(float(FRAMES)), aperture_mm=2 * RADIUS_MM - CLOSED_MM * share, pads=(left, right),
-    )  # fmt: skip
+    return held_by((left, right), np.arange(float(FRAMES)), 2 * RADIUS_MM - CLOSED_MM * share)
 
 
 def jaw_of(recording: Recording) -> GelPad:

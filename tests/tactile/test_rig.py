@@ -1,13 +1,14 @@
+"""A rig's compliance and a gel's modulus from squeezes by closed forms."""
+
 import numpy as np
 import pytest
+from injected_grasp import gel_pad
 from series_springs import SeriesRig, bare_press, press
 
-from tactile.io.recording import GelPad
-from tactile.rig.gel_give import gel_give_mm
-from tactile.rig.rig_correction import without_rig
-from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
+from tactile.gel.press_modulus import gel_gain
+from tactile.rig.rig_curve import MOST_BEYOND, RigCurve, without_rig
 from tactile.rig.rig_fit import FittedRig, fit_rig
-from tactile.rig.rigid_squeeze import rigid_squeezes
+from tactile.rig.rigid_squeeze import gel_give_mm, rigid_squeezes
 from tactile.tactile_failure import TactileFailure
 
 RIG = SeriesRig()
@@ -163,15 +164,7 @@ def gel_under_a_ball(depth_mm, *, radius_mm, centre=(0.7, -0.4)):
     lower = radius_mm - np.sqrt(np.maximum(radius_mm**2 - r2, 0.0))
     moved = np.zeros((len(depth_mm), len(rest), 3))
     moved[:, :, 2] = -np.maximum(np.asarray(depth_mm)[:, None] - lower, 0.0)
-    return GelPad(
-        name="left",
-        pose=np.broadcast_to(np.eye(4), (len(depth_mm), 4, 4)).copy(),
-        rest_mm=rest,
-        displacement_mm=moved,
-        force_N=np.zeros_like(moved),
-        gel_kn_MPa_per_mm=0.1,
-        gel_kt_MPa_per_mm=0.1,
-    )
+    return gel_pad("left", rest, moved, np.zeros_like(moved))
 
 
 def test_a_gel_under_a_ball_is_as_deep_as_the_ball_between_its_markers():
@@ -180,3 +173,30 @@ def test_a_gel_under_a_ball_is_as_deep_as_the_ball_between_its_markers():
     np.testing.assert_allclose(given, depth, atol=3e-3)
     flat = gel_under_a_ball(depth, radius_mm=1e6)
     np.testing.assert_allclose(gel_give_mm(flat, shape="block", size_mm=30.0), depth, atol=1e-3)
+
+
+PRESS = np.concatenate([np.zeros(5), np.linspace(0, 4, 20), np.full(5, 4.0), np.linspace(4, 0, 10)])
+
+
+def test_the_gain_is_load_cell_over_gel_whatever_the_signs() -> None:
+    assert gel_gain(-1.3 * PRESS, PRESS, source="p").value == pytest.approx(1.3)
+
+
+def test_the_stated_deviation_is_that_of_repeated_presses() -> None:
+    rng = np.random.default_rng(0)
+    found = [gel_gain(1.3 * PRESS + rng.normal(scale=0.05, size=40), PRESS, source="p") for _ in range(400)]
+    assert np.std([g.value for g in found]) == pytest.approx(np.mean([g.sd for g in found]), rel=0.15)
+
+
+def test_too_short_a_press_is_refused() -> None:
+    with pytest.raises(
+        TactileFailure, match="flat: found 3 frames in which gel and load cell measure the press"
+    ):
+        gel_gain(np.array([0, 1.0, 1, 1, 0]), np.array([0, 1.0, 1, 1, 0]), source="flat")
+
+
+def test_a_load_cell_that_felt_something_else_is_refused() -> None:
+    with pytest.raises(
+        TactileFailure, match="one line through zero; check that the whole contact is in view"
+    ):
+        gel_gain(np.roll(PRESS, 8), PRESS, source="flat")

@@ -26,10 +26,9 @@ from simulated_robot import (
 from tactile.io.flange_table import FlangeTable, read_flange_table
 from tactile.io.recording import Recording
 from tactile.io.robot_file import Gripper, Robot, read_gripper
-from tactile.robot.base_and_mat import BaseAndMat
+from tactile.robot.base_and_mat import BaseAndMat, touched_mat
 from tactile.robot.hand_eye import hand_eye
 from tactile.robot.pad_poses import with_robot_poses
-from tactile.robot.touched_mat import touched_mat
 from tactile.tactile_failure import TactileFailure
 
 DRAWS = 40

@@ -1,4 +1,4 @@
-"""A sensor's description is read as written, and a wrong one is refused by file and field."""
+"""A sensor's description is read as written, a wrong one refused by file and field."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactile.io.sensor_file import read_sensor
+from tactile.io.sensor_model import model_named
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MONO = """
@@ -128,3 +129,26 @@ def test_a_wrong_field_is_named(
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(TactileFailure, match=r"none\.toml: the file: found no such file"):
         read_sensor(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("sensor", "key"),
+    [
+        ("DIGIT", "digit"),
+        ("digit D20123", "digit"),
+        ("DIGIT SN 20123", "digit"),
+        ("DIGIT #7", "digit"),
+        ("Tac3D A1-0040R", "tac3d"),
+        ("gelsight-mini 28A1-XYZ", "gelsight-mini"),
+        ("GelSight Mini, marked gel 28A1-XYZ", "gelsight-mini"),
+        ("DIGIT 360", None),
+        ("DIGIT Pinki", None),
+        ("DIGIT 360 SN 7", None),
+        ("DIGIT v2", None),
+        ("Tac3D (own gel)", None),
+        ("GelSight Mini, marked gel of ours", None),
+    ],
+)
+def test_only_a_serial_number_may_follow_the_name(sensor: str, key: str | None) -> None:
+    found = model_named(sensor)
+    assert (None if found is None else found.key) == key

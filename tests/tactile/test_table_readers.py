@@ -1,0 +1,176 @@
+"""Tables and arrays: plain numbers, every slip named by row and column, units that a name states."""
+
+import numpy as np
+import pytest
+
+import tactile.io.plain_numpy
+from pipeline.files.plain_file import NotReadable
+from tactile.io.decimal_number import decimal_number
+from tactile.io.grasp_log import read_columns, read_log
+from tactile.io.load_cell import read_trace
+from tactile.io.plain_numpy import load_npy, load_npz
+from tactile.io.specimen import PressedSpecimen
+from tactile.io.stated_unit import NoUnit, Unit, unit_of_name
+from tactile.io.trace_columns import TraceWords
+from tactile.tactile_failure import TactileFailure
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            'time_s,aperture_mm\n0,"60,5"\n',
+            'log.csv: aperture_mm: found "60,5" in row 2, expected a number up to',
+        ),
+        ('time_s,aperture_mm\n0,"60,5"\n', "; it has a decimal comma; write 60.5."),
+        ("time_s,aperture_mm\n0,6_0\n", "; write 60."),
+        ("time_s,aperture_mm\n0,\u0666\u0660\n", "; write 60."),
+        (
+            "time_s,aperture_mm\n0,nan\n",
+            "found 1 of 1 row (100.0%) with wild or missing values (missing aperture_mm: row 2 (nothing))",
+        ),
+        (
+            "time_s,aperture_mm\n0,60,5\n",
+            "found 3 cells in row 2, expected 2 as in the header, and numbers with",
+        ),
+        ('time_s,aperture_mm\n0,60\n1,"59\n2,58\n', "found a quotation mark in line 3 that does not end"),
+        ("time_s,aperture_mm\n0," + "6" * 140_000 + "\n", "found a cell in line 2 that does not end"),
+        ("time_s;aperture_mm\n0;60,5\n", "found cells separated by semicolons, expected commas"),
+        ("Time_s,aperture_mm\n0,60\n", "expected time_s in place of Time_s."),
+        ("time_s,time_s,aperture_mm\n0,0,60\n", "found the column 'time_s' twice, expected each column once"),
+    ],
+)
+def test_a_slip_is_named_with_how_to_write_it(tmp_path, text, said):
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(TactileFailure) as caught:
+        read_log(tmp_path / "log.csv")
+    assert caught.value.detail.startswith("log.csv: ")
+    assert said in caught.value.detail
+
+
+@pytest.mark.parametrize("text", ["0", "-3", "+2.5", ".5", "5.", "1e-3", "1.5E+10", " 7 "])
+def test_plain_numbers_are_pythons_own(text):
+    assert decimal_number(text) == float(text)
+
+
+def test_a_missing_table_is_asked_for_by_the_columns_that_are_wanted_of_it(tmp_path):
+    with pytest.raises(TactileFailure, match=r"expected a table with the columns frame, time_s\.$"):
+        read_columns(tmp_path / "times.csv", wanted=("frame", "time_s"))
+    with pytest.raises(TactileFailure, match=r"expected a table with the columns time_s, aperture_mm\.$"):
+        read_log(tmp_path / "log.csv")
+    with pytest.raises(
+        TactileFailure, match=r"expected a table with the columns time_s, travel_mm, force_N\.$"
+    ):
+        read_trace(tmp_path / "t.csv", fruit_id="f", category="plum", indenter="ball", radius_mm=4.0)
+
+
+OPEN = [
+    "Force (N) x 10",
+    "Load [N] *1000",
+    "Force (N) (kN)",
+    "Load (N) in kN",
+    "Force (10^3 N)",
+    "F/10 N",
+    "Force (N)/mm",
+    "Force (N) 1000",
+    "Force x1000 (N)",
+    "Force (N)/1000",
+    "Force 10³ N",
+    "F 1000 N",
+    "F_kN [N]",
+    "Force (1000) (N)",
+    "Load (N) × 0.1",
+    "Force (N·10)",
+    "Load 1e3 N",
+    "10x Load (N)",
+    "Force (N) per mm",
+]
+READ = [
+    "Load cell 2 (N)",
+    "Kraft 1 [N]",
+    "Force_N",
+    "Channel 3 Force (N)",
+    "Load_1_N",
+    "Load_10_N",
+    "Fx1 (N)",
+    "F / N",
+    "Force [N] max",
+    "Kraft in [N]",
+    "Kraft (N) / Force (N)",
+    "Force 2 N",
+    "Load x1 (N)",
+    "Dev1/ai0 load (N)",
+]
+
+
+@pytest.mark.parametrize("name", OPEN)
+def test_a_factor_or_a_second_unit_leaves_the_unit_open(name: str) -> None:
+    found = unit_of_name(name, "force")
+    assert isinstance(found, NoUnit)
+    assert found.open
+
+
+@pytest.mark.parametrize("name", READ)
+def test_the_number_of_a_channel_is_no_factor(name: str) -> None:
+    assert unit_of_name(name, "force") == Unit(text="N", factor=1.0)
+
+
+def test_a_travel_has_the_same_rules() -> None:
+    assert all(
+        isinstance(one := unit_of_name(name, "travel"), NoUnit) and one.open
+        for name in ("Travel (mm) (x1000)", "Travel (mm) (in)", "Travel 0,01 mm", "Weg (µm) (mm)")
+    )
+    assert unit_of_name("Travel in (mm)", "travel") == Unit(text="mm", factor=1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        (
+            "Time (s);Travel (mm);Force (N) x 10",
+            r'"Force \(N\) x 10", which has a number behind it.*force=UNIT',
+        ),
+        ("Time (s);Travel (mm);Load x10\ns;mm;N", r'has a factor beside it \("x10"\).*force=UNIT'),
+        ("Time (s);Travel (mm);Load (N)\ns;mm;x 10", r'has a factor beside it \("x 10"\).*force=UNIT'),
+    ],
+)
+def test_an_open_unit_is_refused_until_the_user_states_it(tmp_path, header: str, said: str) -> None:
+    path = tmp_path / "press.csv"
+    rows = "\n".join(f"{k / 10};{k / 20};{0.02 * k**1.5:.6f}" for k in range(30))
+    path.write_text(f"{header}\n{rows}\n")
+    names = dict(zip(("time", "travel", "force"), header.split("\n")[0].split(";"), strict=True))
+
+    def read(units: dict[str, str]):
+        words = TraceWords(columns=names, units=units)
+        wanted = {"fruit_id": "unknown", "category": "unknown", "indenter": "ball", "radius_mm": 5.0}
+        return read_trace(path, **wanted, specimen=PressedSpecimen(), words=words)
+
+    with pytest.raises(TactileFailure, match=said):
+        read({})
+    found = read({"force": "daN"})
+    np.testing.assert_allclose(found.recording.pads[0].force_z_N[-1], 0.2 * 29**1.5, rtol=1e-5)
+    assert any("read in daN" in note for note in found.notes)
+
+
+def test_arrays_come_back_in_double_precision(tmp_path):
+    values = np.arange(12, dtype=np.int16).reshape(3, 4)
+    np.save(tmp_path / "a.npy", values)
+    np.savez_compressed(tmp_path / "a.npz", one=values, two=2.5 * values)
+    np.testing.assert_array_equal(load_npy(tmp_path / "a.npy"), values)
+    held = load_npz(tmp_path / "a.npz")
+    assert {name: array.dtype for name, array in held.items()} == {"one": float, "two": float}
+    np.testing.assert_array_equal(held["two"], 2.5 * values)
+
+
+def test_bytes_that_would_become_too_many_doubles_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(tactile.io.plain_numpy, "MOST_VALUES", 1000)
+    np.savez_compressed(tmp_path / "a.npz", one=np.zeros(600, np.uint8), two=np.zeros(600, np.uint8))
+    with pytest.raises(NotReadable, match="more than 1000 values"):
+        load_npz(tmp_path / "a.npz")
+
+
+def test_a_file_cut_short_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros(1000))
+    (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:4000])
+    with pytest.raises(NotReadable, match="cut short"):
+        load_npy(tmp_path / "a.npy")
