@@ -7,7 +7,8 @@ FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
 cylinders of 50 mm diameter and 30 mm height, 10 mm/min, to 67 % strain; the end condition is not stated. The
 published E is the slope of a line through the recorded origin over 0 to 10 % strain, an apparent modulus.
-`development` are the mixtures that laws and priors were chosen on; `last` were scored once afterwards. Prints
+`development` are the mixtures that laws and priors were chosen on; `last` were scored after that, but the
+temperature of curves was chosen on all. Prints
 a line for each curve and mixture, and totals:
 
 slope       of such a line: the curve's, and by the laws fitted to the whole curve with first touch and ends
@@ -164,7 +165,7 @@ def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
     account = account_for(
         until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
     )
-    gap = (account.posterior.force_N(trace) - trace.force_N)[~seen]
+    gap = (account.posterior.force_N(trace, unseen=~seen) - trace.force_N)[~seen]
     return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
 
 

@@ -2,15 +2,17 @@
 
 The evidence of a law takes the place of a signature's, the mean over an effect's forms that over its ways to
 show. The misfit that a law leaves goes as the square of the share of the force that it leaves unexplained:
-the least share (fem.indentation.fit) is as usual as MISFIT is of grasps.
+the least share (fem.indentation.fit) is as usual as MISFIT is of grasps. The p-value of the misfit takes the
+scatter of grasps, and the share is known on a grid only: this p is nominal.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
+from math import prod
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
 from fem.indentation.compressed_cylinder import Cylinder
@@ -21,6 +23,7 @@ from fem.indentation.effects.trace_plastic_set import PLASTIC_SET
 from fem.indentation.effects.trace_stiffening import FUNG, RUBBER
 from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
 from fem.indentation.fit import TraceFit, fit
+from fem.indentation.heldout import without_measured
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect
@@ -49,7 +52,8 @@ LEAST_WEIGHT = 1e-4
 """Probability of a law below which its force is left out of the mean."""
 SHAPES = frozenset({"stiffening", "plastic_set", "damage"})
 """Effects that bend the curve of a load that only grows. Flesh that yields or is damaged answers such a load
-as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323)."""
+as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323). The
+interval of E leaves such pairs out."""
 NUISANCES = (*OWN, "ends_held")
 """Unknowns of the plain law that are reported with every effect."""
 
@@ -152,13 +156,19 @@ class CurvePosterior:
         """The fit of the likeliest law; of other physics, the best of the catalogue."""
         return self.best[next(name for name in self.probability if name != UNKNOWN)]
 
-    def force_N(self, trace: IndenterTrace) -> Float[np.ndarray, " t"]:
-        """Mean over the laws that the verdict names, by their probabilities."""
+    def force_N(
+        self, trace: IndenterTrace, *, unseen: Bool[np.ndarray, " t"] | None = None
+    ) -> Float[np.ndarray, " t"]:
+        """Mean over the laws that the verdict names, by their probabilities, N.
+
+        Of `unseen` frames no law knows the measured force: a machine gives way under the law's own.
+        """
         verdict = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
         names = {name for name in verdict if name in self.best} or {self.likeliest.law.name}
         named = np.array([one.law.name in names for one in self.fits])
         likely = np.flatnonzero(named & (self.weights > LEAST_WEIGHT))
-        forces = [self.fits[k].law.force_N(trace, self.fits[k].scaled[None])[0] for k in likely]
+        mask = np.zeros(len(trace.time_s), dtype=bool) if unseen is None else unseen
+        forces = [without_measured(self.fits[k].law, self.fits[k].scaled, trace, mask) for k in likely]
         return np.asarray(self.weights[likely] @ np.array(forces) / self.weights[likely].sum())
 
     def candidate(self, name: str) -> Candidate:
@@ -184,18 +194,27 @@ class CurvePosterior:
             Hypothesis(name=name, gain=0.0, probability=probability, linear_fits=(), refit=None)
             for name, probability in self.probability.items()
         ]
-        return reported_modulus(self.verdict, ranking, candidates, self.best[NONE].modulus, heldout=heldout)
+        plain = self.best[NONE]
+        noise_rms = float(
+            np.hypot(heldout.noise_rms, plain.usual_share)
+        )  # a law's own error is usual as well
+        heldout = replace(heldout, noise_rms=noise_rms)
+        return reported_modulus(self.verdict, ranking, candidates, plain.modulus, heldout=heldout)
 
 
 def posterior(fits: list[TraceFit]) -> CurvePosterior:
-    """Of all fitted laws, by the decision of grasps; the forms of an effect are equally likely beforehand."""
+    """Of all fitted laws, by the decision of grasps; the forms of an effect are equally likely beforehand.
+
+    So are the combinations of forms of a pair. Those that were not fitted count as without evidence.
+    """
     groups: dict[str, list[TraceFit]] = {}
     for one in fits:
         groups.setdefault(one.law.name, []).append(one)
     best = {name: max(own, key=lambda one: one.log_score) for name, own in groups.items()}
     logs = {name: np.array([one.log_evidence for one in own]) for name, own in groups.items()}
     plain = best[NONE].log_evidence
-    gain = {name: float(logsumexp(own) - np.log(len(own)) - plain) for name, own in logs.items()}
+    ways = {name: prod(len(groups[effect]) for effect in name.split("+")) for name in groups}
+    gain = {name: float(logsumexp(own) - np.log(ways[name]) - plain) for name, own in logs.items()}
     misfit = {name: MISFIT * (one.share / one.usual_share) ** 2 for name, one in best.items()}
     weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
     shares, unknown = probabilities(weighed, temperature=TEMPERATURE)

@@ -62,7 +62,7 @@ def predicted_N(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNois
     force = np.full(len(trace.time_s), np.nan)
     for mask in whole_recordings(trace) if several else [future_frames(trace)]:
         again = fit(known.law, trace, no_contact, known.scaled[None], frames=~mask, follow=1)
-        force[mask] = _without_measured(known.law, again.scaled, trace, mask)[mask]
+        force[mask] = without_measured(known.law, again.scaled, trace, mask)[mask]
     return force
 
 
@@ -72,7 +72,7 @@ def share_missed(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray
     return float(np.sqrt(np.mean((predicted_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
 
 
-def _without_measured(
+def without_measured(
     law: Law, scaled: Float[np.ndarray, " k"], trace: IndenterTrace, mask: Bool[np.ndarray, " t"]
 ) -> Float[np.ndarray, " t"]:
     """The law's force where a compliant machine gives way under that force itself, not the measured one.

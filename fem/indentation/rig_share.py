@@ -12,8 +12,8 @@ from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import NINETY, Modulus
 
 UNSURE = 0.3
-"""Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound: the
-share that an explanation may leave unexplained is the same (fem.indentation.naming.MISSED). Set by hand."""
+"""Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound. Set by
+hand."""
 MOST_SHARE = 0.3
 """Of the slope of the recorded travel that a rig of stated stiffness may give: E is then 1 / (1 - 0.3) = 1.43
 times what the travel says, as far off as UNSURE. Set by hand."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fem.indentation.ball import Ball
+from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import Law, linear_law
 from fem.indentation.explanations import forms_of, posterior
 from fem.indentation.fit import SHARE, from_prior
@@ -25,6 +26,11 @@ TRACE = IndenterTrace(
     travel_mm=TRAVEL_MM,
     geometry=Ball(radius_mm=5.0),
 )
+
+HELD_S = np.linspace(0.0, 24.0, 97)
+HELD_MM = np.interp(HELD_S, [0, 1, 8, 16, 23, 24], [-0.1, 0, 0.7, 0.7, 0, -0.1])
+HELD = replace(TRACE, time_s=HELD_S, travel_mm=HELD_MM, force_N=np.maximum(HELD_MM, 0) ** 1.5)
+"""With a hold and an unloading, in which damage, plastic set and relaxation show."""
 
 
 @pytest.fixture(scope="module")
@@ -94,13 +100,26 @@ def test_the_force_is_that_of_the_laws_that_the_verdict_names(fitted):
     assert answer.force_N(TRACE) == pytest.approx(slip.law.force_N(TRACE, slip.scaled[None])[0])
 
 
-@pytest.mark.parametrize("name", forms_of(TRACE))
-def test_every_form_is_an_effect_of_the_catalogue_and_changes_the_force(name):
-    for form in forms_of(TRACE)[name]:
+PLATES = replace(
+    HELD,
+    travel_mm=15 * HELD_MM,
+    force_N=20 * HELD.force_N,
+    geometry=Cylinder(diameter_mm=50.0, height_mm=30.0, ends="bonded"),
+)
+
+
+@pytest.mark.parametrize(
+    ("trace", "name"), [(trace, name) for trace in (HELD, PLATES) for name in forms_of(trace)]
+)
+def test_every_form_is_an_effect_of_the_catalogue_and_changes_the_force(trace, name):
+    plain = linear_law(trace, thickness_mm=None, poisson_ratio=0.45)
+    for form in forms_of(trace)[name]:
         assert form.name == SPECS[name].name
-        hooks = (form.give_mm, form.stress_factor, form.slack_mm, form.relaxation, form.force_factor)
-        assert any(hook is not None for hook in (*hooks, form.added_N))
-        if form.parameters is None:
+        law = Law(curve=plain.curve, baseline=plain.baseline, effects=(form,))
+        scaled = np.array([[u.mean + side * u.sd for u in law.unknowns] for side in (-1, 1)])
+        bare = plain.force_N(trace, scaled[:, : len(plain.unknowns)])
+        assert np.abs(law.force_N(trace, scaled) - bare).max() > 1e-4 * np.abs(bare).max()
+        if form.parameters is None and isinstance(trace.geometry, Ball):
             for one in form.unknowns:
                 assert one.unit == SPECS[name].parameter(one.name).unit
 

@@ -310,6 +310,9 @@ def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
     recording = forward.base.grasps[0]
     first = EFFECT.signatures(forward)[0]
     assert EFFECT.start(forward, first, np.ones(1)) == {"gap_mm": GAPS_MM[0]}
+    softer = moved_by(1.2 * unit)
+    start = EFFECT.start(softer, EFFECT.signatures(softer)[0], np.ones(1))
+    assert start["gap_mm"] == pytest.approx(1.2 * GAPS_MM[0], rel=5e-3)
     field = first.columns[0].fields[0].markers
     expected = COMPLIANCE * (unit - recording.tracks.unit_displacement)
     assert field == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())

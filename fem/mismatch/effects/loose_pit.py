@@ -115,8 +115,8 @@ class LoosePit:
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
-        """The signature's own gap: its amount is one."""
-        return {GAP: gap_of(signature.variant).gap_mm}
+        """The signature's own gap: its amount is the fitted 1/E over the plain model's."""
+        return {GAP: float(np.clip(gap_of(signature.variant).gap_mm, LOWEST_MM, HIGHEST_MM))}
 
     def respond(
         self,
