@@ -10,14 +10,12 @@ from scipy.spatial import ConvexHull, cKDTree
 from tactile.checks.finding import LENGTH, Finding, FindingKind, FindingRank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.io.recording import marker_area_mm2
-from tactile.markers.marker_detection import spacing_of
-from tactile.markers.marker_lattice import lattice_of
 from tactile.markers.matching import UNSURE
-from tactile.markers.smooth_lattice import lattice_places
 
 REGULAR = 0.75
-"""Share of the markers that must be on one grid, and that have neighbours along the diagonals in a thinned
-one."""
+"""Share of the vectors between nearest markers that must be one of two steps for markers to be a grid: square
+and hexagonal grids have 1.0, also with 30 % of their markers missing, places off by a tenth of the spacing
+0.78, scattered ones 0.25 to 0.34 (drawn 20 x 20)."""
 FEWEST_IN_GRID, FEWEST_ORDERED = 9, 20
 """Markers that show a grid (three by three), and pressed ones over which a correlation says something: its
 standard deviation is 0.2 there."""
@@ -33,10 +31,18 @@ ORDERED = 0.5
 """Correlation of a marker with the mean of its neighbours at the peak; sound ones have 0.93 and more
 (benchmarks/field_spreads.py), chance order 0.0."""
 
-OFF_GRID = 0.25
-"""Of the spacing: a marker so near to its place on the grid is on it; places off by a tenth are. This and the
-four below are geometry, no measurement; sound grids, square and hexagonal, have no missing site with them
-(benchmarks/field_spreads.py, "missing sites of the grid")."""
+NEIGHBOURS = 1.25
+"""Markers within so many median spacings are neighbours of the grid: between 1 and the 1.41 of a square's
+diagonal. This and the five below are geometry, no measurement; sound grids, square and hexagonal, have no
+missing site with them (benchmarks/field_spreads.py, "missing sites of the grid")."""
+SAME_STEP, ONE_OF_TWO = 0.2, 0.25
+"""Part of the spacing within which two steps between neighbours are the same one, and within which a step is
+one of the grid's two."""
+FEWEST_STEPS = 8
+"""Steps that show two directions, four of each."""
+NOT_ALONG = 0.87
+"""Cosine of 30 degrees: the two steps of a hexagonal grid are 60 degrees apart, of a square one 90, so that
+what lies nearer to the first is the first."""
 INSIDE = 0.02
 """Of the spacing: a site beyond the outline of the markers by more is not inside it; rounding makes 1e-6."""
 EMPTY = 0.45
@@ -44,6 +50,9 @@ EMPTY = 0.45
 UNEVEN, DIAGONAL = 1.3, 0.8
 """A marker's area over its squared spacing, between a square grid's 1 and the 1.5 of every third marker of
 one; least step along x or y over the other, between 0.58 of a hexagonal grid and the 1 of a diagonal."""
+ROUNDS = 4
+"""Rounds in which missing sites are found from sites beside them: a hole of eight by eight markers is found
+whole, from both sides, of ten by ten 96; assumed to do, since LOST_REFUSED is passed long before."""
 OUTERMOST = 0.3
 """Of the spacing: markers so near to the outline are on it, as places off by a tenth of it are."""
 PEAK_SHARE = 0.98
@@ -105,24 +114,32 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
     none = np.empty((0, 2))
     if len(rest_mm) < FEWEST_IN_GRID:
         return none
-    spacing = spacing_of(rest_mm)
-    places, known = lattice_places(lattice_of(rest_mm, spacing, shape=(0, 0), margin_px=0.0))
-    for _ in range(2):  # first of the markers that are reached from one to the next, then of all
-        if known.sum() < FEWEST_IN_GRID:
-            return none
-        fit = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))])[known], rest_mm[known])[0]
-        places = np.rint((rest_mm - fit[2]) @ np.linalg.inv(fit[:2]))
-        known = np.linalg.norm(places @ fit[:2] + fit[2] - rest_mm, axis=1) < OFF_GRID * spacing
-    if known.mean() < REGULAR:
+    tree = cKDTree(rest_mm)
+    spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
+    pairs = tree.query_pairs(NEIGHBOURS * spacing, output_type="ndarray")
+    steps = rest_mm[pairs[:, 1]] - rest_mm[pairs[:, 0]]
+    steps = np.where((steps @ [1.0, 1e-3] < 0)[:, None], -steps, steps)
+    basis = _basis(steps, spacing)
+    if basis is None:
         return none
-    low, high = places[known].min(axis=0), places[known].max(axis=0)
-    lines = [np.arange(first, last + 1) for first, last in zip(low, high, strict=True)]
-    every = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
-    sites = every @ fit[:2] + fit[2]
     hull = ConvexHull(rest_mm).equations
-    inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < INSIDE * spacing
-    away = np.asarray(cKDTree(rest_mm).query(sites)[0]) > EMPTY * spacing
-    return np.asarray(sites[inside & away])
+    moves = np.concatenate([basis, -basis])
+    filled, missing = rest_mm, none
+    for _ in range(ROUNDS):
+        sites = (filled[:, None] + moves[None]).reshape(-1, 2)
+        inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < INSIDE * spacing
+        away = np.asarray(cKDTree(filled).query(sites)[0]) > EMPTY * spacing
+        new = sites[inside & away]
+        if not len(new):
+            break
+        new = new[np.unique(np.round(new / (EMPTY * spacing)), axis=0, return_index=True)[1]]
+        kept: list[np.ndarray] = []
+        for site in new:
+            if all(np.linalg.norm(site - other) > EMPTY * spacing for other in kept):
+                kept.append(site)
+        missing = np.vstack([missing, *kept])
+        filled = np.vstack([filled, *kept])
+    return missing
 
 
 def is_thinned(rest_mm: Float[np.ndarray, "n 2"]) -> bool:
@@ -139,6 +156,29 @@ def is_thinned(rest_mm: Float[np.ndarray, "n 2"]) -> bool:
     step = np.abs(rest_mm[np.asarray(nearest)[:, 0]] - rest_mm)
     diagonal = float((step.min(axis=1) > DIAGONAL * step.max(axis=1)).mean())
     return bool(area_mm2 > UNEVEN * np.median(away) ** 2 or diagonal > REGULAR)
+
+
+def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray, "2 2"] | None:
+    """The two commonest steps between nearest markers; None where others are as common."""
+    if len(steps) < FEWEST_STEPS:
+        return None
+    tree = cKDTree(steps)
+    groups = tree.query_ball_point(steps, r=SAME_STEP * spacing)
+    first = max(range(len(steps)), key=lambda k: len(groups[k]))
+    one = steps[groups[first]].mean(axis=0)
+    angle = np.abs(steps @ one) / np.linalg.norm(steps, axis=1) / np.linalg.norm(one)
+    others = [k for k in range(len(steps)) if angle[k] < NOT_ALONG]
+    if not others:
+        return None
+    second = max(others, key=lambda k: len(groups[k]))
+    two = steps[groups[second]].mean(axis=0)
+    third = np.array([one - two, one + two])
+    fits = [
+        np.minimum(np.linalg.norm(steps - v, axis=1), np.linalg.norm(steps + v, axis=1))
+        < ONE_OF_TWO * spacing
+        for v in (one, two, *third)
+    ]
+    return np.stack([one, two]) if np.any(fits, axis=0).mean() > REGULAR else None
 
 
 def _order(press: Pressing) -> float | None:

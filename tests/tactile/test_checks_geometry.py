@@ -81,6 +81,27 @@ def test_missing_sites_are_those_left_out_and_no_others():
     assert len(missing_sites(np.delete(hexagonal, 70, axis=0))) == 1
 
 
+@pytest.mark.parametrize("uneven", [0.005, 0.02, 0.03])
+def test_holes_of_an_uneven_hexagonal_grid_are_found(uneven):
+    """Places off by so much of the pitch; the hole is three by three."""
+    line = np.arange(20.0)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    out = (np.abs(grid - 9) < 1.5).all(axis=1)
+    rest = grid @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
+    rest += uneven * np.random.default_rng(4).standard_normal(rest.shape)
+    assert len(missing_sites(rest)) == 0
+    assert len(missing_sites(rest[~out])) == 9
+
+
+@pytest.mark.parametrize("distortion", [0.08, 0.15])
+def test_a_sound_grid_seen_through_a_lens_has_no_hole(distortion):
+    """Radial distortion, at the corner so much of its distance from the middle."""
+    line = np.linspace(-1.0, 1.0, 20)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    squared = (grid**2).sum(axis=1, keepdims=True) / 2
+    assert len(missing_sites(9.5 * grid * (1 - distortion * squared))) == 0
+
+
 def test_a_hole_of_eight_by_eight_markers_is_found_whole():
     line = np.arange(20.0)
     grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -86,9 +86,10 @@ def log_prior(name: str, *, effects: int) -> float:
 
 
 def probabilities(
-    explanations: Sequence[Weighed], *, temperature: float = TEMPERATURE
+    explanations: Sequence[Weighed], *, temperature: float | None = None
 ) -> tuple[Float[np.ndarray, " h"], float]:
-    """Of each of the explanations, "none" among them, and of "unknown"."""
+    """Of each of the explanations, "none" among them, and of "unknown"; `temperature`: TEMPERATURE."""
+    temperature = TEMPERATURE if temperature is None else temperature
     before = next(one.misfit for one in explanations if one.name == NONE)
     usual = log_usual(before)
     uniform = -float(np.log(np.log(MOST_MISFIT))) if before > MISFIT else -np.inf
