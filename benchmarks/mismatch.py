@@ -1,7 +1,7 @@
 """Answers mismatch cases by `drupe explain` and by other methods, and scores the answers.
 
     python benchmarks/mismatch.py answer CASES ANSWERS ROUNDS
-    python benchmarks/mismatch.py baselines CASES ANSWERS ROUNDS NULLS
+    python benchmarks/mismatch.py baselines CASES ANSWERS ROUNDS NULLS NULL_CASES
     python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE]
 
 `answer` explains every case below CASES once, as `drupe explain CASE --json FILE` does. Each case has
@@ -9,7 +9,7 @@ a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWE
 refusal, state of the code, CPU seconds, peak memory. ROUNDS gets the finder's linear problem of each case for
 the other methods. A run that was stopped goes on where it stopped.
 `baselines` writes the answers of other methods (`sealed/baselines.py`) into ANSWERS/baselines.json. NULLS
-holds rounds of fruit without mismatch (`mismatch_bank.py reduce`). Sparse regression and the random forest
+holds rounds of fruit without mismatch (`mismatch_bank.py reduce`), NULL_CASES their folders. The other methods
 get the finder's share of false alarms on them.
 `score` prints all tables. LABELS is answers.json of labelled cases, or labels.json of concealed ones, whose
 labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash is wrong, a label is missing,
@@ -68,7 +68,7 @@ PER_GRASP = 250
 COMMANDS = {
     "answer": ("cases", "answers", "rounds"),
     "explain": ("cases", "answers", "rounds"),
-    "baselines": ("cases", "answers", "rounds", "nulls"),
+    "baselines": ("cases", "answers", "rounds", "nulls", "null_cases"),
     "score": ("answers", "labels"),
 }
 """Commands and their paths."""
@@ -77,6 +77,7 @@ HELP = {
     "answers": "folder of the answers",
     "rounds": "folder of the linear problems",
     "nulls": "folder of rounds without mismatch",
+    "null_cases": "folder of the cases of these rounds",
     "labels": "answers.json of labelled cases, or labels.json of concealed ones",
 }
 MIB = 1024
@@ -173,27 +174,44 @@ def runs_in(answers: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines]
 
 
-def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path) -> None:
+def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases: Path) -> None:
     """The other methods' answers to all cases that have a round."""
     from baselines import Forest, gaussian_process, modulus_alone, sparse_regression, threshold_of
 
-    without = [stored(path).with_shipped_model_error().linear() for path in sorted(nulls.glob("*.npz"))]
+    null_paths = sorted(nulls.glob("*.npz"))
+    without = [stored(path).with_shipped_model_error().linear() for path in null_paths]
     false_alarms = float(np.mean([detected(linear).p_value < DETECTION_P for linear in without]))
     threshold = threshold_of(without, false_alarms=false_alarms)
     forest = Forest.grown(without, false_alarms=false_alarms)
-    print(f"{len(without)} null rounds, false alarms {false_alarms:.1%}, threshold {threshold:.1f} sd")
+    processes = [
+        gaussian_process(residual_samples(null_cases / path.stem), (1.0, 0.0), least_gain=0.0)
+        for path in null_paths
+    ]
+    least_gain = float(np.quantile([process["gain"] for process in processes], 1 - false_alarms))
+    print(
+        f"{len(without)} null rounds, false alarms {false_alarms:.1%}: threshold {threshold:.1f} sd, gain of "
+        f"the process {least_gain:.0f}",
+        flush=True,
+    )
     found = {}
     for path in sorted(rounds.glob("*.npz")):
         case = stored(path)
         linear, E = case.linear(), tuple(case.facts["E_MPa"])
         found[path.stem] = {
             "modulus alone": modulus_alone(E),
-            "Gaussian process": gaussian_process(residual_samples(cases / path.stem), E),
+            "Gaussian process": gaussian_process(
+                residual_samples(cases / path.stem), E, least_gain=least_gain
+            ),
             "sparse regression": sparse_regression(linear, E, threshold=threshold),
             "random forest": forest.answer(linear, E),
         }
         print(path.stem, {name: one["verdict"] for name, one in found[path.stem].items()}, flush=True)
-    facts = {"null_rounds": len(without), "false_alarms": false_alarms, "threshold_sd": threshold}
+    facts = {
+        "null_rounds": len(without),
+        "false_alarms": false_alarms,
+        "threshold_sd": threshold,
+        "least_gain": least_gain,
+    }
     (answers / BASELINES).write_text(json.dumps({"facts": facts, "answers": found}, indent=1) + "\n")
 
 
@@ -267,7 +285,10 @@ def cost_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def broken_seals(seals: Mapping[str, str], published: Mapping[str, Any]) -> list[str]:
-    """What is wrong with the labels, a sentence for each; SOURCE.md of the cases defines the hashed text."""
+    """What is wrong with the labels, a sentence for each.
+
+    The hashed text is the salt, then the label as JSON with sorted keys and no blanks.
+    """
     wrong = []
     for case, seal in seals.items():
         one = published.get(case)

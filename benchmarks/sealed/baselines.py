@@ -21,16 +21,15 @@ from sklearn.linear_model import LassoLarsIC
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.screening import LinearRound
 
-LEAST_GAIN = 10.0
-"""ln marginal likelihood over that of noise alone from which something is missing. Set by hand: the four
-hyperparameters of the process gain some by themselves."""
 LENGTHS, LENGTH_BOUNDS = (4.0, 4.0, 0.5, 3.0), (0.1, 100.0)
 """First lengths of the kernel: mm along the patch twice, share of the load, s; bounds of all."""
 RIDGE = 1e-10
 """Added to a scaled Gram matrix's diagonal, for columns that are twins to the last digit."""
 MOST_NAMES = 3
 """Names of a verdict at most, the largest term first. Set by hand."""
-TREES, MULTIPLES, DRAWS, FOLDS = 200, (2, 4, 8, 16), 4, 3
+LEAST_SHARE = 0.1
+"""Of the plain model's 1/E: a method that wants less has no answer, and E stays the plain model's."""
+TREES, MULTIPLES, DRAWS, FOLDS = 200, (2, 4, 8, 16, 64, 256), 4, 3
 """Of the forest: trees, sizes of the drawn effects in full bounds, draws of each size and round, and parts of
 the cross-validation."""
 
@@ -61,13 +60,20 @@ def sparse_regression(linear: LinearRound, E: tuple[float, float], *, threshold:
     order = sorted(sizes, key=lambda name: -sizes[name])
     plain = 1 + float(linear.null.amounts[0])
     fit = linear.products.fit([*linear.nuisances, *columns])
-    share, spread = (1 + float(fit.amounts[0])) / plain, float(fit.sd[0])
-    value, sd = E
+    share, spread = (1 + float(fit.amounts[0])) / plain, float(fit.sd[0]) / plain
     return {
         "verdict": order[:MOST_NAMES] or [NONE],
         "order": order,
-        "E": [value / max(share, 0.1), float(np.hypot(sd, value * spread))],
+        "E": modulus_with(E, share, spread),
     }
+
+
+def modulus_with(E: tuple[float, float], share: float, spread: float) -> list[float]:
+    """E and its sd where 1/E is `share` +- `spread` of the plain model's."""
+    value, sd = E
+    if share < LEAST_SHARE:
+        return [value, sd]
+    return [value / share, float(np.hypot(sd / share, value * spread / share**2))]
 
 
 def threshold_of(rounds: Sequence[LinearRound], *, false_alarms: float) -> float:
@@ -109,12 +115,15 @@ def t_values(
     return np.asarray(covariance @ right[active] / np.sqrt(np.diag(covariance)))
 
 
-def gaussian_process(samples: Float[np.ndarray, "s 6"], E: tuple[float, float]) -> dict[str, Any]:
+def gaussian_process(
+    samples: Float[np.ndarray, "s 6"], E: tuple[float, float], *, least_gain: float
+) -> dict[str, Any]:
     """A Gaussian-process discrepancy beside E (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B 63, 425).
 
     y(x) = s c(x) + delta(x) + noise. `samples` holds x (place on the patch twice, mm; share of the load; s),
     the plain model's residual y and its response c (mm). Hyperparameters have the greatest marginal
-    likelihood. The method says that something is missing, and never what.
+    likelihood. Something is missing from `least_gain` on (ln marginal likelihood over that of noise alone).
+    The method never says what.
     """
     X = samples[:, :4]
     scale = float(samples[:, 4].std()) or 1.0
@@ -128,14 +137,12 @@ def gaussian_process(samples: Float[np.ndarray, "s 6"], E: tuple[float, float]) 
     gain = process.log_marginal_likelihood_value_ + len(y) / 2 * (np.log(2 * np.pi * variance) + 1)
     weighed = np.linalg.solve(process.kernel_(X), np.column_stack([c, y]))
     information = max(float(c @ weighed[:, 0]), 1e-12)
-    value, sd = E
+    share = 1 + float(c @ weighed[:, 1]) / information
     return {
-        "verdict": [UNKNOWN if gain > LEAST_GAIN else NONE],
+        "verdict": [UNKNOWN if gain > least_gain else NONE],
         "order": [],
-        "E": [
-            value / max(1 + float(c @ weighed[:, 1]) / information, 0.1),
-            float(np.hypot(sd, value / np.sqrt(information))),
-        ],
+        "E": modulus_with(E, share, 1 / np.sqrt(information)),
+        "gain": float(gain),
     }
 
 
