@@ -9,8 +9,8 @@ a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWE
 refusal, state of the code, CPU seconds, peak memory. ROUNDS gets the finder's linear problem of each case for
 the other methods. A run that was stopped goes on where it stopped.
 `baselines` writes the answers of other methods (`sealed/baselines.py`) into ANSWERS/baselines.json. NULLS
-holds rounds of fruit without mismatch (`mismatch_bank.py reduce`), NULL_CASES their folders. The other methods
-get the finder's share of false alarms on them.
+holds rounds of fruit without mismatch (`mismatch_bank.py reduce`), NULL_CASES their folders. The other
+methods get the finder's share of false alarms on them.
 `score` prints all tables. LABELS is answers.json of labelled cases, or labels.json of concealed ones, whose
 labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash is wrong, a label is missing,
 or the answers come from several states of the code.

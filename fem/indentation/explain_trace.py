@@ -46,7 +46,6 @@ class Account:
     posterior: CurvePosterior
     linear: TraceFit
     named: TraceFit
-    no_contact: NoContactNoise
 
 
 def explain_trace(
@@ -148,7 +147,6 @@ def account_for(
         posterior=answer,
         linear=plain,
         named=chosen,
-        no_contact=no_contact,
     )
 
 

@@ -135,12 +135,6 @@ class ForwardModel:
                 ratio.append(flesh / gel)
         return max(1.0, float(np.median(ratio)) / SOFT) if ratio else 1.0
 
-    def moved_by_stress(
-        self, recording: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
-    ) -> Float[np.ndarray, "r n 3"]:
-        """Displacement of the markers, mm, by stresses (of unit modulus) added to those of the flesh."""
-        return -self.base.marker_response(recording, self.points.forces(stress))
-
 
 def over_all_frames(
     recording: GraspResponse, values: Float[np.ndarray, "f ..."]
