@@ -13,7 +13,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from distributed import Client, Future, KilledWorker, Security
 
@@ -32,6 +32,14 @@ COUNT_S = 1.0
 WITHOUT_S = 300.0
 """Seconds without a worker after which that is said, and said again. Set by hand: a worker starts within one
 minute, a job of Slurm may wait for hours."""
+
+
+class _Fruit(NamedTuple):
+    """A fruit that the scheduler has; `workers`: the addresses that it may go to (None: any)."""
+
+    order: FruitOrder
+    future: Future
+    workers: frozenset[str] | None
 
 
 class Cluster:
@@ -59,7 +67,7 @@ class Cluster:
         self._held = ExitStack()
         self._slurm: SlurmJobs | None = None
         self._happened: SimpleQueue[tuple[str, Future | str]] = SimpleQueue()
-        self._fruits: dict[str, tuple[FruitOrder, Future]] = {}
+        self._fruits: dict[str, _Fruit] = {}
         self._workers: set[str] = set()
         self._unfit: set[str] = set()
         self._counted_s = -float("inf")
@@ -133,30 +141,33 @@ class Cluster:
             raise refused(self._address, sentence)
         if time.monotonic() - self._counted_s > COUNT_S:
             self._count()
+            self._move_on()
             if self._slurm is not None:
                 self._slurm.look()
 
     def _events(self, fruit_id: str, news: Future | str) -> Iterator[Event]:
         if fruit_id not in self._fruits:
             return
-        order, future = self._fruits[fruit_id]
+        fruit = self._fruits[fruit_id]
         if isinstance(news, str):
             yield Progressed(fruit_id, news)
-        elif news is future and (ending := self._ending(order, future)) is not None:
+        elif news is fruit.future and (ending := self._ending(fruit)) is not None:
             del self._fruits[fruit_id]
             yield ending
 
-    def _ending(self, order: FruitOrder, future: Future) -> Event | None:
+    def _ending(self, fruit: _Fruit) -> Event | None:
         """How a fruit ended; None where it was begun again. Raises BatchRefused where no worker is fit, or
         the scheduler is lost.
         """
+        order, future, _ = fruit
         try:
             ended = future.result(timeout=CONNECT_S)
         except KilledWorker as killed:
             lost, last = _counted(killed.allowed_failures + 1), killed.last_worker.address
             return Died(order.fruit_id, None, f"{lost} died with it, the last {last}")
         except (ImportError, AttributeError) as error:
-            raise refused(self._address, f"a worker {_cannot_load(error)}") from None
+            self._not_loaded(fruit, error)
+            ended = None
         except Exception as error:  # noqa: BLE001 - dask's own, of which there are many kinds
             self._look()
             if future.status == "error":
@@ -170,18 +181,39 @@ class Cluster:
             self._submit(order)
         return ended  # type: ignore[no-any-return]  # what `fruit_on_worker` returns
 
+    def _not_loaded(self, fruit: _Fruit, error: Exception) -> None:
+        """Leaves out the worker that could not load a fruit, which the error does not name; raises
+        BatchRefused where every worker that the fruit may have gone to is fit.
+        """
+        self._look()
+        self._count()
+        self._require_fit()
+        if not (self._unfit if fruit.workers is None else self._unfit & fruit.workers):
+            raise refused(self._address, f"a worker {_cannot_load(error)}") from None
+
     def _submit(self, order: FruitOrder) -> None:
         """Gives a fruit to the scheduler, for workers that are fit while any of them is there."""
+        workers = frozenset(self._workers) if self._unfit and self._workers else None
         future = self._client.submit(
             pickle.loads,
             packed_fruit(order, self._topic),
             key=f"fruit-{uuid.uuid4().hex}",
             pure=False,
-            workers=sorted(self._workers) if self._unfit and self._workers else None,
-            allow_other_workers=bool(self._unfit and self._workers),
+            workers=None if workers is None else sorted(workers),
         )
-        self._fruits[order.fruit_id] = order, future
+        self._fruits[order.fruit_id] = _Fruit(order, future, workers)
         future.add_done_callback(lambda done: self._happened.put((order.fruit_id, done)))
+
+    def _move_on(self) -> None:
+        """Gives fruit to other workers that wait for some which are gone. `allow_other_workers` of dask would
+        let one that is not fit take them from workers that are busy.
+        """
+        for order, future, workers in list(self._fruits.values()):
+            waits = future.status == "pending" and workers is not None and workers.isdisjoint(self._workers)
+            if waits and self._workers:
+                self._submit(order)
+                with suppress(Exception):
+                    self._client.cancel([future], force=True)
 
     def _connected(self, security: Security | None) -> Client:
         try:
@@ -195,7 +227,7 @@ class Cluster:
 
     def _disconnect(self) -> None:
         with suppress(Exception):
-            self._client.cancel([future for _, future in self._fruits.values()], force=True)
+            self._client.cancel([fruit.future for fruit in self._fruits.values()], force=True)
         with suppress(Exception):
             self._client.close(timeout=CONNECT_S)
 
@@ -232,7 +264,7 @@ class Cluster:
 
     def _require_fit(self) -> None:
         """Asks the workers that are there whether they are fit; one that comes later is asked when it gets
-        its first fruit. Raises BatchRefused with what is wrong where none is.
+        its first fruit, or cannot load it. Raises BatchRefused with what is wrong where none is.
         """
         answers = self._client.run(fit_on_worker, self._needs, on_error="return")
         said = {address: _sentence(answer) for address, answer in answers.items()}

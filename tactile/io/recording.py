@@ -46,7 +46,7 @@ read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
 COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder"
 DAMAGED = f"{COPY_AGAIN}: it is cut short or damaged"
 MOST_BYTES = 8_000_000_000
-"""Of a recording with its images; nothing but the fields asked for is read into memory."""
+"""Of a recording with its images; a larger file is refused before it is opened."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
 APERTURE = Limit(2000.0, "millimetres (is it in m or µm?)")
 WRENCH = Limit(1e7, "newtons and newton millimetres")

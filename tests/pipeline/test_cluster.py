@@ -152,6 +152,29 @@ def test_one_that_comes_later_and_is_not_fit_is_left_out_and_nothing_is_lost(add
     assert any(line.startswith("left out: worker tcp://") for line in said)
 
 
+def test_one_that_comes_later_without_this_drupe_is_left_out_and_nothing_is_lost(
+    address, tmp_path, monkeypatch
+):
+    """It finds an empty module in drupe's place; it is there, and not asked, when the run begins."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "pipeline.py").touch()
+    asked, ask = [], Cluster._require_fit
+    monkeypatch.setattr(Cluster, "_require_fit", lambda self: asked.append(self) or (asked[1:] and ask(self)))
+    worker = ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard")
+    tasks, said = [(name, "fine") for name in "abcdefgh"], []
+    with started(tmp_path / "other", *worker), Client(address, set_as_default=False) as client:
+        client.wait_for_workers(3, timeout=60)
+        ended = [
+            one.fruit_id
+            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(one, Finished) and one.result[0] == "fine"
+        ]
+    assert sorted(ended) == list("abcdefgh")
+    (left_out,) = (line for line in said if line.startswith("left out: "))
+    assert "cannot load this drupe (" in left_out
+    assert "No module named 'pipeline.run'" in left_out
+
+
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
     """What is done is kept by its content; the fruit that died here is graded there."""
     batch_of_balls(tmp_path, "A", "B")

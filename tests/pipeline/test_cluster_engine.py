@@ -157,6 +157,22 @@ def test_a_worker_that_is_not_fit_is_left_out_and_said_once(engine, scheduler, s
             happened(one)
 
 
+def test_fruit_go_on_where_the_workers_they_were_kept_for_are_gone(engine, scheduler):
+    with engine() as one:
+        one.begin("peach", b"")
+        scheduler.given[0].end(Unfit("has 8 threads.", A))
+        happened(one)
+        del scheduler.workers[B]
+        happened(one)
+        assert len(scheduler.given) == 2
+        scheduler.workers["tcp://c:1"] = None
+        happened(one)
+        assert [fruit.options["workers"] for fruit in scheduler.given] == [None, [B], ["tcp://c:1"]]
+        assert scheduler.clients[0].cancelled == [scheduler.given[1]]
+        scheduler.given[2].end(DONE)
+        assert happened(one) == [DONE]
+
+
 def test_at_the_start_a_worker_that_is_not_fit_is_left_out_and_none_is_refused(engine, scheduler, said):
     scheduler.answers = {A: "has 8 threads.", B: ""}
     with engine() as one:
@@ -170,7 +186,54 @@ def test_at_the_start_a_worker_that_is_not_fit_is_left_out_and_none_is_refused(e
     assert second.startswith(f"worker {B}: cannot load this drupe (ImportError: no drupe); install")
 
 
-def test_a_worker_that_cannot_load_a_fruit_refuses_the_run(engine, scheduler):
+@pytest.mark.parametrize("error", [ImportError("no drupe"), AttributeError("no fruit_on_worker")])
+def test_a_worker_that_cannot_load_its_fruit_is_found_and_left_out(engine, scheduler, said, error):
+    """It came later and fails fast: two fruit are back before it is known."""
+    late = "tcp://late:1"
+    with engine() as one:
+        scheduler.workers[late] = None
+        one.begin("peach", b"")
+        one.begin("plum", b"")
+        scheduler.answers = {A: "", B: "", late: error}
+        for fruit in scheduler.given[:2]:
+            fruit.end(error)
+        assert happened(one) == []
+        again = [(fruit.fruit_id, fruit.options["workers"]) for fruit in scheduler.given[2:]]
+        assert again == [("peach", [A, B]), ("plum", [A, B])]
+        assert one.at_once == 2
+        scheduler.given[2].end(DONE)
+        assert happened(one) == [DONE]
+    (left_out,) = (line for line in said if line.startswith("left out: "))
+    assert left_out.startswith(f"left out: worker {late}: cannot load this drupe ({type(error).__name__}: ")
+
+
+def test_a_run_is_refused_where_every_worker_cannot_load_its_fruit(engine, scheduler):
+    """A is left out first; where B cannot either, no other is there."""
+    with engine() as one:
+        one.begin("peach", b"")
+        scheduler.answers = {A: ImportError("no drupe"), B: ""}
+        scheduler.given[0].end(ImportError("no drupe"))
+        assert happened(one) == []
+        scheduler.answers[B] = ImportError("no drupe")
+        scheduler.given[1].end(ImportError("no drupe"))
+        with pytest.raises(BatchRefused, match=f"^2 workers \\({A}, ...\\): cannot load this drupe"):
+            happened(one)
+
+
+def test_a_fruit_that_a_fit_worker_cannot_load_again_refuses_the_run(engine, scheduler):
+    """One unfit worker that was found is no cause for a second failure."""
+    with engine() as one:
+        one.begin("peach", b"")
+        scheduler.answers = {A: ImportError("no drupe"), B: ""}
+        for given in range(2):
+            scheduler.given[given].end(ImportError("no drupe"))
+            if given == 0:
+                assert happened(one) == []
+        with pytest.raises(BatchRefused, match="a worker cannot load this drupe"):
+            happened(one)
+
+
+def test_one_that_cannot_be_found_refuses_the_run(engine, scheduler):
     with engine() as one:
         one.begin("peach", b"")
         scheduler.given[0].end(ImportError("no drupe"))
