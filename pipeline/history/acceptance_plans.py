@@ -240,9 +240,13 @@ def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
 def operating_characteristic(plan: SamplingPlan) -> pd.DataFrame:
     """Probability of acceptance by the nonconforming fruit, to where it falls to LEAST_ACCEPTED.
 
-    Of plans by attributes also for this lot of finite size; they are stated at whole numbers of fruit.
+    Of plans by attributes also for this lot of finite size; they are stated at whole numbers of fruit. Where
+    the sample is the whole lot, the curve ends at the rejection number.
     """
-    end = share_accepted_with(plan, LEAST_ACCEPTED) if plan.n < plan.lot_size else 2 * plan.aql / 100
+    if isinstance(plan, AttributesPlan) and plan.n >= plan.lot_size:
+        end = plan.re / plan.lot_size
+    else:
+        end = share_accepted_with(plan, LEAST_ACCEPTED)
     share, added = np.linspace(0.0, end, CURVE_POINTS), []
     if isinstance(plan, AttributesPlan):
         fruit = np.unique(np.ceil(share * plan.lot_size))

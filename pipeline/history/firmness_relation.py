@@ -10,8 +10,9 @@ without a fit. Relations differ between cultivars and seasons (Int. Agrophys. 14
 and 11.1 mm have separate fits, because force does not scale with their area.
 """
 
+import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,7 @@ import pandas as pd
 import pint
 from jaxtyping import Float
 
+from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.scale_conversion import FEWEST_FRUIT, LEAST_SPAN
 from pipeline.history.softening import COVERAGE
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
@@ -50,9 +52,11 @@ class Reading:
     plunger_mm: float
 
     def of(self, fruit: StoredFruit) -> float | None:
-        """The fruit's reading, N; None where it has none."""
+        """The fruit's reading, N; None where its cell is empty, NaN for text and numbers not above 0."""
         cell = fruit.penetrometer_N if self.column == OWN_SCALE else fruit.columns.get(self.column)
-        return float(cell) * self.newtons if isinstance(cell, int | float) and cell > 0 else None
+        if cell is None or cell == "":
+            return None
+        return float(cell) * self.newtons if isinstance(cell, int | float) and cell > 0 else math.nan
 
 
 def reading_of(text: str) -> Reading:
@@ -72,6 +76,9 @@ def reading_of(text: str) -> Reading:
     if plunger_mm is None:
         found_size, known = found["plunger"].strip(), ", ".join(PLUNGERS_MM)
         raise NoReading(f'found a plunger of "{found_size}", expected one of {known}')
+    if found["column"].strip() == OWN_SCALE and unit != "N":
+        wanted = f"{OWN_SCALE}=N@{found['plunger'].strip()}"
+        raise NoReading(f'found "{text}", but the column {OWN_SCALE} is in N; write "{wanted}"')
     newtons = float(_units.Quantity(1.0, unit).to("N").magnitude)
     return Reading(column=found["column"].strip(), newtons=newtons, plunger_mm=plunger_mm)
 
@@ -154,25 +161,51 @@ Key = tuple[str, float]
 def firmness_relations(
     batches: Sequence[StoredBatch], readings: Sequence[Reading]
 ) -> Iterator[tuple[Key, FirmnessEntry, FirmnessRelation | None]]:
-    """Of each cultivar and plunger with readings; those of one fruit (its cheeks) are averaged."""
+    """Of each cultivar and plunger with readings; those of one fruit (its cheeks) are averaged. Raises
+    NoReading where no fruit has a reading in a column.
+    """
     pairs: dict[Key, list[tuple[float, float]]] = defaultdict(list)
-    for batch in batches:
-        for fruit in batch.fruit:
-            for plunger_mm in set(PLUNGERS_MM.values()) if fruit.fitted else ():
-                found = [one.of(fruit) for one in readings if one.plunger_mm == plunger_mm]
-                if known := [reading for reading in found if reading is not None]:
-                    pairs[batch.group, plunger_mm].append((fruit.E_MPa, float(np.mean(known))))
+    left_out: Counter[Key] = Counter()
+    usable, unusable = Counter[Reading](), Counter[Reading]()
+    for fruit in merged_fruit(batches):
+        of_plunger: dict[Key, list[float]] = defaultdict(list)
+        for reading in readings:
+            key = fruit.batch.group, reading.plunger_mm
+            cells = [force for row in fruit.rows if (force := reading.of(row)) is not None]
+            sound = [force for force in cells if not math.isnan(force)]
+            of_plunger[key] += [float(np.mean(sound))] if sound else []
+            left_out[key] += len(cells) - len(sound)
+            usable[reading] += len(sound)
+            unusable[reading] += len(cells) - len(sound)
+        for key, forces in of_plunger.items():
+            if forces:
+                pairs[key].append((fruit.E_MPa, float(np.mean(forces))))
+    _require_readings(readings, usable, unusable)
     for (group, plunger_mm), both in sorted(pairs.items()):
         E, F = np.array(both).T
         relation, title = firmness_relation(E, F), f"{group}, plunger of {plunger_mm:g} mm"
+        count = left_out[group, plunger_mm]
+        added = f". drupe left out {count} cells with text or a number not above 0" if count else ""
         if isinstance(relation, str):
-            words = f"not fitted: {relation}"
+            words = f"not fitted: {relation}{added}"
             yield (group, plunger_mm), FirmnessEntry(title=title, words=words, E_MPa=E, reading_N=F), None
             continue
         at = np.linspace(E.min(), E.max(), LINE_POINTS)
         line = np.column_stack([at, relation.predicted(at)])
-        entry = FirmnessEntry(title=title, words=relation.words, E_MPa=E, reading_N=F, line=line)
+        entry = FirmnessEntry(title=title, words=relation.words + added, E_MPa=E, reading_N=F, line=line)
         yield (group, plunger_mm), entry, relation
+
+
+def _require_readings(
+    readings: Sequence[Reading], usable: Mapping[Reading, int], unusable: Mapping[Reading, int]
+) -> None:
+    for reading in readings:
+        if usable.get(reading):
+            continue
+        why = "check its name"
+        if cells := unusable.get(reading):
+            why = f"its {cells} cells have text or a number not above 0"
+        raise NoReading(f'no fruit has a reading in the column "{reading.column}" of --firmness; {why}')
 
 
 def with_firmness(

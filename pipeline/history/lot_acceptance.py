@@ -2,8 +2,9 @@
 
 By attributes each fruit is inside the class or not. By variables, ln E of the fruit is taken as normal, and
 the class must have one limit: Q = (ln U - mean) / s or (mean - ln L) / s is compared with k. A lot's sample
-is of its last day, without fruit in doubt. Where there are more fruit than the plan needs, the sample is the
-first n by the SHA-256 of lot, day and fruit: a draw that does not depend on E.
+is of its last day, without fruit in doubt. A fruit that two batches measured that day counts once. Where
+there are more fruit than the plan needs, the sample is the first n by the SHA-256 of lot, day and fruit: a
+draw that does not depend on E.
 """
 
 import hashlib
@@ -26,6 +27,7 @@ from pipeline.history.acceptance_plans import (
     variables_plan,
 )
 from pipeline.history.lot_statistics import class_ranges
+from pipeline.history.merged_fruit import merged_fruit
 from pipeline.history.stored_batch import StoredBatch
 from reports.history_entries import AcceptanceEntry, LotDecisionEntry
 
@@ -54,30 +56,50 @@ class PlanWanted:
         parts = [text.rpartition("=") for text in self.lot_size]
         if wrong := [lot + mark + size for lot, mark, size in parts if not size.strip().isdecimal()]:
             raise NoPlan(f'--lot-size: found "{wrong[0]}", expected a number of fruit, or LOT=NUMBER')
-        return {lot.strip(): int(size) for lot, _, size in parts}
+        sizes: dict[str, int] = {}
+        for lot, _, size in parts:
+            if (name := lot.strip()) in sizes:
+                named = f'lot "{name}"' if name else "lots without a size of their own"
+                raise NoPlan(f"--lot-size states two sizes of {named}; remove one")
+            sizes[name] = int(size)
+        return sizes
 
     def plan(self, lot: str = "") -> SamplingPlan:
         """Of a lot. Raises NoPlan."""
         size = self.sizes.get(lot, self.sizes.get(""))
         if size is None:
-            raise NoPlan(f'the size of lot "{lot}" is not stated; add --lot-size "{lot}=FRUIT"')
+            named, option = (f'lot "{lot}"', f'"{lot}=FRUIT"') if lot else ("the lot", "FRUIT")
+            raise NoPlan(f"the size of {named} is not stated; add --lot-size {option}")
         make = variables_plan if self.variables else attributes_plan
         return make(size, self.aql, level=self.level, inspection=self.inspection)
 
 
 def plan_words(plan: SamplingPlan) -> tuple[str, str]:
-    """The plan, and its risks."""
+    """The plan, and its risks in a long series; a sample of the whole lot has none."""
+    if isinstance(plan, AttributesPlan) and plan.n >= plan.lot_size:
+        return plan.words, (
+            f"The sample is the whole lot. The plan accepts it with at most {plan.ac} nonconforming fruit, "
+            f"and rejects it with {plan.re} or more"
+        )
     first, *others = (
         f"{100 * share_accepted_with(plan, probability):.2g} % nonconforming fruit in {100 * probability:g} %"
         for probability in POINTS
     )
-    return plan.words, f"This plan accepts lots with {first} of cases, with {' and with '.join(others)}"
+    return plan.words, (
+        f"In a long series, this plan accepts lots of a process with {first} of cases, with "
+        f"{' and with '.join(others)}"
+    )
 
 
 def acceptance_entries(
     batches: Sequence[StoredBatch], class_name: str, wanted: PlanWanted
 ) -> Iterator[AcceptanceEntry]:
-    """A plan each, with its curve and the decisions on its lots. Raises NoPlan where no lot has one."""
+    """A plan each, with its curve and the decisions on its lots. Raises NoPlan where no lot has one,
+    and where a size is stated of a lot that no batch has.
+    """
+    for named in wanted.sizes:
+        if named and named not in {batch.lot for batch in batches}:
+            raise NoPlan(f'--lot-size names lot "{named}", which no batch has')
     decisions: dict[SamplingPlan, list[LotDecisionEntry]] = {}
     refusals = []
     for on_day in _last_days(batches):
@@ -88,7 +110,7 @@ def acceptance_entries(
         except NoPlan as reason:
             refusals.append(f"{_name(on_day[-1])}: {reason}")
     if not decisions:
-        raise NoPlan("; ".join(refusals) or "no batch has a fruit that counts")
+        raise NoPlan("; ".join(refusals) or "no batch has fruit")
     for plan, of_plan in decisions.items():
         words, risks = plan_words(plan)
         yield AcceptanceEntry(
@@ -104,9 +126,11 @@ def acceptance_entries(
 
 
 def _last_days(batches: Sequence[StoredBatch]) -> Iterator[list[StoredBatch]]:
-    """Batches with fruit that count, of each lot's last day; the newest last."""
-    counted = [batch for batch in batches if any(fruit.fitted for fruit in batch.fruit)]
-    for _, of_lot in groupby(sorted(counted, key=lambda batch: batch.series), key=lambda batch: batch.series):
+    """Batches of each lot's last day, the newest last, also where no fruit of that day counts. Batches of
+    reference bodies alone are left out.
+    """
+    fruit = [batch for batch in batches if batch.lost or any(one.E_known_MPa is None for one in batch.fruit)]
+    for _, of_lot in groupby(sorted(fruit, key=lambda batch: batch.series), key=lambda batch: batch.series):
         days = sorted(of_lot, key=lambda batch: (batch.measured, batch.graded_utc))
         yield [batch for batch in days if batch.measured == days[-1].measured]
 
@@ -122,13 +146,9 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
         known = ", ".join(ranges) or "none"
         raise NoPlan(f'batch.toml has no class "{class_name}"; its classes: {known}')
     low, high = ranges[class_name]
-    fruit = [
-        (hashlib.sha256(f"{batch.lot}\n{batch.measured}\n{one.fruit_id}".encode()).hexdigest(), one.E_MPa)
-        for batch in on_day
-        for one in batch.fruit
-        if one.fitted
-    ]
-    E_MPa = np.array([E for _, E in sorted(fruit)[: plan.n]])
+    fruit = {one.fruit_id: one.E_MPa for one in merged_fruit(on_day)}
+    drawn = sorted(fruit, key=lambda name: _place(on_day[-1], name))[: plan.n]
+    E_MPa = np.array([fruit[name] for name in drawn])
     top = math.inf if high is None else high
     if isinstance(plan, AttributesPlan):
         verdict, words = _by_attributes(plan, E_MPa, low, top)
@@ -136,7 +156,24 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
         verdict, words = _by_variables(plan, E_MPa, low, top)
     if len(fruit) > plan.n:
         words += f". The sample is {plan.n} of the {len(fruit)} fruit, drawn without regard to E"
+    words += _left_out(on_day, set(fruit))
     return LotDecisionEntry(name=_name(on_day[-1]), verdict=verdict, words=words)
+
+
+def _place(batch: StoredBatch, fruit_id: str) -> str:
+    """Of a fruit in the draw."""
+    return hashlib.sha256(f"{batch.lot}\n{batch.measured}\n{fruit_id}".encode()).hexdigest()
+
+
+def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> str:
+    """How many fruit of the day do not count, in words; without those that count in another batch."""
+    doubted = {
+        one.fruit_id for batch in on_day for one in batch.fruit if one.doubted and one.E_known_MPa is None
+    }
+    lost = {name for batch in on_day for name in batch.lost}
+    kinds = {"in doubt": doubted - counted, "not graded": lost - doubted - counted}
+    said = [f"{len(names)} fruit {why}" for why, names in kinds.items() if names]
+    return f". drupe left out {' and '.join(said)}" if said else ""
 
 
 def _by_attributes(plan: AttributesPlan, E_MPa: np.ndarray, low: float, high: float) -> tuple[str, str]:
@@ -165,10 +202,13 @@ def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: floa
 
 def quality_index(values: Float[np.ndarray, " n"], *, limit: float, upper: bool) -> float:
     """Standard deviations (n - 1) by which the mean of at least two values lies inside the limit.
+    Raises NoPlan with fewer.
 
     >>> round(quality_index(np.array([197.0, 188.0, 184.0, 205.0, 201.0]), limit=209.0, upper=True), 2)
     1.59
     """
+    if len(values) < 2:
+        raise NoPlan(f"found {len(values)} fruit, expected at least 2 for a plan by variables")
     inside = (limit - values.mean()) * (1 if upper else -1)
     sd = values.std(ddof=1)
     return float(inside / sd) if sd > 0 else math.copysign(math.inf, inside)

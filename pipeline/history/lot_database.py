@@ -98,6 +98,10 @@ def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -
     script = ScriptDirectory.from_config(config)
     steps = {step.revision for step in script.walk_revisions()}
     stands_at = MigrationContext.configure(connection).get_current_revision()
+    if not new and stands_at is None:
+        raise _unfit(
+            path, "comes from a development version of drupe; create a new store from the results folders"
+        )
     if not new and stands_at not in steps:
         raise _unfit(
             path, f'comes from another version of drupe (its tables are "{stands_at}"); update drupe'

@@ -53,8 +53,6 @@ def lots_quality(
         relations = list(firmness_relations(batches, [reading_of(text) for text in wanted.firmness]))
     except (NoPlan, NoReading) as reason:
         raise refused(COMMAND, f"{reason}.") from None
-    if wanted.firmness and not relations:
-        raise refused(COMMAND, "no fruit has a reading in the columns of --firmness; check their names.")
     samples = objective_samples(batches, wanted.oecd, size_column=wanted.size_column) if wanted.oecd else ()
     firmness = tuple(entry for _, entry, _ in relations)
     fitted = {key: fit for key, _, fit in relations if fit is not None}

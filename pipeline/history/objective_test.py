@@ -10,7 +10,8 @@ from itertools import groupby
 
 import numpy as np
 
-from pipeline.history.stored_batch import StoredBatch, StoredFruit
+from pipeline.history.merged_fruit import MergedFruit, merged_fruit
+from pipeline.history.stored_batch import StoredBatch
 from reports.history_entries import ObjectiveSampleEntry
 
 FRUIT, CHEEKS = 10, 2
@@ -26,20 +27,20 @@ def objective_samples(
     column with the size; without it all fruit of a lot are one size.
     """
 
-    def of_one(row: tuple[StoredBatch, StoredFruit]) -> tuple[str, ...]:
-        batch, fruit = row
-        size = str(fruit.columns.get(size_column, "not stated")) if size_column else ""
+    def of_one(fruit: MergedFruit) -> tuple[str, ...]:
+        batch = fruit.batch
+        stated = [str(row.columns[size_column]) for row in fruit.rows if size_column in row.columns]
+        size = [*stated, "not stated"][0] if size_column else ""
         lot = f"lot {batch.lot}" if batch.lot else "without a lot"
         return batch.group, lot, f"{batch.measured}", size
 
-    rows = [(batch, fruit) for batch in batches for fruit in batch.fruit if fruit.fitted]
-    for key, group in groupby(sorted(rows, key=of_one), key=of_one):
+    for key, group in groupby(sorted(merged_fruit(batches), key=of_one), key=of_one):
         name = ", ".join([*key[:3], *([f"size {key[3]}"] if size_column else [])])
-        yield _sample(name, [fruit for _, fruit in group], cheeks_per_recording)
+        yield _sample(name, list(group), cheeks_per_recording)
 
 
-def _sample(name: str, fruit: Sequence[StoredFruit], per_recording: int) -> ObjectiveSampleEntry:
-    cheeks = [(one.fruit_id, _cheeks(one)) for one in fruit]
+def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> ObjectiveSampleEntry:
+    cheeks = [(one.fruit_id, one.cheeks) for one in fruit]
     lacking = [(name, left) for name, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
     missing = max(FRUIT - len(fruit), 0)
     words = f"{len(fruit)} fruit, at least {FRUIT} are needed"
@@ -48,7 +49,8 @@ def _sample(name: str, fruit: Sequence[StoredFruit], per_recording: int) -> Obje
     if lacking:
         words += f"; {sum(left for _, left in lacking)} cheeks of {len(lacking)} fruit are missing"
     if not missing and not lacking:
-        words += ", with two cheeks each: the sample suffices"
+        turned = ", if the fruit was turned between them" if per_recording < CHEEKS else ""
+        words += f", with two recorded cheeks each{turned}: the sample suffices"
     spread = _difference([[E for E, _ in both] for _, both in cheeks if len(both) > 1])
     return ObjectiveSampleEntry(
         name=name,
@@ -58,14 +60,6 @@ def _sample(name: str, fruit: Sequence[StoredFruit], per_recording: int) -> Obje
         words=words + spread,
         cheeks=tuple(cheeks),
     )
-
-
-def _cheeks(fruit: StoredFruit) -> tuple[tuple[float, float | None], ...]:
-    """E and its standard deviation by each recording alone; of the fruit where its one recording has none."""
-    single = tuple(
-        (one.E_MPa, one.E_sd_MPa) for one in fruit.grasps if one.E_MPa is not None and one.E_MPa > 0
-    )
-    return single or ((fruit.E_MPa, fruit.E_sd_MPa),)
 
 
 def _difference(E_MPa: Sequence[Sequence[float]]) -> str:

@@ -1,8 +1,10 @@
 """Sampling plans against the published tables, exact probabilities in closed form, and decisions on lots."""
 
 import csv
+import hashlib
 import json
 import math
+from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -20,7 +22,7 @@ from pipeline.history.acceptance_plans import (
     share_accepted_with,
     variables_plan,
 )
-from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, quality_index
+from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, plan_words, quality_index
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 
 CODE_LETTERS = """
@@ -135,6 +137,22 @@ def test_a_sample_as_large_as_the_lot_is_the_lot():
     plan = attributes_plan(100, 0.10)
     assert (plan.n, plan.ac) == (100, 0)
     assert plan.lot_acceptance(np.array([0.0, 1.0])) == pytest.approx([1, 0])
+    assert plan_words(plan)[1] == (
+        "The sample is the whole lot. The plan accepts it with at most 0 nonconforming fruit, and rejects it "
+        "with 1 or more"
+    )
+    assert plan_words(attributes_plan(150, 4.0))[1].startswith(
+        "In a long series, this plan accepts lots of a process with "
+    )
+
+
+@pytest.mark.parametrize(("lot", "aql", "level"), [(100, 0.10, "II"), (5, 10.0, "III"), (3, 10.0, "III")])
+def test_the_curve_of_a_whole_lot_ends_where_the_plan_rejects_it(lot, aql, level):
+    plan = attributes_plan(lot, aql, level=level)
+    assert plan.n == lot
+    table = operating_characteristic(plan)
+    assert table.nonconforming_percent.iloc[-1] == pytest.approx(100 * plan.re / lot)
+    assert table.lot_acceptance_probability.tolist() == [1.0] * plan.re + [0.0]
 
 
 def test_the_operating_characteristic_is_the_published_one():
@@ -240,7 +258,7 @@ def test_fruit_outside_the_class_decide_by_attributes():
 def test_a_small_sample_needs_more_fruit_unless_it_is_rejected_already():
     verdict, words = decision([0.4] * 14 + [50.0])  # one in doubt
     assert verdict == "more fruit needed"
-    assert "the plan needs 20 fruit: grade 6 more" in words
+    assert "the plan needs 20 fruit: grade 6 more. drupe left out 1 fruit in doubt" in words
     assert decision([0.6] * 3 + [0.4])[0] == "reject"
 
 
@@ -293,6 +311,64 @@ def test_each_lot_has_its_size_and_its_last_day():
     assert [one.verdict for one in second.decisions] == ["more fruit needed"]
     assert "lot 9" in first.refusals[0]
     assert second.refusals == ()
+
+
+def accepted(batches, *sizes):
+    (entry,) = acceptance_entries(batches, "ready", PlanWanted(lot_size=sizes or ("150",)))
+    (lot,) = entry.decisions
+    return lot.verdict, lot.words
+
+
+def test_a_fruit_in_two_batches_of_a_day_counts_once():
+    """10 fruit with two grippers are no 20 fruit; each has the geometric mean of both."""
+    verdict, words = accepted([batch([0.4] * 10), batch([0.4] * 10, key="c")])
+    assert verdict == "more fruit needed"
+    assert "0 of 10 fruit" in words
+    low, high = [0.4] * 20, [0.6] * 20  # mean 0.490, limit 0.5
+    assert accepted([batch(low), batch(high, key="c")]) == ("accept", "0 of 20 fruit are outside the class")
+    high[:3] = [0.7] * 3  # mean 0.529
+    assert accepted([batch(low), batch(high, key="c")]) == ("reject", "3 of 20 fruit are outside the class")
+    assert accepted([batch(low), batch([50.0] * 20, key="c")])[0] == "accept"  # in doubt in one batch alone
+
+
+def test_the_draw_of_fruit_in_two_batches_does_not_prefer_soft_ones():
+    E = np.where(np.arange(40) % 2 == 0, 0.3, 0.6)
+    names = sorted(range(40), key=lambda k: hashlib.sha256(f"7\n2026-08-12\nN{k}".encode()).hexdigest())
+    outside = sum(k % 2 for k in names[:20])
+    words = accepted([batch(E), batch(E, key="c")])[1]
+    assert words.startswith(f"{outside} of 20 fruit are outside the class. The sample is 20 of the 40 fruit")
+
+
+def test_a_last_day_without_a_fruit_that_counts_decides_nothing_by_an_older_day():
+    older = batch([0.4] * 20, day=10)
+    verdict, words = accepted([older, batch([50.0] * 3, key="c")])
+    assert verdict == "more fruit needed"
+    assert words.startswith("0 of 0 fruit are outside the class; the plan needs 20 fruit: grade 20 more")
+    assert words.endswith(". drupe left out 3 fruit in doubt")
+    failed = replace(batch([50.0], key="c"), lost=("N7", "N8"))
+    verdict, words = accepted([older, failed])
+    assert words.endswith(". drupe left out 1 fruit in doubt and 2 fruit not graded")
+    body = StoredFruit(fruit_id="ball", E_MPa=0.8, E_sd_MPa=0.02, E_known_MPa=0.8)
+    assert accepted([older, replace(batch([], key="c"), fruit=(body,))])[0] == "accept"
+    with pytest.raises(NoPlan, match="found 0 fruit, expected at least 2"):
+        quality_index(np.array([]), limit=1.0, upper=True)
+    by_variables = PlanWanted(lot_size=("150",), variables=True)
+    (entry,) = acceptance_entries([older, batch([50.0] * 3, key="c")], "ready", by_variables)
+    assert entry.decisions[0].words.startswith("0 fruit are measured; the plan needs 10: grade 10 more")
+
+
+def test_a_size_of_no_lot_or_stated_twice_is_refused():
+    with pytest.raises(NoPlan, match='--lot-size names lot "77", which no batch has'):
+        accepted([batch([0.4] * 20)], "150", "77=900")
+    with pytest.raises(NoPlan, match='two sizes of lot "7"'):
+        accepted([batch([0.4] * 20)], "7=150", "7 =900")
+    with pytest.raises(NoPlan, match="two sizes of lots without a size of their own"):
+        accepted([batch([0.4] * 20)], "150", "900")
+
+
+def test_a_lot_without_a_name_is_asked_for_its_size():
+    with pytest.raises(NoPlan, match=r"the size of the lot is not stated; add --lot-size FRUIT$"):
+        list(acceptance_entries([batch([0.4] * 20, lot="")], "ready", PlanWanted()))
 
 
 @pytest.fixture

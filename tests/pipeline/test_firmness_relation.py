@@ -38,6 +38,8 @@ def test_units_and_plungers_are_those_of_the_trade(text, column, newtons, plunge
         ("mt=kgf@9mm", 'found a plunger of "9mm"'),
         ("mt=kgf@5/0 in", "found a plunger of"),
         ("mt=kgf@5/16 mm", "found a plunger of"),
+        ("penetrometer_N=kgf@8mm", 'penetrometer_N is in N; write "penetrometer_N=N@8mm"'),
+        ("penetrometer_N = lbf@7/16 in", 'write "penetrometer_N=N@7/16 in"'),
     ],
 )
 def test_what_is_no_reading_is_refused(text, said):
@@ -122,7 +124,7 @@ def test_cheeks_are_averaged_and_plungers_and_cultivars_kept_apart():
         StoredFruit(fruit_id=f"N{k}", E_MPa=float(e), E_sd_MPa=0.02, columns=columns[k])
         for k, e in enumerate(E)
     ]
-    readings = [reading_of(text) for text in ("c1=kgf@8mm", "c2=kgf@8mm", "wide=N@11.1mm", "note=N@8mm")]
+    readings = [reading_of(text) for text in ("c1=kgf@8mm", "c2=kgf@8mm", "wide=N@11.1mm")]
     found = list(firmness_relations([stored(fruit), stored(fruit[:3], cultivar="B")], readings))
     assert [key for key, _, _ in found] == [
         *[("peach A", 8.0), ("peach A", 11.1)],
@@ -132,6 +134,52 @@ def test_cheeks_are_averaged_and_plungers_and_cultivars_kept_apart():
     assert found[1][1].reading_N == pytest.approx(2 * F)
     assert found[2][2] is None
     assert "not fitted: 3 fruit" in found[2][1].words
+    with pytest.raises(
+        NoReading, match='"note" of --firmness; its 12 cells have text or a number not above 0'
+    ):
+        list(firmness_relations([stored(fruit)], [*readings, reading_of("note=N@8mm")]))
+
+
+def test_a_mistyped_column_is_refused_and_readings_left_out_are_counted():
+    E, F = fruit_and_readings(np.random.default_rng(1), n=12)
+    cells = [*F[:9], "soft", 0.0, -3.0]
+    fruit = [
+        StoredFruit(fruit_id=f"N{k}", E_MPa=float(E[k]), E_sd_MPa=0.02, columns={"c1": cells[k]})
+        for k in range(12)
+    ]
+    (found,) = firmness_relations([stored(fruit)], [reading_of("c1=N@8mm")])
+    assert found[1].reading_N == pytest.approx(F[:9])
+    assert found[1].words.endswith(". drupe left out 3 cells with text or a number not above 0")
+    mistyped = [reading_of("c1=N@8mm"), reading_of("c2=N@8mm")]
+    with pytest.raises(NoReading, match='no fruit has a reading in the column "c2"'):
+        list(firmness_relations([stored(fruit)], mistyped))
+
+
+def test_a_fruit_in_two_batches_of_one_day_is_one_fruit():
+    """One batch per gripper: E is the geometric mean, readings are averaged, recordings are cheeks."""
+    E, F = fruit_and_readings(np.random.default_rng(8), n=10)
+    batches = [
+        stored(
+            StoredFruit(
+                fruit_id=f"N{k}",
+                E_MPa=float(E[k] * factor),
+                E_sd_MPa=0.02,
+                columns={"mt": float(F[k] + more)},
+                grasps=(StoredGrasp(recording=f"{more} {k}", E_MPa=float(E[k] * factor)),),
+            )
+            for k in range(10)
+        )
+        for factor, more in ((1.25, -1.0), (0.8, 1.0))
+    ]
+    ((_, entry, relation),) = firmness_relations(batches, [reading_of("mt=N@8mm")])
+    assert entry.E_MPa == pytest.approx(E)
+    assert entry.reading_N == pytest.approx(F)
+    assert relation.fit.nobs == 10
+    (sample,) = objective_samples(batches, 1)
+    assert (sample.fruit, sample.cheeks_missing) == (10, ())
+    assert [both for both, _ in sample.cheeks[0][1]] == pytest.approx([1.25 * E[0], 0.8 * E[0]])
+    (again,) = objective_samples([batches[0], batches[0]], 1)
+    assert (again.fruit, len(again.cheeks_missing)) == (10, 10)  # the same recordings are no second cheek
 
 
 def test_the_command_fits_and_predicts_within_the_range_alone(drupe, tmp_path):
@@ -166,7 +214,7 @@ def test_ten_fruit_of_each_size_with_two_cheeks_suffice():
     large, small = objective_samples([stored(fruit)], 1, size_column="size")
     assert large.name == "peach A, lot 7, 2026-08-12, size A"
     assert (large.fruit, large.fruit_missing, large.cheeks_missing) == (10, 0, ())
-    assert "the sample suffices" in large.words
+    assert "with two recorded cheeks each, if the fruit was turned between them: the sample" in large.words
     assert "differs within a fruit by 7.1 % (sd)" in large.words  # 0.1 / sqrt(2) of ln E
     assert (small.fruit, small.fruit_missing, small.cheeks_missing) == (2, 8, ("B1 (1)",))
     (both,) = objective_samples([stored(fruit)], 2)
@@ -180,3 +228,4 @@ def test_the_command_names_what_is_missing(drupe, tmp_path):
     ran = drupe("history", out, "--oecd", "1", "--html", page)
     assert "8 fruit, at least 10 are needed: grade 2 more; 8 cheeks of 8 fruit are missing." in ran.out
     assert "Samples for the OECD test of firmness" in page.read_text()
+    assert "drupe counts each recording as another cheek" in page.read_text()

@@ -25,8 +25,14 @@ def queried(store, sql):
 @pytest.mark.parametrize(
     ("sql", "said"),
     [
-        ("UPDATE alembic_version SET version_num = 'of_2027'", 'its tables are "of_2027"); update drupe'),
-        ("DROP TABLE alembic_version", 'comes from another version of drupe (its tables are "None")'),
+        (
+            "UPDATE alembic_version SET version_num = 'of_2027'",
+            'comes from another version of drupe (its tables are "of_2027"); update drupe',
+        ),
+        (
+            "DROP TABLE alembic_version",
+            "comes from a development version of drupe; create a new store from the results folders",
+        ),
     ],
 )
 def test_a_store_of_another_drupe_is_refused(tmp_path, sql, said):
@@ -35,7 +41,7 @@ def test_a_store_of_another_drupe_is_refused(tmp_path, sql, said):
     queried(tmp_path / "s", sql)
     with pytest.raises(BatchRefused) as refused, history_store(tmp_path / "s"):
         pass
-    assert said in str(refused.value.problems[0])
+    assert str(refused.value.problems[0]) == f"{tmp_path / 's'}: {said}; name another file with --store."
 
 
 def test_writers_at_once_all_succeed(tmp_path):

@@ -1,0 +1,54 @@
+"""Fruit that count for their lot, each once a day: one id of a lot and day is one fruit in all batches."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.history.stored_batch import StoredBatch, StoredFruit
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergedFruit:
+    """A fruit on one day: `rows` of all batches that measured it (one per gripper), `batch` the first."""
+
+    batch: StoredBatch
+    rows: tuple[StoredFruit, ...]
+
+    @property
+    def fruit_id(self) -> str:
+        """Its name in all batches."""
+        return self.rows[0].fruit_id
+
+    @property
+    def E_MPa(self) -> float:
+        """Geometric mean of its rows."""
+        return float(np.exp(np.mean(np.log([row.E_MPa for row in self.rows]))))
+
+    @property
+    def cheeks(self) -> tuple[tuple[float, float | None], ...]:
+        """E and its standard deviation by each recording, MPa; of the row where its one recording has none. A
+        recording in two batches counts once.
+        """
+        single: dict[str, tuple[float, float | None]] = {}
+        for at, row in enumerate(self.rows):
+            known = {
+                one.recording or f"{at} {one.grasp}": (one.E_MPa, one.E_sd_MPa)
+                for one in row.grasps
+                if one.E_MPa is not None and one.E_MPa > 0
+            }
+            whole = {" ".join(row.recordings) or f"{at}": (row.E_MPa, row.E_sd_MPa)}
+            single |= {name: E for name, E in (known or whole).items() if name not in single}
+        return tuple(single.values())
+
+
+def merged_fruit(batches: Sequence[StoredBatch]) -> Iterator[MergedFruit]:
+    """By category, cultivar, lot, day and id; without fruit in doubt and reference bodies."""
+    rows: dict[tuple[object, ...], list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
+    for batch in batches:
+        for fruit in batch.fruit:
+            if fruit.fitted:
+                rows[*batch.series, batch.measured, fruit.fruit_id].append((batch, fruit))
+    for same in rows.values():
+        yield MergedFruit(batch=same[0][0], rows=tuple(fruit for _, fruit in same))
