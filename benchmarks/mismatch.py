@@ -333,7 +333,7 @@ def scored_label(label: Mapping[str, Any], relatives: Mapping[str, Sequence[str]
 
 def row_of(run: Mapping[str, Any], answers: Path) -> dict[str, Any]:
     """One case's answer as the tables take it. A drift's bound is in N/s, as its label."""
-    row = dict(run) | {"ablation": "whole", "attempt": 0, "peaks_N": [1.0]}
+    row = dict(run) | {"attempt": 0, "peaks_N": [1.0]}
     path = answers / f"{run['case']}.json"
     if not path.is_file():
         return row | {"failure": run.get("said", "no answer")}

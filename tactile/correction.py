@@ -97,7 +97,7 @@ def _gel_pad(pad: GelPad, fault: GelFault, time_s: Float[np.ndarray, " t"], larg
 
 
 def straightened(force_N: Float[np.ndarray, "t n 3"], *, a: float, largest_N: float) -> np.ndarray:
-    """True forces of recorded ones of which `largest_N` is the largest: the law's positive root.
+    """True forces from recorded forces, by the positive root of the law; `largest_N`: largest recorded force.
 
     A reading of 1.25 N, a quarter too much, was 1 N.
 

@@ -78,7 +78,6 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
     after = averaged_modulus(explanations, ranking, NONE if verdict == (NONE,) else verdict, plain)
     row = {
         "case": name,
-        "ablation": "whole",
         "attempt": 0,
         "catalogue": SPECS,
         "detected": detection.mismatch,

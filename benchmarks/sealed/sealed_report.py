@@ -21,23 +21,18 @@ TENTHS = 10
 
 
 def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[str]:
-    """Every table, of each alteration of the cases by itself."""
-    lines: list[str] = []
-    for ablation in dict.fromkeys(str(row["ablation"]) for row in rows):
-        own = [row for row in rows if row["ablation"] == ablation]
-        cases = [scored(row, labels[row["case"]]) for row in own if "failure" not in row]
-        lost = [row for row in own if "failure" in row and not row.get("unsimulated")]
-        lines += [
-            f"== {ablation} ==",
-            f"{len(cases)} answers, {len(lost)} cases without one, "
-            f"{sum(bool(row.get('unsimulated')) for row in own)} not simulated, of {len(labels)}",
-            *(f"  {row['case']}: {row['failure']}" for row in lost),
-            "states of the code: " + ", ".join(sorted({str(row["code"]) for row in own if "code" in row})),
-            *tables(cases),
-            *(method_table(cases, lost=len(lost)) if ablation == "whole" and cases else []),
-            "",
-        ]
-    return lines
+    """Every table."""
+    cases = [scored(row, labels[row["case"]]) for row in rows if "failure" not in row]
+    lost = [row for row in rows if "failure" in row and not row.get("unsimulated")]
+    return [
+        f"{len(cases)} answers, {len(lost)} cases without one, "
+        f"{sum(bool(row.get('unsimulated')) for row in rows)} not simulated, of {len(labels)}",
+        *(f"  {row['case']}: {row['failure']}" for row in lost),
+        "states of the code: " + ", ".join(sorted({str(row["code"]) for row in rows if "code" in row})),
+        *tables(cases),
+        *(method_table(cases, lost=len(lost)) if cases else []),
+        "",
+    ]
 
 
 def tables(cases: Sequence[Scored]) -> list[str]:
@@ -156,13 +151,9 @@ def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
 
 
 def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """One record for each unaltered case: truth, verdict, p, and E with its 90 % interval."""
+    """One record for each case: truth, verdict, p, and E with its 90 % interval."""
     table = []
-    for one in (
-        scored(row, labels[row["case"]])
-        for row in rows
-        if row["ablation"] == "whole" and "failure" not in row
-    ):
+    for one in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
         (low, high), (graded_low, graded_high) = (
             one.row["E_after"]["interval"],
             one.row["E_before"]["interval"],

@@ -81,9 +81,9 @@ def candidate_fits(
 ) -> list[TraceFit]:
     """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
-    Pairs: the best single effect with every other, and those among the effects close behind it, but for two
-    of SHAPES where no recording unloads. Of an effect with several forms a pair takes the best and, where
-    that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
+    Pairs: the best single effect with every other, and those among the effects close behind it. Where no
+    recording unloads, two of SHAPES make no pair. Of an effect with several forms a pair takes the best and,
+    where that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
     """
 
     def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit], follow: int = 2) -> TraceFit:
@@ -195,9 +195,7 @@ class CurvePosterior:
             for name, probability in self.probability.items()
         ]
         plain = self.best[NONE]
-        noise_rms = float(
-            np.hypot(heldout.noise_rms, plain.usual_share)
-        )  # a law's own error is usual as well
+        noise_rms = float(np.hypot(heldout.noise_rms, plain.usual_share))  # with the error of a law
         heldout = replace(heldout, noise_rms=noise_rms)
         return reported_modulus(self.verdict, ranking, candidates, plain.modulus, heldout=heldout)
 

@@ -39,7 +39,7 @@ LETTERS = {
 """Table I, a letter per row of lot sizes."""
 ROWS = "ABCDEFGHJKLMNPQRS"
 SIZES = (2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800, 1250, 2000, 3150)
-"""Fruit of the sample by row; S is of tightened inspection alone."""
+"""Fruit in the sample by row. Only tightened inspection uses row S."""
 REDUCED_SIZES = (2, 2, 2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800)
 """The same for reduced inspection."""
 ZERO_DIAGONAL = {"normal": 14, "tightened": 15, "reduced": 14}

@@ -1,4 +1,4 @@
-"""What the sides of a gel, and a domed face, change in how it gives way: a finite block less an endless slab.
+"""Change of a gel's compliance by its sides and a domed face: a finite block less an endless slab.
 
 Both are meshed with the same quadratic bricks (27 nodes) whose back is fixed. Bricks as coarse as half the
 gel's thickness err beside a load, but in both by the same, which goes out in the difference; that is smooth,

@@ -54,7 +54,6 @@ def row(
     none = {**named, "effect": "none", "probability": 1 - probability, "parameters": {}}
     return {
         "case": case,
-        "ablation": "whole",
         "attempt": 0,
         "peaks_N": [10.0, 8.0],
         "code": "0",

@@ -1,4 +1,4 @@
-"""Effects of the machine: one that gives way under the force, and a load cell whose zero wanders."""
+"""Effects of the machine: compliance of the rig, and drift of the load cell's zero."""
 
 import numpy as np
 from jaxtyping import Float
