@@ -13,7 +13,7 @@ from sealed_scores import Scored, scored
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import CaseDetection, detected
 from fem.mismatch.result import NINETY, NONE, UNKNOWN, Candidate, Modulus
-from fem.mismatch.selection.decision import credible_set, probabilities
+from fem.mismatch.selection.decision import probabilities, verdict_of
 from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
 from fem.mismatch.selection.model_selection import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
@@ -73,8 +73,7 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
     plain_E = float(case.facts["E_MPa"] * (1 + before) / (1 + linear.null.amounts[0]))
     plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
     ranking = posterior(explanations)
-    names = credible_set([name for name, _ in ranking], [p for _, p in ranking])
-    verdict = names if detection.mismatch else (NONE,)
+    verdict = verdict_of(dict(ranking), p_value=detection.p_value)
     after = averaged_modulus(explanations, ranking, NONE if verdict == (NONE,) else verdict, plain)
     row = {
         "case": name,

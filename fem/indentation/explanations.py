@@ -29,13 +29,12 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, Parameter, mixture
 from fem.mismatch.selection.decision import (
-    DETECTION_P,
     MISFIT,
     Weighed,
-    credible_set,
     misfit_p_value,
     probabilities,
     smallest_p_value,
+    verdict_of,
 )
 from fem.mismatch.selection.model_selection import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
@@ -145,10 +144,8 @@ class CurvePosterior:
 
     @property
     def verdict(self) -> str | tuple[str, ...]:
-        """As of grasps: "none" unless a mismatch is detected, one name, or several."""
-        if self.p_value >= DETECTION_P:
-            return NONE
-        names = credible_set(list(self.probability), list(self.probability.values()))
+        """As of grasps: one name, or several."""
+        names = verdict_of(self.probability, p_value=self.p_value)
         return names[0] if len(names) == 1 else names
 
     @property

@@ -76,7 +76,7 @@ def explain(
         linear = screened(forward, recorded, EFFECTS)
         detection = detected(linear)
     with stage("verdict, in full"):
-        found = select_model(forward, linear, detected=detection.mismatch)
+        found = select_model(forward, linear, p_value=detection.p_value)
     null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
         names = {found.verdict} if isinstance(found.verdict, str) else {*found.verdict}

@@ -76,7 +76,7 @@ def test_probabilities_are_those_of_grasps(fitted):
 
 
 def test_evidence_and_misfit_each_detect_a_mismatch(fitted):
-    nothing = posterior([fitted(0.0), fitted(1.0, "slip")])
+    nothing = posterior([fitted(0.0), fitted(0.0, "slip")])
     assert nothing.p_value > 0.05
     assert nothing.verdict == "none"
     speaks = posterior([fitted(0.0), fitted(12.0, "slip")])

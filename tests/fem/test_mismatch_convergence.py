@@ -70,8 +70,8 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
     linear = screened_effects(forward, [damage.EFFECT])
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
-    monkeypatch.setattr(model_selection, "credible_set", lambda names, _: tuple(names))
-    found = model_selection.select_model(forward, linear, detected=True)
+    monkeypatch.setattr(model_selection, "verdict_of", lambda probability, p_value: tuple(probability))
+    found = model_selection.select_model(forward, linear, p_value=0.0)
     assert "after 1 rounds" in found.without["damage"]
 
 

@@ -70,7 +70,7 @@ class Round:
 
 @pytest.fixture
 def selected(monkeypatch):
-    def of(case: Round, *, detected: bool = True) -> ModelSelection:
+    def of(case: Round, *, p_value: float = 0.0) -> ModelSelection:
         monkeypatch.setattr(model_selection, "linear_explanations", lambda _: case.explanations())
         monkeypatch.setattr(model_selection, "fault_pairs", lambda *_: {})
         monkeypatch.setattr(model_selection, "refit", case.refit)
@@ -80,7 +80,7 @@ def selected(monkeypatch):
             null=SimpleNamespace(log_evidence=0.0),
             linear_fits=[one for name in case.pads if name in BY_NAME for one in case.fits(name)],
         )
-        return select_model(SimpleNamespace(workers=1), linear, detected=detected)  # type: ignore[arg-type]
+        return select_model(SimpleNamespace(workers=1), linear, p_value=p_value)  # type: ignore[arg-type]
 
     return of
 
@@ -97,10 +97,16 @@ def test_what_the_verdict_holds_is_refitted_and_nothing_else(selected):
     ]
 
 
-def test_nothing_is_refitted_where_nothing_is_detected(selected):
-    case = Round({"skin": 30.0})
-    assert selected(case, detected=False).verdict == NONE
+def test_nothing_is_refitted_where_no_mismatch_is_likeliest(selected):
+    case = Round({"skin": 3.0})
+    assert selected(case, p_value=0.3).verdict == NONE
     assert case.asked == []
+
+
+def test_a_likely_effect_that_is_not_detected_stands_beside_none(selected):
+    case = Round({"skin": 30.0})
+    assert selected(case, p_value=0.3).verdict == ("skin", NONE)
+    assert case.asked == ["skin"]
 
 
 def test_an_explanation_without_a_full_model_is_dropped_and_said(selected):

@@ -12,7 +12,8 @@ divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per n
   leaves any share of the excess.
 
 The verdict is the smallest set of explanations that holds CREDIBLE of the probability. It says what is there:
-an effect includes every pair that holds it and another one.
+an effect includes every pair that holds it and another one. From a p-value of DETECTION_P on it holds "none",
+and nothing else where "none" is also the likeliest explanation.
 
 The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
 those of noise and of the model's own error, whose scale has a heavy tail (fem.mismatch.evidence.error_scale).
@@ -136,6 +137,23 @@ def credible_set(names: Sequence[str], probability: Sequence[float]) -> tuple[st
             if share[covered].sum() >= CREDIBLE - 1e-12:
                 break
     return tuple(chosen)
+
+
+def verdict_of(probability: Mapping[str, float], *, p_value: float) -> tuple[str, ...]:
+    """The verdict by the probabilities of all explanations and the p-value.
+
+    >>> verdict_of({"none": 0.6, "skin": 0.4}, p_value=0.3)
+    ('none',)
+    >>> verdict_of({"none": 0.01, "skin": 0.99}, p_value=0.06)
+    ('skin', 'none')
+    >>> verdict_of({"none": 0.01, "skin": 0.99}, p_value=0.04)
+    ('skin',)
+    """
+    detected = p_value < DETECTION_P
+    if not detected and max(probability, key=probability.__getitem__) == NONE:
+        return (NONE,)
+    names = credible_set(list(probability), list(probability.values()))
+    return names if detected or NONE in names else (*names, NONE)
 
 
 def p_values(

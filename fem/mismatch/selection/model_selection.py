@@ -16,7 +16,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.decision import TEMPERATURE, Weighed, credible_set, probabilities
+from fem.mismatch.selection.decision import TEMPERATURE, Weighed, probabilities, verdict_of
 from fem.mismatch.selection.fault_pairs import direct_evidence, fault_pairs
 from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
 from fem.mismatch.selection.refinement import Refit, refit
@@ -74,8 +74,8 @@ class _InFull:
         return tuple((share / total, again) for share, again in kept)
 
 
-def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) -> ModelSelection:
-    """Ranking and verdict; "none", and no full model, where nothing was detected."""
+def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
+    """Ranking and verdict, with the full models of what the verdict holds."""
     left = linear_explanations(linear)
     faults = fault_pairs(forward, linear, left)
     left += [explanation for explanation, _ in faults.values()]
@@ -88,14 +88,14 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) 
 
     while True:
         ranking = _ranking(linear, left, in_full)
-        names = credible_set([one.name for one in ranking], [one.probability for one in ranking])
+        names = verdict_of({one.name: one.probability for one in ranking}, p_value=p_value)
         due = [
             explanation
             for name in names
             for explanation in left
             if explanation.name == name != NONE and name not in in_full
         ][: MOST_REFITS - len(in_full)]
-        if not detected or not due:
+        if not due:
             break
         for explanation, full in zip(
             due, parallel_map(full_model, due, workers=forward.workers), strict=True
@@ -103,7 +103,7 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, detected: bool) 
             in_full[explanation.name] = full
             if full.failed:
                 without[explanation.name] = full.failed
-    verdict = NONE if not detected else names[0] if len(names) == 1 else names
+    verdict = names[0] if len(names) == 1 else names
     listed = (one for one in ranking if "+" not in one.name or one.probability >= LEAST_LISTED)
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
 
