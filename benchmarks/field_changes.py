@@ -16,7 +16,7 @@ Change = Callable[[Fruit, Fruit, np.random.Generator], Fruit]
 def each(change: Callable[[Recording, np.random.Generator], Recording]) -> Change:
     """Every recording of the fruit."""
     return lambda fruit, other, rng: replace(
-        fruit, recordings=tuple(change(one, rng) for one in fruit.recordings)
+        fruit, recordings=tuple(change(recording, rng) for recording in fruit.recordings)
     )
 
 
@@ -322,7 +322,9 @@ def in_order(values: np.ndarray, order: Sequence[int]) -> np.ndarray:
 
 def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Another fruit's recordings under this one's name."""
-    return replace(fruit, recordings=tuple(replace(one, fruit_id=fruit.name) for one in other.recordings))
+    return replace(
+        fruit, recordings=tuple(replace(recording, fruit_id=fruit.name) for recording in other.recordings)
+    )
 
 
 def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:

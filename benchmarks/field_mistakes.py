@@ -77,12 +77,14 @@ def checked(fruit: Fruit) -> list[Answer]:
     if fruit.pit is not None:
         doubts = of_a_given_pit(fruit.vertices, *fruit.pit, load_prior(fruit.category))
         said = [
-            Answer(kind=one.kind, sentence=one.sentence, refused=one.refused)
-            for one in doubts
-            if one.kind is not None
+            Answer(kind=doubt.kind, sentence=doubt.sentence, refused=doubt.refused)
+            for doubt in doubts
+            if doubt.kind is not None
         ]
     said += [
-        Answer(kind=one.kind, sentence=one.sentence) for one in category_doubts(fruit) if one.kind is not None
+        Answer(kind=doubt.kind, sentence=doubt.sentence)
+        for doubt in category_doubts(fruit)
+        if doubt.kind is not None
     ]
     for finding in findings_of(fruit):
         said.append(

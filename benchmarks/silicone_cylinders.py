@@ -92,7 +92,7 @@ def log_evidence(trace: IndenterTrace) -> float:
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
     stiffening = {"stiffening": forms_of(trace)["stiffening"]}
     plain, *fits = candidate_fits(law, trace, pooled_noise(trace), np.random.default_rng(0), stiffening)
-    of_forms = logsumexp([one.log_evidence for one in fits]) - np.log(len(fits))
+    of_forms = logsumexp([fit.log_evidence for fit in fits]) - np.log(len(fits))
     return float(np.logaddexp(plain.log_evidence, of_forms))
 
 

@@ -68,7 +68,7 @@ def read(p: Press, folder: Path):
 
 def corrections(notes: list[str]) -> list[str]:
     """Notes on what was corrected."""
-    return [one for one in notes if re.search(CORRECTED, one) and "thinned" not in one]
+    return [note for note in notes if re.search(CORRECTED, note) and "thinned" not in note]
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
@@ -88,9 +88,9 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
     if columns is None:
         return "" if words.startswith("REFUSED") else text
     others = [
-        one
-        for one in corrections(notes)
-        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)
+        correction
+        for correction in corrections(notes)
+        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), correction)
     ]
     true = stiffness(sound.travel_mm, sound.force_N, sound.exponent)
     ratio = stiffness(*columns[1:], sound.exponent) / true

@@ -103,7 +103,7 @@ def modulus(
         warnings=tuple(dict.fromkeys(log.warnings)),
         doubts=log.facts.doubts,
         residuals=tuple(
-            MarkerResidual(name=one.name, place_mm=one.places_mm, residual_mm=one.residual_um / 1e3)
-            for one in patches
+            MarkerResidual(name=patch.name, place_mm=patch.places_mm, residual_mm=patch.residual_um / 1e3)
+            for patch in patches
         ),
     )

@@ -65,8 +65,8 @@ def amplitude_bounds(
     """
     plain = [0, *(j for j, column in enumerate(case.columns) if column["role"] in nuisances)]
     found: dict[str, dict[str, float]] = {}
-    for one in case.signatures:
-        effect, own = one["effect"], list(one["columns"])
+    for signature in case.signatures:
+        effect, own = signature["effect"], list(signature["columns"])
         scale = E_MPa if effect == "skin" else PER_AMOUNT.get(effect)
         if scale is None or not own:
             continue

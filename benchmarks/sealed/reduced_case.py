@@ -58,15 +58,15 @@ class ReducedCase:
         """The products as selection takes them."""
         regressors = [
             Regressor(
-                name=one["name"],
-                sd=one["sd"],
-                mean=one["mean"],
-                positive=one["positive"],
-                least=one["least"],
-                same_as=one.get("same_as"),
+                name=column["name"],
+                sd=column["sd"],
+                mean=column["mean"],
+                positive=column["positive"],
+                least=column["least"],
+                same_as=column.get("same_as"),
                 fields=(),
             )
-            for one in self.columns
+            for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
 
@@ -164,13 +164,13 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     ]
     signatures = [
         {
-            "effect": one.effect.spec.name,
-            "label": one.signature.label,
-            "columns": list(one.columns),
-            "said": one.auxiliary_log_likelihood - one.direct,
-            "direct": one.direct,
+            "effect": fit.effect.spec.name,
+            "label": fit.signature.label,
+            "columns": list(fit.columns),
+            "said": fit.auxiliary_log_likelihood - fit.direct,
+            "direct": fit.direct,
         }
-        for one in linear.linear_fits
+        for fit in linear.linear_fits
     ]
     return ReducedCase(
         columns=columns,

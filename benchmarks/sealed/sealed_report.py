@@ -37,11 +37,11 @@ def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list
 
 def tables(cases: Sequence[Scored]) -> list[str]:
     """Counts, confusion, reliability, coverage and curves of answered cases."""
-    sound = [one for one in cases if one.kind == "sound"]
-    singles = [one for one in cases if one.kind == "single"]
-    pairs = [one for one in cases if one.kind == "pair"]
-    outside = [one for one in cases if one.kind == "outside"]
-    plain = [one for one in singles if one.signal > PLAIN_SIGNAL]
+    sound = [case for case in cases if case.kind == "sound"]
+    singles = [case for case in cases if case.kind == "single"]
+    pairs = [case for case in cases if case.kind == "pair"]
+    outside = [case for case in cases if case.kind == "outside"]
+    plain = [single for single in singles if single.signal > PLAIN_SIGNAL]
     covered = [one.covered for one in (*singles, *pairs) if one.detected]
     wrong = [one.detected and not one.unknown and not one.related for one in outside]
     return [
@@ -50,11 +50,11 @@ def tables(cases: Sequence[Scored]) -> list[str]:
             share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
             for law in sorted({one.label["law"] for one in sound if "law" in one.label})
         ),
-        share("single effects detected", [one.detected for one in singles]),
+        share("single effects detected", [single.detected for single in singles]),
         share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
-        share("  named first, all", [one.named_first for one in singles]),
-        share("pairs with both named", [one.both_named for one in pairs]),
-        share("  one of the two in the verdict", [_one_of_two(one) for one in pairs]),
+        share("  named first, all", [single.named_first for single in singles]),
+        share("pairs with both named", [pair.both_named for pair in pairs]),
+        share("  one of the two in the verdict", [_one_of_two(pair) for pair in pairs]),
         share("verdict covers the truth, where something was found", covered),
         share("outside the catalogue: called unknown", [one.unknown for one in outside]),
         share("  unknown or a relative", [one.unknown or one.related for one in outside]),
@@ -78,9 +78,9 @@ def _one_of_two(one: Scored) -> bool:
 def confusion(cases: Sequence[Scored]) -> list[str]:
     """Truth to verdicts, commonest first; the matrix's zeros left out."""
     found: dict[str, Counter[str]] = {}
-    for one in cases:
-        truth = f"{one.truth} ({one.physics})" if one.physics else one.truth
-        found.setdefault(truth, Counter())[" | ".join(one.verdict)] += 1
+    for case in cases:
+        truth = f"{case.truth} ({case.physics})" if case.physics else case.truth
+        found.setdefault(truth, Counter())[" | ".join(case.verdict)] += 1
     return ["truth: verdicts"] + [
         f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in own.most_common())
         for truth, own in sorted(found.items())
@@ -90,16 +90,16 @@ def confusion(cases: Sequence[Scored]) -> list[str]:
 def name_probabilities(cases: Sequence[Scored]) -> list[tuple[float, bool]]:
     """Of each case in which something was found: the first name's probability, and whether it is true."""
     found = []
-    for one in cases:
-        first = next((c for c in one.row["ranking"] if c["effect"] != "none"), None)
-        if one.detected and first is not None:
-            found.append((float(first["probability"]), first["effect"] == one.truth))
+    for case in cases:
+        first = next((c for c in case.row["ranking"] if c["effect"] != "none"), None)
+        if case.detected and first is not None:
+            found.append((float(first["probability"]), first["effect"] == case.truth))
     return found
 
 
 def reliability(cases: Sequence[Scored]) -> list[str]:
     """p of sound cases by tenths and against the uniform; probabilities of first names against truth."""
-    p = np.array([one.p for one in cases if one.kind == "sound"])
+    p = np.array([case.p for case in cases if case.kind == "sound"])
     counts = np.histogram(p, TENTHS, (0.0, 1.0))[0]
     lines = [f"p of {len(p)} sound cases by tenths: {' '.join(map(str, counts))}"]
     if len(p) > 1:
@@ -118,7 +118,7 @@ def reliability(cases: Sequence[Scored]) -> list[str]:
 
 def coverage(cases: Sequence[Scored]) -> list[str]:
     """90 % intervals of parameters, and of E before and after by kind of case, whatever the verdict."""
-    rows = [row for one in cases for row in parameter_rows(one)]
+    rows = [row for case in cases for row in parameter_rows(case)]
     held = [bool(ok) for _, _, ok in rows if ok is not None]
     lines = [share("parameters inside their 90 % intervals", held)]
     by_name: dict[str, list[tuple[float, bool | None]]] = {}
@@ -129,8 +129,8 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
     for name, own in sorted(by_name.items()):
         errors, known = [error for error, _ in own], [ok for _, ok in own if ok is not None]
         lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
-    groups = {kind: [one for one in cases if kind in ("all", one.kind)] for kind in KINDS}
-    for category in sorted({str(one.label.get("category")) for one in cases}):
+    groups = {kind: [case for case in cases if kind in ("all", case.kind)] for kind in KINDS}
+    for category in sorted({str(case.label.get("category")) for case in cases}):
         groups[f"sound {category}"] = [
             one for one in groups["sound"] if str(one.label.get("category")) == category
         ]
@@ -141,8 +141,8 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
 
 def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
     """Share of 90 % intervals that contain the true E, and the relative errors of E."""
-    errors = np.array([one.row[when]["value"] / one.label["E_MPa"] - 1 for one in cases])
-    truths = [inside(one.row[when]["interval"], one.label["E_MPa"]) for one in cases]
+    errors = np.array([case.row[when]["value"] / case.label["E_MPa"] - 1 for case in cases])
+    truths = [inside(case.row[when]["interval"], case.label["E_MPa"]) for case in cases]
     rms = np.sqrt(np.mean(errors**2))
     return (
         share(f"{title}: inside 90 %", truths)
@@ -186,8 +186,8 @@ def curves(singles: Sequence[Scored]) -> list[str]:
         "amplitude of half the cases (in brackets: all or none seen; SD: Cramer-Rao bound, median)",
         f"  {'effect':20s} {'cases':>5s} {'detected':>12s} {'named first':>12s} {'SD':>10s} {'named/SD':>9s}",
     ]
-    for effect in sorted({one.truth for one in singles}):
-        own = [one for one in singles if one.truth == effect and effect in one.amplitudes]
+    for effect in sorted({single.truth for single in singles}):
+        own = [single for single in singles if single.truth == effect and effect in single.amplitudes]
         stimuli = [one.amplitudes[effect] for one in own]
         bound = np.median([b for one in own if (b := bound_of(one, effect)) is not None] or [np.nan])
         half = [fitted_curve(stimuli, list(map(seen, own))) for seen in SEEN]
@@ -197,7 +197,7 @@ def curves(singles: Sequence[Scored]) -> list[str]:
         lines.append(f"  {effect:20s} {len(own):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}")
     for words, stimulus in STIMULI:
         for seen, how in zip(SEEN, ("detected", "named first"), strict=True):
-            usable = [one for one in singles if stimulus(one) is not None]
+            usable = [single for single in singles if stimulus(single) is not None]
             curve = fitted_curve([stimulus(one) or 0.0 for one in usable], list(map(seen, usable)))
             if curve is not None:
                 lines.append(

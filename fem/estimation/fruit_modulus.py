@@ -60,11 +60,11 @@ def infer_modulus(
     """
     about_prior = tuple(respond(mesh))
     grasps = [_tried(*pair, budget) for pair in zip(histories, about_prior, strict=True)]
-    estimates = [one for one in grasps if isinstance(one, ModulusEstimate)]
+    estimates = [grasp for grasp in grasps if isinstance(grasp, ModulusEstimate)]
     if not estimates:
         raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
     several = len(estimates) > 1
-    found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
+    found = joint_modulus([estimate.evidence for estimate in estimates], budget=budget, infer_pit=several)
     at, moves, final = np.zeros(4), 0, about_prior
     doubts: tuple[str, ...] = ()
     while found.pit is not None:

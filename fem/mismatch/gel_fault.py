@@ -179,7 +179,7 @@ class GelFault:
 
 def faults_of_relation(effects: Sequence[Effect]) -> list["GelFault"]:
     """Faults of the gel that show in force against displacement, in the catalogue's order."""
-    found = [one for one in effects if isinstance(one, GelFault) and one.of_the_relation]
+    found = [effect for effect in effects if isinstance(effect, GelFault) and effect.of_the_relation]
     return sorted(found, key=lambda one: one.spec.rank)
 
 
@@ -189,7 +189,7 @@ def fitted_together(forward: ForwardModel, faults: Sequence[GelFault]) -> Relati
     Alone each shows in part as another: a loop makes a creep too strong, and the creep the loop.
     """
     first, *others = faults
-    key = ("gel relation", *(one.spec.name for one in faults))
+    key = ("gel relation", *(fault.spec.name for fault in faults))
     if not others:
         return forward.memoised(key, lambda: first.fitted(forward, first.records(forward)))
     return forward.memoised(key, lambda: _fitted(forward, faults, first.records(forward)))
@@ -199,13 +199,15 @@ def _fitted(
     forward: ForwardModel, faults: Sequence[GelFault], records: Sequence[GelRecord]
 ) -> RelationFit | None:
     budget = forward.base.case.budget
-    start = {name: 0.1 * sd for one in faults for name, sd in one.prior_sd.items() if name in one.amounts}
+    start = {
+        name: 0.1 * sd for fault in faults for name, sd in fault.prior_sd.items() if name in fault.amounts
+    }
     return fit_law(
         records,
-        JointLaw(tuple(one.law for one in faults)),
-        start={**start, **{name: value for one in faults for name, value in one.others.items()}},
-        prior_sd={name: sd for one in faults for name, sd in one.prior_sd.items()},
-        bounds={spec.name: (spec.low, spec.high) for one in faults for spec in one.spec.searched},
+        JointLaw(tuple(fault.law for fault in faults)),
+        start={**start, **{name: value for fault in faults for name, value in fault.others.items()}},
+        prior_sd={name: sd for fault in faults for name, sd in fault.prior_sd.items()},
+        bounds={spec.name: (spec.low, spec.high) for fault in faults for spec in fault.spec.searched},
         scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
     )
 

@@ -138,7 +138,7 @@ def _require(name: str, value: Value, parameter: EffectParameter) -> None:
     if not right:
         raise ValueError(f"{name} is {value!r:.80}, expected {wanted}")
     numbers = () if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
-    if not all(low <= one <= high for one in numbers):
+    if not all(low <= number <= high for number in numbers):
         raise ValueError(f"{name} is {value!r:.80}, expected {low:g} to {high:g}")
 
 
@@ -160,26 +160,28 @@ class PitFound:
 def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
     """What the effects say of the pit."""
     found = PitFound()
-    for one in effects:
-        if one.spec.correction is Correction.PIT_OFFSET:
-            found = replace(found, offset_mm=one.vector("offset_mm"), offset_sd_mm=one.spread("offset_mm"))
-        if one.spec.correction is Correction.PIT_SIZE:
-            scale = one.number("scale")
-            found = replace(found, scale=scale, size_sd=one.spread("scale") / scale)
+    for effect in effects:
+        if effect.spec.correction is Correction.PIT_OFFSET:
+            found = replace(
+                found, offset_mm=effect.vector("offset_mm"), offset_sd_mm=effect.spread("offset_mm")
+            )
+        if effect.spec.correction is Correction.PIT_SIZE:
+            scale = effect.number("scale")
+            found = replace(found, scale=scale, size_sd=effect.spread("scale") / scale)
     return found
 
 
 def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:
     """Those that hold for one fruit."""
-    return tuple(one for one in effects if one.fruits is None or fruit_id in one.fruits)
+    return tuple(effect for effect in effects if effect.fruits is None or fruit_id in effect.fruits)
 
 
 def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
     """What is wrong with the recordings of the jaws, to be taken out of every one of them."""
     return tuple(
-        _FAULTS[one.spec.correction](one)
-        for one in effects
-        if one.spec.enters is Entry.RECORDING and one.spec.correction is not None
+        _FAULTS[effect.spec.correction](effect)
+        for effect in effects
+        if effect.spec.enters is Entry.RECORDING and effect.spec.correction is not None
     )
 
 
@@ -208,9 +210,9 @@ _FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:
     """Names as the ranking's `mismatch` column has them: sorted, joined by "+"."""
-    return "+".join(sorted({one.effect for one in effects}))
+    return "+".join(sorted({effect.effect for effect in effects}))
 
 
 def keyed(effects: Iterable[ConfirmedEffect]) -> list[dict[str, Any]]:
     """What a fruit's result depends on: not who found it, nor how sure it was."""
-    return [one.model_dump(mode="json", include={"effect", "parameters", "sd"}) for one in effects]
+    return [effect.model_dump(mode="json", include={"effect", "parameters", "sd"}) for effect in effects]

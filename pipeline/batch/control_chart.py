@@ -239,7 +239,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def history_of(chart: ControlChart, reference_id: str) -> list[Point]:
     """The points of one reference body, oldest first."""
     return sorted(
-        (one for one in chart.points if one.reference_id == reference_id), key=lambda one: one.graded_at
+        (point for point in chart.points if point.reference_id == reference_id), key=lambda one: one.graded_at
     )
 
 

@@ -243,7 +243,7 @@ class FruitResults:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that may be written here, the record first."""
-        named = (one for one in vars(FruitResults).values() if isinstance(one, ResultPath))
+        named = (var for var in vars(FruitResults).values() if isinstance(var, ResultPath))
         return tuple(self.root / one.name for one in named)
 
     def claim(self) -> None:
@@ -363,4 +363,4 @@ def _holds_stages(cache: Path) -> bool:
     if not cache.is_dir():
         return not _stands(cache)
     names = [path.name for path in cache.iterdir()]
-    return all(CACHE_FILE.fullmatch(one) or MARK in one or one == LIST_LOCK for one in names)
+    return all(CACHE_FILE.fullmatch(name) or MARK in name or name == LIST_LOCK for name in names)

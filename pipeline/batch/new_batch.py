@@ -100,7 +100,7 @@ def make_batch(
                 "spaces); rename the folder."
             )
             problems.append(Problem("a folder's name", sentence))
-    names = [one.fruit_id for one in fruits]
+    names = [fruit.fruit_id for fruit in fruits]
     problems += [
         Problem(
             "drupe new",
@@ -164,14 +164,14 @@ def _write(
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([one.fruit_id, *[""] * (len(columns) - 1)] for one in fruits)
+    writer.writerows([fruit.fruit_id, *[""] * (len(columns) - 1)] for fruit in fruits)
     folder.table.write_text(table.getvalue(), encoding="utf-8")
-    for one in fruits:
-        own = folder.fruit(one.fruit_id)
+    for fruit in fruits:
+        own = folder.fruit(fruit.fruit_id)
         for place, files in (
-            (own.photos, one.photos),
-            (own.root, one.mesh),
-            (own.root / "grasps", one.recordings),
+            (own.photos, fruit.photos),
+            (own.root, fruit.mesh),
+            (own.root / "grasps", fruit.recordings),
         ):
             place.mkdir(parents=True, exist_ok=True)
             for path in files:
@@ -192,7 +192,7 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
 
 def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterator[str]:
     """What grading needs and these folders did not have."""
-    photographed = [one for one in fruits if one.photos and not one.mesh]
+    photographed = [fruit for fruit in fruits if fruit.photos and not fruit.mesh]
     if photographed and not mat:
         yield (
             "scale: write height_mm of each fruit into fruits.csv, or copy the mat's mat.json into "
@@ -206,10 +206,10 @@ def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterato
         yield (
             f"photos: {_named(few)} fewer than {FEW} photos; take 20 to 36 from all around, at two heights"
         )
-    bare = [one.fruit_id for one in fruits if not one.photos and not one.mesh]
+    bare = [fruit.fruit_id for fruit in fruits if not fruit.photos and not fruit.mesh]
     if bare:
         yield f"shape: {_named(bare)} no photos and no fruit.ply"
-    ungrasped = [one.fruit_id for one in fruits if not one.recordings]
+    ungrasped = [fruit.fruit_id for fruit in fruits if not fruit.recordings]
     if ungrasped:
         yield (
             f"grasps: {_named(ungrasped)} no recording; put .h5 files or folders of frames into "

@@ -297,7 +297,7 @@ def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list
     mesh its size alone is assumed.
     """
     fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
-    return [one.root.name for one in fruits if not one.pit_ply.is_file() and not one.without_shape()]
+    return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]
 
 
 def _effects_without_pit(

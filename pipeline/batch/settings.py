@@ -375,7 +375,7 @@ def require_settings_file(path: Path) -> None:
 
 
 def _folders(root: Path) -> list[Path]:
-    return [place for one in root.iterdir() if one.is_dir() for place in (one, one / "photos")]
+    return [place for path in root.iterdir() if path.is_dir() for place in (path, path / "photos")]
 
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:

@@ -39,7 +39,10 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     shared, own, doubts = [0.0], [0.0], []
     effects = task.settings.mismatch
     rig = batch_rig(task.batch_root, task.settings)
-    counted = [*in_the_model(effects), *(one for one in effects if one.spec.enters is Entry.RECORDING)]
+    counted = [
+        *in_the_model(effects),
+        *(effect for effect in effects if effect.spec.enters is Entry.RECORDING),
+    ]
     for k, one in enumerate(effects):
         if one not in counted:
             continue

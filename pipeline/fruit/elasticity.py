@@ -226,7 +226,7 @@ def responses(
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
     # A law that holds large deformation itself must not be given it twice.
-    holds_it = any(one.spec.holds_large_deformation for one in effects)
+    holds_it = any(effect.spec.holds_large_deformation for effect in effects)
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, budget.gel_scale_sd, large]

@@ -41,7 +41,7 @@ def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]
 
 def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "_t _n 3"]]:
     """What these effects add to the response of each recording of `case`; raises FemFailure."""
-    return displacement_corrections(case, [known(one) for one in effects])
+    return displacement_corrections(case, [known(effect) for effect in effects])
 
 
 def with_corrections(
@@ -63,23 +63,23 @@ def _corrected(model: GraspModel, beyond: Float[np.ndarray, "_t _n 3"]) -> Grasp
 
 def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that change the model of a grasp, with no parameter that the mechanics has not."""
-    return tuple(one for one in effects if one.effect in MECHANICS and not _too_much(one))
+    return tuple(effect for effect in effects if effect.effect in MECHANICS and not _too_much(effect))
 
 
 def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that the modulus takes into account."""
     model = in_the_model(effects)
-    return tuple(one for one in effects if one.spec.enters is not Entry.RESPONSE or one in model)
+    return tuple(effect for effect in effects if effect.spec.enters is not Entry.RESPONSE or effect in model)
 
 
 def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
     """One warning for each effect that stands in the settings and is not in the modulus."""
     taken = used(effects)
     return [
-        f"batch.toml confirms {one.effect} with {', '.join(_too_much(one))}, which grading cannot "
+        f"batch.toml confirms {effect.effect} with {', '.join(_too_much(effect))}, which grading cannot "
         "take into account yet; E ignores it."
-        for one in effects
-        if one not in taken
+        for effect in effects
+        if effect not in taken
     ]
 
 

@@ -251,5 +251,5 @@ def why_no_grasp(failures: Sequence[TactileFailure | FemFailure]) -> Exception:
     if len(failures) == 1:
         return failures[0]
     if failures:
-        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures]))
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(failure) for failure in failures]))
     return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")

@@ -152,12 +152,17 @@ def of_findings(recordings: Sequence[tuple[str, Sequence[Finding]]]) -> list[Dou
 
 def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
     """What is worth knowing of the recordings and puts nothing in doubt."""
-    return [f"{grasp.name}: {one.sentence}." for grasp in grasps for one in grasp.findings if one.remark]
+    return [
+        f"{grasp.name}: {finding.sentence}."
+        for grasp in grasps
+        for finding in grasp.findings
+        if finding.remark
+    ]
 
 
 def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
     """The signs in the recording's modulus that follow from what was found in it."""
-    named = (EXPLAINS.get(one.kind, ()) for one in grasp.findings if not one.remark)
+    named = (EXPLAINS.get(finding.kind, ()) for finding in grasp.findings if not finding.remark)
     return frozenset[ModulusSign]().union(*named)
 
 
@@ -179,7 +184,7 @@ def causes_alone(
     warnings: Sequence[ModulusWarning], *, explained: frozenset[ModulusSign]
 ) -> list[ModulusWarning]:
     """`warnings` without the signs that follow from a named cause."""
-    return [one for one in warnings if one.sign not in explained]
+    return [warning for warning in warnings if warning.sign not in explained]
 
 
 @dataclass(frozen=True, kw_only=True)

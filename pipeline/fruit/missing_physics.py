@@ -125,8 +125,14 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
         statistics=said.statistics,
         gains=said.gains,
         amounts=tuple(
-            AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
-            for one in said.amounts
+            AmountRecord(
+                effect=amount.effect,
+                pad=amount.pad,
+                parameter=amount.parameter,
+                value=amount.value,
+                sd=amount.sd,
+            )
+            for amount in said.amounts
         ),
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)

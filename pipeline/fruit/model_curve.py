@@ -59,13 +59,13 @@ def frame_records(found: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) ->
     """E by each frame alone, from all pads, where it carries a signal."""
     return [
         FrameRecord(
-            travel_mm=round(float(travel_mm[one.frame]), 4),
-            E_MPa=float(f"{one.E_MPa:.4g}"),
-            E_sd_MPa=float(f"{one.E_sd_MPa:.3g}"),
-            unloading=one.phase == "unload",
+            travel_mm=round(float(travel_mm[frame.frame]), 4),
+            E_MPa=float(f"{frame.E_MPa:.4g}"),
+            E_sd_MPa=float(f"{frame.E_sd_MPa:.3g}"),
+            unloading=frame.phase == "unload",
         )
-        for one in found.frames
-        if one.pad == BOTH and np.isfinite(one.E_MPa) and one.E_MPa > 0
+        for frame in found.frames
+        if frame.pad == BOTH and np.isfinite(frame.E_MPa) and frame.E_MPa > 0
     ]
 
 

@@ -53,7 +53,7 @@ def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
     """
     if named in batch_fruits:
         return named
-    same_id = [one for one in batch_fruits if _spelt_plainly(one) == _spelt_plainly(named)]
+    same_id = [fruit for fruit in batch_fruits if _spelt_plainly(fruit) == _spelt_plainly(named)]
     return same_id[0] if len(same_id) == 1 else None
 
 

@@ -52,7 +52,7 @@ def _doubted(
     for grasp in used if record.graded else ():
         others = [one for one in holders.get(grasp.digest, ()) if one[0] != record.fruit_id]
         if others:
-            said.append(in_two_fruit(grasp.grasp, (_file(folder, *one) for one in others)))
+            said.append(in_two_fruit(grasp.grasp, (_file(folder, *other) for other in others)))
     marked = with_copies(record, said)
     if not said or record.modulus is None:
         return marked

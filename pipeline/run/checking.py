@@ -218,7 +218,7 @@ class _CheckedFruit:
         batch, category = self.batch, None
         if batch.settings is not None and not self.row.reference:
             category = batch.settings.category if batch.category is None else batch.category.category
-        known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
+        known = _folders(batch) if batch.rows is None else [row.fruit_id for row in batch.rows]
         owner = Owner(fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(known))
         return owner_findings(recorded.fruit_id, recorded.category, owner, source=source, field=field)
 

@@ -143,7 +143,7 @@ def grade_newcomers(
         _begun(run.results, fruits)
         write_run(run.results, batch.row_of, mark=WorkPlace().mark)
         queue = FruitQueue(run, console, newcomers, fruits=newcomers, records=records)
-        for fruit_id in [one for one in newcomers if one in records]:
+        for fruit_id in [newcomer for newcomer in newcomers if newcomer in records]:
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
             ended(run, records[fruit_id])
         if queue.todo:

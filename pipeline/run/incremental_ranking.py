@@ -72,7 +72,9 @@ def _ranked(fruit: FruitEntry, others: Iterable[FruitEntry]) -> FruitEntry:
     """The fruit, alone in its ranking so far, with its rank among the others."""
     if fruit.rank is None or fruit.E_MPa is None:
         return fruit
-    softer = sum(one.E_MPa < fruit.E_MPa for one in others if one.rank is not None and one.E_MPa is not None)
+    softer = sum(
+        other.E_MPa < fruit.E_MPa for other in others if other.rank is not None and other.E_MPa is not None
+    )
     return replace(
         fruit, rank=1 + softer, rank_probability=None, rank_low=None, rank_high=None, p_softer_than_next=None
     )

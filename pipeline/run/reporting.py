@@ -173,10 +173,10 @@ def _write_tables(entry: BatchEntry, run: BatchRun) -> None:
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
     """The exit status of a run that went to its end; what staff must look into is no 0."""
-    if not all(one.graded for one in records):
+    if not all(record.graded for record in records):
         return UNUSABLE
     alarm = finding is not None and finding.alarm
-    return DOUBTED if alarm or any(one.doubts for one in records) else DONE
+    return DOUBTED if alarm or any(record.doubts for record in records) else DONE
 
 
 def _keep_comparisons(

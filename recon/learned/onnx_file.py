@@ -71,7 +71,7 @@ def model_files(model: Path) -> tuple[Path, ...]:
         _, locations = _looked_through(model)
     except (ReconFailure, OSError):
         return (model,)
-    return (model, *(model.parent / one for one in locations))
+    return (model, *(model.parent / location for location in locations))
 
 
 def _location_fault(model: Path, location: str) -> str:

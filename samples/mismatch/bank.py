@@ -101,7 +101,7 @@ def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
     paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
     if not all(path.exists() for path in paths):
         raise SampleFailure(f"not every mesh of {fruit.name} is simulated: run `simulate` first")
-    return tuple(sorted((one for path in paths for one in stored_truths(path)), key=lambda one: one.name))
+    return tuple(sorted((truth for path in paths for truth in stored_truths(path)), key=lambda one: one.name))
 
 
 def draw_case(

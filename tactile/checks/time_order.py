@@ -259,7 +259,7 @@ def release_less_touch_mm(recording: Recording, pressings: Sequence[Pressing]) -
     total = np.sum(
         [
             total / max(float(total.max()), 1e-30)
-            for total in (clearer(one)[0][:, one.touched, 2].sum(axis=1) for one in pressings)
+            for total in (clearer(pressing)[0][:, pressing.touched, 2].sum(axis=1) for pressing in pressings)
         ],
         axis=0,
     )

@@ -119,7 +119,7 @@ def read_log(path: Path) -> GraspLog:
         aperture_mm=place,
         frame=None if frame is None else frame.astype(np.int64),
         wrench_N=np.stack([done.columns[name] for name in cell], axis=1) if cell else None,
-        notes=tuple(f"{path.name}: {one.says}" for one in done.corrections),
+        notes=tuple(f"{path.name}: {correction.says}" for correction in done.corrections),
     )
 
 

@@ -156,7 +156,7 @@ def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrac
         runs, corrections = written_runs(logged)
     except NotPrepared as cause:
         raise unusable(source, cause.found, cause.expected) from None
-    notes += [f"{source}: {one.says}" for one in corrections]
+    notes += [f"{source}: {correction.says}" for correction in corrections]
     return runs
 
 
@@ -182,7 +182,7 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
         prepared = prepare(chosen)
     except NotPrepared as cause:
         raise unusable(source, cause.found, cause.expected) from None
-    notes += [f"{source}: {one.says}" for one in prepared.corrections]
+    notes += [f"{source}: {correction.says}" for correction in prepared.corrections]
     return prepared.logged
 
 

@@ -189,7 +189,7 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     brackets = list(_IN_BRACKETS.finditer(name))
     if not brackets:
         return unit_with_factor(name) or _at_end(name, quantity)
-    found = [(read_unit(one[1], quantity), one.end()) for one in brackets]
+    found = [(read_unit(bracket[1], quantity), bracket.end()) for bracket in brackets]
     unit, end = min(found, key=lambda one: (not isinstance(one[0], Unit), not _of_another(one[0])))
     if _of_another(unit):
         return unit

@@ -287,7 +287,7 @@ def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[st
     there are none.
     """
     for k, (_, cells) in enumerate(rows[:LOOKED_AT]):
-        if k == 0 or not (_numeric(cells) and all(_numeric(one[1]) for one in rows[k + 1 : k + 3])):
+        if k == 0 or not (_numeric(cells) and all(_numeric(row[1]) for row in rows[k + 1 : k + 3])):
             continue
         units: tuple[str, ...] = ()
         for _, above in reversed(rows[max(k - 3, 0) : k]):

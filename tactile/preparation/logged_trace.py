@@ -139,7 +139,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         order = np.argsort(logged.time_s, kind="stable")
         logged, leave = logged.part(order), leave[order]
     logged = logged.part(~leave)
-    spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
+    spoilt: set[int] = {row for note in notes if note.fault is LoggerFault.WILD for row in note.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
         says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
@@ -172,7 +172,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
 
 def _topics(logged: LoggedTrace) -> list[Bool[np.ndarray, " t"]]:
     """Rows of each topic, where two are joined."""
-    return [np.isfinite(one) for one in logged.columns.values()] if _is_joined(logged) else []
+    return [np.isfinite(column) for column in logged.columns.values()] if _is_joined(logged) else []
 
 
 def _is_joined(logged: LoggedTrace) -> bool:

@@ -222,7 +222,7 @@ def _zeroed(
             zeroed.append(False)
             continue
         fits = [np.polyfit(travel[side] - travel[k], force_N[side], 1) for side in sides]
-        slopes = [float(one[0]) for one in fits]
+        slopes = [float(fit[0]) for fit in fits]
         errors = [sd * np.sqrt(12 / LOCAL) / one for one in moved]
         same = abs(slopes[1] - slopes[0]) <= SAME_SLOPE * abs(slopes[0]) + 3 * float(np.hypot(*errors))
         moves = abs(slopes[0]) > 5 * errors[0]

@@ -58,9 +58,9 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
     squeezes' largest forces, and is that of the way in; half of the distance to the way out is part of its
     spread. Raises TactileFailure (unreadable-frames) where the readings do not resolve it.
     """
-    force = [one.force_N for one in squeezes]
-    travel = [one.travel_mm - (0.0 if own else 1.0) * one.part_mm for one in squeezes]
-    largest = min(one.largest_N for one in squeezes)
+    force = [squeeze.force_N for squeeze in squeezes]
+    travel = [squeeze.travel_mm - (0.0 if own else 1.0) * squeeze.part_mm for squeeze in squeezes]
+    largest = min(squeeze.largest_N for squeeze in squeezes)
     inside = [f <= largest * (1 + 1e-9) for f in force]
     force = [f[k] for f, k in zip(force, inside, strict=True)]
     travel = [t[k] for t, k in zip(travel, inside, strict=True)]
@@ -95,7 +95,7 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
         scatter_mm=scatter,
         readings_mm=readings,
         squeezes=n,
-        held=min(one.held for one in squeezes),
+        held=min(squeeze.held for squeeze in squeezes),
     )
 
 

@@ -66,7 +66,9 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
         if command == "photos":
             place = (root / path).parent
             said, photos = unused_photos(place), [read_photo(one) for one in photo_paths(place)]
-            return said, "" if said else _digest([(one.image.shape, one.image.tobytes()) for one in photos])
+            return said, "" if said else _digest(
+                [(photo.image.shape, photo.image.tobytes()) for photo in photos]
+            )
         if command == "case":
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]

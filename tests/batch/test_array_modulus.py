@@ -46,8 +46,8 @@ def test_arrays_give_the_modulus_that_grading_gives(graded):
     assert found.recordings["E_MPa"].tolist() == pytest.approx([record["grasps"][0]["E_MPa"]])
     low, high = found.interval_90_MPa
     assert low < found.E_MPa < high
-    assert {one.name for one in found.residuals} == {"recording-1, left", "recording-1, right"}
-    assert all(one.place_mm.shape == (len(one.residual_mm), 3) for one in found.residuals)
+    assert {residual.name for residual in found.residuals} == {"recording-1, left", "recording-1, right"}
+    assert all(residual.place_mm.shape == (len(residual.residual_mm), 3) for residual in found.residuals)
 
 
 def test_the_table_is_that_of_the_results_with_types_and_provenance(graded):

@@ -41,7 +41,7 @@ def drawn_modulus_MPa(rng: np.random.Generator) -> float:
 def recorded(world: World, grasp: int, truth: True1MPa, **options: Any) -> GraspHistory:
     """A recording as grading prepares it."""
     axes = [pad.axes for pad in world.grasps[grasp]]
-    turns = np.stack([np.column_stack([one[1], one[0], -one[2]]) for one in axes])
+    turns = np.stack([np.column_stack([axis[1], axis[0], -axis[2]]) for axis in axes])
     return prepared_grasp(recorded_raw(world, grasp, truth, **options), turns).history
 
 

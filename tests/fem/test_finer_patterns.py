@@ -62,7 +62,7 @@ def test_what_the_leading_patterns_leave_out_is_smaller_at_hardly_more_noise() -
             before.append(off_N(ready))
             after.append(off_N(finer))
     assert len(before) > 4
-    left_out, left = (mean_error([smooth(one) for one in errors]) for errors in (before, after))
+    left_out, left = (mean_error([smooth(error) for error in errors]) for errors in (before, after))
     assert left < 0.75 * left_out
     assert np.std(after, axis=0).mean() < 1.05 * np.std(before, axis=0).mean()
 

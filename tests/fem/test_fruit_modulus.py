@@ -147,7 +147,7 @@ def found():
 
 @pytest.mark.slow
 def test_the_modulus_comes_nearer_than_with_the_priors_pit(found):
-    by_prior = [abs(one.E_MPa / E_MPA - 1) for one in found.grasps]
+    by_prior = [abs(grasp.E_MPa / E_MPA - 1) for grasp in found.grasps]
     assert np.mean(by_prior) > 0.04
     assert abs(found.modulus.E_MPa / E_MPA - 1) < 0.7 * np.mean(by_prior)
     assert abs(found.modulus.E_MPa - E_MPA) < 2 * found.modulus.E_sd_MPa
@@ -206,7 +206,7 @@ def test_no_grasp_with_a_load_raises_every_reason():
     histories = tuple(untouched(history) for history in recorded())
     with pytest.raises(ExceptionGroup, match="no grasp gives a modulus") as caught:
         infer_modulus(histories, prior_mesh(), respond(histories), budget=WIDE)
-    assert [one.problem for one in caught.value.exceptions] == 2 * [FemProblem.NO_LOAD]
+    assert [exception.problem for exception in caught.value.exceptions] == 2 * [FemProblem.NO_LOAD]
 
 
 def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monkeypatch):

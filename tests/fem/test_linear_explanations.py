@@ -132,5 +132,8 @@ def test_each_explanation_leaves_its_own_misfit():
     assert explanations["none"].weighed.misfit == pytest.approx(1 + 0.5**2 + 0.4**2, rel=0.05)
     assert explanations["skin"].weighed.misfit == pytest.approx(1 + 0.4**2, rel=0.05)
     assert explanations["gripper_compliance+skin"].weighed.misfit == pytest.approx(1.0, rel=0.05)
-    halved = {one.name: one for one in linear_explanations(round_of((0.5, 0.0, 0.4)), kept=0.5)}
+    halved = {
+        explanation.name: explanation
+        for explanation in linear_explanations(round_of((0.5, 0.0, 0.4)), kept=0.5)
+    }
     assert halved["skin"].weighed.misfit == pytest.approx(explanations["skin"].weighed.misfit / 2)

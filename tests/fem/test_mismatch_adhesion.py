@@ -203,7 +203,7 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     others = [sensor_drift.EFFECT, slip.EFFECT]
     with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
-    assert [one.gain for one in with_it.linear_fits] == [one.gain for one in without.linear_fits]
+    assert [fit.gain for fit in with_it.linear_fits] == [fit.gain for fit in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
 
 

@@ -80,7 +80,7 @@ def test_large_deformation_that_is_not_found_is_reported_and_costs_no_signature(
     forward = forward_of()
     linear = screened_effects(forward, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["large deformation"]
-    assert [one.signature.variant for one in linear.linear_fits] == [ONE_WAY]
+    assert [fit.signature.variant for fit in linear.linear_fits] == [ONE_WAY]
 
 
 def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):

@@ -220,11 +220,11 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         forward,
         [pose_error.EFFECT],
     )
-    assert {one.signature.variant for one in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
-    most = max(one.gain for one in linear.linear_fits)
+    assert {fit.signature.variant for fit in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
+    most = max(fit.gain for fit in linear.linear_fits)
     right_first = [
-        replace(one, gain=most + 1.0) if one.signature.variant == OfPad(pad="right") else one
-        for one in linear.linear_fits
+        replace(fit, gain=most + 1.0) if fit.signature.variant == OfPad(pad="right") else fit
+        for fit in linear.linear_fits
     ]
     linear = replace(linear, linear_fits=tuple(right_first))
     best = select_model(forward, linear, detected=True).ranking[0].refit

@@ -376,10 +376,10 @@ def test_a_records_zero_drift_is_that_of_its_recording():
 def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right():
     """Alone each shows in part as the other: the loop comes out too strong and the flesh contradicts it."""
     forward = forward_of(lambda pad: looped(0.09)(crept(0.25, 1.0)(pad)))
-    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    recorded = [GraspEquations.of(forward, grasp) for grasp in forward.base.grasps]
     linear = screened(forward, recorded, ALL)
-    assert "gel_hysteresis" not in {one.name for one in linear.linear_fits}
-    creeping = [one for one in linear.linear_fits if one.name == "gel_creep"]
+    assert "gel_hysteresis" not in {fit.name for fit in linear.linear_fits}
+    creeping = [fit for fit in linear.linear_fits if fit.name == "gel_creep"]
     single = refit(forward, linear, creeping)
     assert abs(single.parameters[0]["creep"] / 0.25 - 1) > 0.2
     (found,) = second_faults(forward, linear.gel_faults, gel_creep.EFFECT)

@@ -64,7 +64,7 @@ def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
 
 
 def large_deformation_column(forward: ForwardModel) -> Regressor:
-    (found,) = (one for one in common_nuisances(forward) if one.name == LARGE_DEFORMATION)
+    (found,) = (nuisance for nuisance in common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION)
     return found
 
 
@@ -114,7 +114,7 @@ def test_stiffening_holds_large_deformation_itself(neo_hookean):
 def test_a_plain_model_that_holds_it_has_no_column_of_it():
     forward = forward_of()
     leave_large_deformation(forward)
-    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(forward)]
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(forward)]
 
 
 def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
@@ -132,4 +132,4 @@ def test_large_deformation_that_is_not_found_is_no_column_and_says_why(complianc
     found = large_deformation(soft)
     assert isinstance(found, FemFailure)
     assert "moves by this law" in found.detail
-    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(soft)]
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(soft)]

@@ -69,10 +69,10 @@ def test_noise_alone_has_standard_scores_and_no_place():
     ]
     # Recordings leave ALIKE numbers for each independent one; these draws are independent all.
     thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
-    scores = thinned * np.array([one.modulus_score for one in maps])
+    scores = thinned * np.array([map_.modulus_score for map_ in maps])
     # Scores allow for errors of markers' scales too, which these draws have none of.
     assert 0.3 < np.sqrt((scores**2).mean()) < 1.2
-    assert 0.3 < np.sqrt(np.mean([one.law_error**2 for one in maps])) < 1.2
+    assert 0.3 < np.sqrt(np.mean([map_.law_error**2 for map_ in maps])) < 1.2
     found = located(forward, [NOISE_MM * rng.normal(size=shape)])
     assert (found.where.region, found.when, found.component) == ("both", "all", "both")
 

@@ -70,7 +70,7 @@ def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     linear = rounds([damage.EFFECT, skin.EFFECT])
     shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
-    specs = [spec for one in effects for spec in one.effect.spec.searched]
+    specs = [spec for effect in effects for spec in effect.effect.spec.searched]
     search = _Search(injected(), linear, effects, specs)
     middle = (search.low + search.high) / 2
     assert search.at_an_end(middle) == (False, False)
@@ -88,7 +88,7 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
     shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
     search = _Search(
-        injected(), linear, effects, [spec for one in effects for spec in one.effect.spec.searched]
+        injected(), linear, effects, [spec for effect in effects for spec in effect.effect.spec.searched]
     )
     asked = []
     respond = type(damage.EFFECT).respond

@@ -114,7 +114,7 @@ def palm() -> ForwardModel:
 def normal_N(forward: ForwardModel) -> list[np.ndarray]:
     found = third_contact._found(forward)
     assert found is not None
-    return [one.force_N @ found.seat.inward for one in found.forces]
+    return [force.force_N @ found.seat.inward for force in found.forces]
 
 
 def test_a_palm_is_found_with_its_place_its_push_and_the_modulus():

@@ -67,7 +67,7 @@ def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
 def test_a_gain_of_one_pad_is_said():
     uneven = with_pads(grasp(), force_N=lambda pad: (1.15 if pad.name == "left" else 1.0) * pad.force_N)
     found = found_in(uneven, plain_model())
-    assert any(one.sign is ModulusSign.UNBALANCED for one in found.warnings)
+    assert any(warning.sign is ModulusSign.UNBALANCED for warning in found.warnings)
 
 
 def test_a_lag_of_the_forces_is_said_and_widens_the_error_bar():

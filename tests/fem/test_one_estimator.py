@@ -69,7 +69,9 @@ def base(case):
 def compliances(case, base):
     """1/E of the models that explaining starts from, one recording after the other."""
     scale_sd = case.budget.gel_scale_sd
-    return [fit_compliance(one.tracks, scale_sd=scale_sd, fruit_moves=True).compliance for one in base.grasps]
+    return [
+        fit_compliance(grasp.tracks, scale_sd=scale_sd, fruit_moves=True).compliance for grasp in base.grasps
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -116,14 +118,14 @@ def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded,
 def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, graded, forward, models):
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
     lost = replace(forward, graded=(models[0], None))
-    first, second = (one.tracks.unit_displacement for one in forward.base.grasps)
+    first, second = (grasp.tracks.unit_displacement for grasp in forward.base.grasps)
     for found in (modulus_of(lost), modulus_of(lost, Response(unit=[first, -second]))):
         assert found.value == pytest.approx(alone.E_MPa, rel=2e-3)
         assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
 
 
 def test_E_is_in_proportion_to_the_graded_one(forward):
-    half = Response(unit=[one.tracks.unit_displacement / 2 for one in forward.base.grasps])
+    half = Response(unit=[grasp.tracks.unit_displacement / 2 for grasp in forward.base.grasps])
     graded = as_graded(forward, Modulus(value=0.3, sd=0.01))
     assert modulus_of(graded).value == pytest.approx(0.3)
     ratio = modulus_of(forward, half).value / modulus_of(forward).value

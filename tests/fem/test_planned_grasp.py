@@ -147,7 +147,7 @@ def test_the_grasp_that_is_asked_for_tells_the_truth_apart_by_more_than_another(
         case = injected_case(
             crept=lambda unit: unit + ARM.creep_share * lagging(unit, time_s, ARM.retardation_s), seed=seed
         )
-        timed = [replace(one, history=replace(one.history, time_s=time_s)) for one in case.grasps]
+        timed = [replace(grasp, history=replace(grasp.history, time_s=time_s)) for grasp in case.grasps]
         return replace(case, grasps=tuple(timed))
 
     names = ["viscoelastic", "sensor_drift"]
@@ -174,18 +174,20 @@ def unaltered() -> ForwardModel:
 def test_about_thirty_candidates_hold_every_kind(unaltered):
     candidates = candidate_grasps(unaltered.base.grasps)
     assert 25 <= len(candidates) <= 40
-    assert {one.place.kind for one in candidates} == set(PlaceKind)
-    protocols = [one.protocol for one in candidates]
-    assert {one.depth for one in protocols} == {1.0, 1.5}
-    assert {one.speed for one in protocols} == {1.0, 0.1}
-    assert {one.hold_s for one in protocols} == {None, 10.0}
-    assert {one.cycles for one in protocols} == {1, 2}
+    assert {candidate.place.kind for candidate in candidates} == set(PlaceKind)
+    protocols = [candidate.protocol for candidate in candidates]
+    assert {protocol.depth for protocol in protocols} == {1.0, 1.5}
+    assert {protocol.speed for protocol in protocols} == {1.0, 0.1}
+    assert {protocol.hold_s for protocol in protocols} == {None, 10.0}
+    assert {protocol.cycles for protocol in protocols} == {1, 2}
 
 
 def test_the_same_spots_again_give_back_the_recorded_response(unaltered):
     """But for the markers at the rim that never touch, whose force the others take."""
     recording = unaltered.base.grasps[0]
-    (same,) = {one.place.kind: one.place for one in candidate_grasps(unaltered.base.grasps)[:1]}.values()
+    (same,) = {
+        grasp.place.kind: grasp.place for grasp in candidate_grasps(unaltered.base.grasps)[:1]
+    }.values()
     placed = placed_course(unaltered.base, same, 1.0)
     peak = int(recording.load.argmax())
     touching = LoadingCourse.of(recording).touching.any(axis=0)
@@ -254,10 +256,10 @@ def test_a_single_recording_gets_a_plan_and_a_sentence_with_its_place(unaltered)
     assert plan.tried > 20
     assert plan.grasps[0].pair == ("viscoelastic", NONE)
     assert 0.0 <= plan.grasps[0].decides <= 1.0
-    turned = next((one for one in plan.grasps if one.turned), None)
-    for one in plan.grasps:
-        assert {pad.pad for pad in one.pads} == {"left", "right"}
-        apart = (one.pads[1].round_deg - one.pads[0].round_deg) % 360
+    turned = next((grasp for grasp in plan.grasps if grasp.turned), None)
+    for grasp in plan.grasps:
+        assert {pad.pad for pad in grasp.pads} == {"left", "right"}
+        apart = (grasp.pads[1].round_deg - grasp.pads[0].round_deg) % 360
         assert apart == pytest.approx(180, abs=25)
     if turned is not None:
         assert turned.pads[0].round_deg == pytest.approx(180, abs=10)

@@ -83,7 +83,7 @@ def test_closest_points_are_found_among_triangles_of_all_sizes():
     vertices, faces = corner.reshape(-1, 3), np.arange(1200).reshape(-1, 3)
     points = np.vstack([rng.uniform(-4, 4, (80, 3)), 30 * rng.normal(size=(40, 3))])
     found = closest_on_triangles(points, vertices, faces)
-    alone = [closest_on_triangles(points, vertices, one[None]).distance_mm for one in faces]
+    alone = [closest_on_triangles(points, vertices, face[None]).distance_mm for face in faces]
     assert found.distance_mm == pytest.approx(np.min(alone, axis=0), abs=1e-12)
     assert (found.face == np.argmin(alone, axis=0)).all()
 

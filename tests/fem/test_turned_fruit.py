@@ -71,7 +71,9 @@ def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
 def test_who_takes_large_deformation_in_takes_the_turn_in_too():
     forward, _ = plain_forward_model(turned_case(TURN_RAD))
     (recording,) = forward.base.grasps
-    (column,) = (one for one in nuisances.common_nuisances(forward) if one.name == LARGE_DEFORMATION)
+    (column,) = (
+        nuisance for nuisance in nuisances.common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION
+    )
     (flesh,), turn = large_deformation(forward), turned_fruit(forward, recording)
     np.testing.assert_allclose(column.fields[0].markers, forward.compliance * flesh + turn, rtol=1e-12)
     (alone,) = nuisances.stand_ins(forward)

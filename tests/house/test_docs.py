@@ -155,8 +155,8 @@ def test_the_citation_names_the_version_and_licence_of_the_package():
 def keys_of(model: type[BaseModel]) -> set[str]:
     """The names of a table's keys, those of the tables in it too."""
     found = set(model.model_fields)
-    for one in model.model_fields.values():
-        kinds = [one.annotation, *getattr(one.annotation, "__args__", ())]
+    for field in model.model_fields.values():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
         for kind in kinds:
             if isinstance(kind, type) and issubclass(kind, BaseModel):
                 found |= keys_of(kind)

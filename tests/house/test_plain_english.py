@@ -97,7 +97,7 @@ def banned(text: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES)
 def test_no_sentence_is_long(page):
     text = (ROOT / page).read_text(encoding="utf-8")
-    assert [(words(one), one) for one in sentences(text) if words(one) > MOST_WORDS] == []
+    assert [(words(sentence), sentence) for sentence in sentences(text) if words(sentence) > MOST_WORDS] == []
 
 
 @pytest.mark.parametrize("page", PAGES)

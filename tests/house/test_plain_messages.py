@@ -113,7 +113,7 @@ def sentences(text: str) -> list[str]:
 
 
 def too_long(text: str) -> list[str]:
-    return [one for one in sentences(text) if len(one.split()) > MOST_WORDS]
+    return [sentence for sentence in sentences(text) if len(sentence.split()) > MOST_WORDS]
 
 
 def banned(text: str) -> list[str]:

@@ -205,7 +205,7 @@ def test_all_grasps_off_the_skin_are_all_named(workplace, mesh):
     task, made = workplace
     with pytest.raises(ExceptionGroup) as caught:
         modulus(task, mesh, "lost")
-    assert [one.problem for one in caught.value.exceptions] == [FemProblem.OFF_SURFACE]
+    assert [exception.problem for exception in caught.value.exceptions] == [FemProblem.OFF_SURFACE]
     assert made == []
 
 

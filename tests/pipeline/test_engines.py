@@ -53,7 +53,7 @@ def test_tasks_are_taken_as_there_is_room():
     events = run_on(engine, print, tasks())
     next(events)
     assert taken == [0, 1]
-    assert [one.fruit_id for one in events] == [str(k) for k in range(1, 10)]
+    assert [event.fruit_id for event in events] == [str(k) for k in range(1, 10)]
     assert engine.most == 2
 
 

@@ -60,8 +60,10 @@ def test_a_bent_force_reading_is_refused_by_grading_and_taken_to_be_explained(tm
     with pytest.raises(TactileFailure, match=r"is nonlinear \(run drupe explain"):
         place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked())
     placed = place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked(explains=True))
-    assert [one.kind for one in placed.findings if "clipped" in one.sentence] == [FindingKind.SATURATION]
-    assert not any(one.refused for one in placed.findings)
+    assert [finding.kind for finding in placed.findings if "clipped" in finding.sentence] == [
+        FindingKind.SATURATION
+    ]
+    assert not any(finding.refused for finding in placed.findings)
 
 
 def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():

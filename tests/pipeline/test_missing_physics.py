@@ -95,7 +95,7 @@ def test_what_was_found_stands_in_the_record(place):
     place.answers(SAID)
     record = stage.screened_fruit(place.task, place.fruit, graded(estimate(0.4), estimate(0.6)), {})
     assert (record.p_value, record.names, record.failure, record.note) == (0.01, ("skin",), "", "")
-    assert [(one.pad, one.value, one.sd) for one in record.amounts] == [("left", 0.01, 0.003)]
+    assert [(amount.pad, amount.value, amount.sd) for amount in record.amounts] == [("left", 0.01, 0.003)]
     (_, options), *_ = place.asked
     assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
 

@@ -45,9 +45,9 @@ def kinds(recordings, settings=None):
     """What is said of the gels by what is known of their sensor."""
     return {
         finding.kind
-        for one in recordings
-        for known in known_gels(one.sensor, settings)
-        for finding in gel_findings([pad for pad in one.pads if isinstance(pad, GelPad)], known)
+        for recording in recordings
+        for known in known_gels(recording.sensor, settings)
+        for finding in gel_findings([pad for pad in recording.pads if isinstance(pad, GelPad)], known)
     }
 
 
@@ -168,7 +168,7 @@ def test_a_pitch_that_is_not_the_sensors_is_doubted(sound, scale):
 
 def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
     sources = [
-        [one.source for one in known_gels(name, None)]
+        [gel.source for gel in known_gels(name, None)]
         for name in (
             "GelSight Mini, marked gel",
             "gelsight-mini",

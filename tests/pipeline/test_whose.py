@@ -115,12 +115,12 @@ def test_another_known_category_puts_E_in_doubt_and_one_of_the_users_own_does_no
     status, text = checked(batch)
     assert status == 4
     assert 'category: found "plum", expected "nectarine" as in batch.toml' in text
-    assert ["plum" in one.sentence for one in prepared(batch)[0].doubts] == [True]
+    assert ["plum" in doubt.sentence for doubt in prepared(batch)[0].doubts] == [True]
     relabel(recording(batch), category="our early nectarine")
     assert checked(batch)[0] == 0
     fruit, log = prepared(batch)
     assert fruit.doubts == ()
-    assert any('its category is "our early nectarine"' in one for one in log.warnings)
+    assert any('its category is "our early nectarine"' in warning for warning in log.warnings)
 
 
 def test_an_id_that_a_spreadsheet_or_a_recorder_spelt_otherwise_is_the_same_fruits(batch):
@@ -197,8 +197,8 @@ def test_a_copy_within_a_fruit_counts_once(batch):
     fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
     assert any(
-        one.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
-        for one in log.warnings
+        warning.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
+        for warning in log.warnings
     )
 
 

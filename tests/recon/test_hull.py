@@ -44,9 +44,9 @@ def cone_exit_mm(rays: np.ndarray, towards: np.ndarray) -> np.ndarray:
 
 def test_the_hull_ends_where_rays_leave_the_nearest_cone():
     towards = directions(9)
-    vertices, faces = hull([exact_silhouette(camera_towards(one)) for one in towards])
+    vertices, faces = hull([exact_silhouette(camera_towards(toward)) for toward in towards])
     rays, _ = ball(3)
-    expected = np.min([cone_exit_mm(rays, one) for one in towards], axis=0)
+    expected = np.min([cone_exit_mm(rays, toward) for toward in towards], axis=0)
     found = np.linalg.norm(vertices - CENTRE, axis=1)
     near = expected < 0.9 * LONGEST_MM
     assert near.mean() > 0.95
@@ -55,14 +55,16 @@ def test_the_hull_ends_where_rays_leave_the_nearest_cone():
 
 
 def test_nothing_of_the_hull_lies_under_the_floor():
-    vertices, _ = hull([exact_silhouette(camera_towards(one)) for one in directions(24)], floor_mm=8.0)
+    vertices, _ = hull(
+        [exact_silhouette(camera_towards(direction)) for direction in directions(24)], floor_mm=8.0
+    )
     down = ball(3)[0][:, 2] < -0.7
     assert vertices[:, 2].min() == pytest.approx(8.0, abs=0.01)
     np.testing.assert_allclose(vertices[down, 2], 8.0, atol=0.01)
 
 
 def test_one_outline_too_small_eats_a_strict_hull_and_not_one_of_most_views():
-    views = [exact_silhouette(camera_towards(one)) for one in directions(24)]
+    views = [exact_silhouette(camera_towards(direction)) for direction in directions(24)]
     views[5] = Silhouette(views[5].distance_px - 30.0, views[5].window, views[5].camera)
     strict, faces = hull(views)
     tolerant, _ = hull(views, outlier_share=0.1)

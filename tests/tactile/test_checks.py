@@ -282,7 +282,7 @@ def test_a_clock_in_another_unit_is_remarked_of_jaws_alone_and_puts_nothing_in_d
     assert found.remark
     assert found.relative_sd == 0.0
     pressed = replace(strange, loading="press", aperture_mm=-strange.aperture_mm)
-    assert FindingKind.TIME_UNIT not in {one.kind for one in findings(pressed, mesh)}
+    assert FindingKind.TIME_UNIT not in {finding.kind for finding in findings(pressed, mesh)}
 
 
 def said_of_noise(share):

@@ -191,7 +191,9 @@ CONTRADICTIONS: list[tuple[str, dict[str, Any], float, str]] = [
 
 
 @pytest.mark.parametrize(
-    ("fields", "values", "cause"), [one[1:] for one in CONTRADICTIONS], ids=[one[0] for one in CONTRADICTIONS]
+    ("fields", "values", "cause"),
+    [contradiction[1:] for contradiction in CONTRADICTIONS],
+    ids=[contradiction[0] for contradiction in CONTRADICTIONS],
 )
 def test_a_print_without_a_force_is_a_contradiction_with_its_cause(
     sound: Recording, fields: dict[str, Any], values: float, cause: str

@@ -59,8 +59,8 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
 
     def lost(count):
         columns = [one.copy() for one in (travel, force)]
-        for one in columns:
-            one[200 : 200 + count] = fill
+        for column in columns:
+            column[200 : 200 + count] = fill
         return logged(*columns)
 
     (correction,) = prepare(lost(6)).corrections
@@ -75,7 +75,7 @@ def test_each_block_of_rows_that_were_never_written_has_its_own_note():
     force = 5 * np.maximum(travel - 11, 0) ** 1.5 + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(300)
     blocks = np.repeat([-999.0, 0.0], 20)
     _, notes = written_runs(logged(np.r_[blocks, travel], np.r_[blocks, force]))
-    assert [(one.rows[0], len(one.rows), one.values) for one in notes] == [
+    assert [(note.rows[0], len(note.rows), note.values) for note in notes] == [
         (2, 20, (-999.0, -999.0)),
         (22, 20, (0.0, 0.0)),
     ]
@@ -141,7 +141,7 @@ def test_frames_that_were_never_written_are_left_out_of_every_field(tmp_path, fi
     np.testing.assert_allclose(read_back.time_s, TIME)
     np.testing.assert_allclose(read_back.aperture_mm, JAWS)
     assert len(read_back.pads[1].force_N) == FRAMES
-    assert [len(one.rows) for one in read_back.corrections] == [n for n in (start, end) if n]
+    assert [len(correction.rows) for correction in read_back.corrections] == [n for n in (start, end) if n]
 
 
 def of_aperture(change):
@@ -173,7 +173,7 @@ def poked(**values):
 )
 def test_apertures_that_the_logger_spoilt_lie_on_lines_between_readings(tmp_path, change, says):
     read_back = read_recording(changed(tmp_path / "a.h5", change))
-    assert [says in one.says for one in read_back.corrections] == [True]
+    assert [says in correction.says for correction in read_back.corrections] == [True]
     np.testing.assert_allclose(read_back.aperture_mm[:145], JAWS[:145], atol=0.12)
 
 

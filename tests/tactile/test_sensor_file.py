@@ -110,8 +110,8 @@ LIT_REFUSALS = [
 
 @pytest.mark.parametrize(
     ("text", "written_as", "instead", "field", "found"),
-    [(MONO, *one) for one in REFUSALS]
-    + [(MONO.replace("markers-mono", "photometric") + LIT, *one) for one in LIT_REFUSALS],
+    [(MONO, *refusal) for refusal in REFUSALS]
+    + [(MONO.replace("markers-mono", "photometric") + LIT, *refusal) for refusal in LIT_REFUSALS],
 )
 def test_a_wrong_field_is_named(
     tmp_path: Path, text: str, written_as: str, instead: str, field: str, found: str

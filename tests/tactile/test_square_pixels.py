@@ -64,12 +64,12 @@ def pictures() -> list[np.ndarray]:
 
 def read(folder: Path, pictures: list[np.ndarray], size_px: tuple[int, int]) -> tuple[GelPad, str]:
     """The pad of the press seen in pictures of that size, described by the first of them."""
-    seen = [cv2.resize(one, size_px, interpolation=cv2.INTER_AREA) for one in pictures]
+    seen = [cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA) for picture in pictures]
     made = described(read_model("gelsight-mini"), seen[0], source="empty.png")
     write_picture(folder / "tip/reference.png", seen[0])
     for t, frame in enumerate(seen[1:]):
         write_picture(folder / f"tip/frame_{t:06d}.png", frame)
-    lights = [{"direction": one.direction.tolist(), "colour": one.colour.tolist()} for one in LIGHTS]
+    lights = [{"direction": light.direction.tolist(), "colour": light.colour.tolist()} for light in LIGHTS]
     lit = made.table | {"kind": "photometric", "ambient": AMBIENT, "lights": lights}
     (folder / "sensor.toml").write_text(as_toml(lit))
     (folder / "grasp.toml").write_text(GRASP)

@@ -227,7 +227,7 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
     at = forward if again is None else replace(forward, compliance=again.forward.compliance)
     grasps = forward.base.grasps
     if again is None:
-        here, ahead = Response(unit=[one.tracks.unit_displacement for one in grasps]), []
+        here, ahead = Response(unit=[grasp.tracks.unit_displacement for grasp in grasps]), []
     else:
         here = _responses(again, again.parameters, at, candidates)
         ahead = [_responses(again, values, at, candidates) for values in _ahead(again)]

@@ -103,17 +103,17 @@ class ContactFound:
     @property
     def evidence(self) -> float:
         """ln evidence over none, of all recordings."""
-        return sum(one.evidence for one in self.forces)
+        return sum(force.evidence for force in self.forces)
 
     @property
     def volume(self) -> float:
         """Its part that is not in how well the forces balance."""
-        return sum(one.volume for one in self.forces)
+        return sum(force.volume for force in self.forces)
 
     @property
     def greatest_N(self) -> tuple[float, float]:
         """The greatest normal force, and its standard deviation."""
-        normal = [one.force_N @ self.seat.inward for one in self.forces]
+        normal = [force.force_N @ self.seat.inward for force in self.forces]
         best = int(np.argmax([own.max() for own in normal]))
         at = int(normal[best].argmax())
         return float(normal[best][at]), float(self.forces[best].sd_N[at])
@@ -223,7 +223,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
     places = _places(mesh.nodes_mm[mesh.outer_nodes])
     skin = locate(mesh, places)
     evidence = [
-        sum(one.evidence for one in _forces(forward, place, -normal))
+        sum(force.evidence for force in _forces(forward, place, -normal))
         for place, normal in zip(skin.point_mm, skin.normal, strict=True)
     ]
     mean = float(logsumexp(evidence) - np.log(len(evidence)))

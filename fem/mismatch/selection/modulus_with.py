@@ -181,7 +181,9 @@ def _apart(again: Refit, modulus: Modulus) -> float:
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
     """The budget without spreads of what these effects search for."""
-    searched = {SPREADS[one]: 0.0 for one in SPREADS if one in [effect.spec.correction for effect in effects]}
+    searched = {
+        SPREADS[spread]: 0.0 for spread in SPREADS if spread in [effect.spec.correction for effect in effects]
+    }
     return replace(budget, **searched)
 
 

@@ -50,7 +50,7 @@ def compared(
             measured=measured[name],
             before=before[name],
             after=after[name],
-            sd=float(np.std([one[name] for one in copies])),
+            sd=float(np.std([copy[name] for copy in copies])),
             unit=units[name],
         )
         for name in measured

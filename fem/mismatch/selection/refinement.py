@@ -108,7 +108,7 @@ def refit(
 
     `starts`: parameters of each effect to start from where they are known; else from the linear amounts.
     """
-    specs = [spec for one in linear_fits for spec in one.effect.spec.searched]
+    specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
     search = _Search(forward, linear, tuple(linear_fits), specs)
     now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
     gained = float("inf")
@@ -134,8 +134,8 @@ def refit(
             break
     parameters, first = [], 0
     values = search.plain(now.at)
-    for one in linear_fits:
-        names = [spec.name for spec in one.effect.spec.searched]
+    for fit in linear_fits:
+        names = [spec.name for spec in fit.effect.spec.searched]
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
         first += len(names)
     count = len(specs)
@@ -143,8 +143,8 @@ def refit(
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
-        effects=tuple(one.effect for one in linear_fits),
-        variants=tuple(one.signature.variant for one in linear_fits),
+        effects=tuple(fit.effect for fit in linear_fits),
+        variants=tuple(fit.signature.variant for fit in linear_fits),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
@@ -187,21 +187,21 @@ class _Search:
         warm_start = forward.warm_starts or WarmStarts()
         self.forward = replace(forward, warm_starts=warm_start.copy())
         self.linear, self.linear_fits = linear, linear_fits
-        effects = [one.effect for one in linear_fits]
+        effects = [fit.effect for fit in linear_fits]
         self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
-        self.signatures = tuple(j for one in linear_fits for j in one.columns)
+        self.signatures = tuple(j for fit in linear_fits for j in fit.columns)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
         quarter = (self.high - self.low) / 4
         own = [
             (
-                one.effect.measured_sd(forward)[spec.name]
-                if isinstance(one.effect, SeenDirectly)
+                fit.effect.measured_sd(forward)[spec.name]
+                if isinstance(fit.effect, SeenDirectly)
                 else spec.spread
             )
-            for one in linear_fits
-            for spec in one.effect.spec.searched
+            for fit in linear_fits
+            for spec in fit.effect.spec.searched
         ]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
@@ -262,7 +262,7 @@ class _Search:
         """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
         ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
-        first = np.cumsum([0, *(len(one.effect.spec.searched) for one in self.linear_fits)])
+        first = np.cumsum([0, *(len(fit.effect.spec.searched) for fit in self.linear_fits)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
@@ -271,10 +271,10 @@ class _Search:
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The responses of the effects, their changes of the plain model added up."""
         values, found, first = self.plain(at), [], 0
-        for one in self.linear_fits:
-            names = [spec.name for spec in one.effect.spec.searched]
+        for fit in self.linear_fits:
+            names = [spec.name for spec in fit.effect.spec.searched]
             own = dict(zip(names, values[first : first + len(names)], strict=True))
-            found.append(self._single_response(one, own))
+            found.append(self._single_response(fit, own))
             first += len(names)
         return found[0] if len(found) == 1 else superposed(self.forward, found)
 
