@@ -177,7 +177,7 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
         signatures=signatures,
         rows=list(linear.products.rows),
         products=list(linear.products.products),
-        count=sum(one.own.shape[1] for one in recorded),
+        count=sum(one.nuisances.shape[1] for one in recorded),
         facts={
             "compliance": forward.compliance,
             "compliance_ratio": forward.compliance_ratio,

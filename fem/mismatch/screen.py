@@ -127,7 +127,7 @@ def screen(
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
-    numbers = np.array([one.own.shape[1] for one in recorded])
+    numbers = np.array([equations.nuisances.shape[1] for equations in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
     detection = detected(linear, kept=share)

@@ -96,7 +96,7 @@ def test_pit_and_poissons_ratio_follow_from_forces_like_their_own_fields() -> No
         expected = float((field.markers * noise.weighed[0]).sum())
         scale = float(np.abs(field.markers * noise.weighed[0]).sum())
         assert found == pytest.approx(expected, abs=0.02 * scale), column.name
-    assert equations.own.size
+    assert equations.nuisances.size
 
 
 def test_the_plain_models_product_is_negative() -> None:

@@ -184,8 +184,8 @@ def _inner_changes(paths: ForwardModel) -> tuple[list[str], list[list[Float[np.n
         loads.append(forces.reshape(-1, *forces.shape[2:]))
     moved = paths.base.displacements(loads)
     changes: list[list[np.ndarray]] = [[] for _ in causes]
-    for recording, forces in zip(grasps, moved, strict=True):
-        on_skin = forces[:, paths.base.solid_of(recording).contact_nodes]
+    for recording, displacement in zip(grasps, moved, strict=True):
+        on_skin = displacement[:, paths.base.solid_of(recording).contact_nodes]
         by_cause = recording.at_markers(on_skin).reshape(len(causes), len(recording.moved), -1, 3)
         for place, field in zip(changes, by_cause, strict=True):
             place.append(field)
