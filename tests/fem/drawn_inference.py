@@ -78,12 +78,12 @@ class Estimator:
         self, models: Sequence[GraspModel], histories: Sequence[GraspHistory], E_MPa: float
     ) -> list[GraspModel]:
         """The models for these recordings of a fruit of that modulus, in the frames that they load."""
-        found = []
-        for model, usual, own in zip(models, self.typical, histories, strict=True):
-            used = loaded_frames(own)[loaded_frames(usual)]
+        calibrated = []
+        for model, usual, history in zip(models, self.typical, histories, strict=True):
+            used = loaded_frames(history)[loaded_frames(usual)]
             values = press_of(E_MPa) * model.sensitivity.values[:, used]
-            found.append(replace(model, sensitivity=replace(model.sensitivity, values=values)))
-        return found
+            calibrated.append(replace(model, sensitivity=replace(model.sensitivity, values=values)))
+        return calibrated
 
     def both(
         self, truths: Sequence[True1MPa], *, E_MPa: float, rng: np.random.Generator, budget: ErrorBudget

@@ -44,8 +44,8 @@ def dense_evidence(data: np.ndarray, *columns: np.ndarray, noise: float = 1.0) -
     return float(multivariate_normal.logpdf(data, cov=covariance))
 
 
-def added(case: SignatureEquations, own: tuple[int, ...]) -> float:
-    return float(case.log_bayes_factor(own, case.right[None])[0])
+def added(case: SignatureEquations, columns: tuple[int, ...]) -> float:
+    return float(case.log_bayes_factor(columns, case.right[None])[0])
 
 
 def test_a_second_signature_adds_what_dense_evidence_says():

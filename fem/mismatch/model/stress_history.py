@@ -160,8 +160,8 @@ def path_response(
 def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
     """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
     return [
-        recording.tracks.unit_displacement + own
-        for recording, own in zip(state.base.grasps, state.at_markers(more), strict=True)
+        recording.tracks.unit_displacement + displacement
+        for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
     ]
 
 
