@@ -109,8 +109,8 @@ def test_without_a_spot_nothing_stands_out():
     def most(more: np.ndarray) -> float:
         forward = forward_of(more)
         left = [
-            own.position_mm - own.place_mm - COMPLIANCE * own.unit_displacement
-            for own in (recording.tracks for recording in forward.base.grasps)
+            tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement
+            for tracks in (recording.tracks for recording in forward.base.grasps)
         ]
         spots = best_spots(forward, forward.adjoint_basis.observed(left))
         return max((spot.score for spot in spots), default=0.0)
