@@ -110,11 +110,11 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
 
 def test_threads_change_no_number():
     effects = [damage.EFFECT, skin.EFFECT, soft_spot.EFFECT]
-    alone, two = (rounds(effects, workers=workers) for workers in (1, 3))
-    assert alone.null.log_evidence == two.null.log_evidence
-    assert [shown.gain for shown in alone.linear_fits] == [shown.gain for shown in two.linear_fits]
-    assert [shown.signature.variant for shown in alone.linear_fits] == [
-        shown.signature.variant for shown in two.linear_fits
+    serial, threaded = (rounds(effects, workers=workers) for workers in (1, 3))
+    assert serial.null.log_evidence == threaded.null.log_evidence
+    assert [shown.gain for shown in serial.linear_fits] == [shown.gain for shown in threaded.linear_fits]
+    assert [shown.signature.variant for shown in serial.linear_fits] == [
+        shown.signature.variant for shown in threaded.linear_fits
     ]
 
 

@@ -49,8 +49,8 @@ def gained() -> Screened:
 
 
 def amount(screened: Screened, effect: str, pad: str) -> tuple[float, float]:
-    (drift,) = [listed for listed in screened.amounts if (listed.effect, listed.pad) == (effect, pad)]
-    return drift.value, drift.sd
+    (of_pad,) = [listed for listed in screened.amounts if (listed.effect, listed.pad) == (effect, pad)]
+    return of_pad.value, of_pad.sd
 
 
 @pytest.mark.slow

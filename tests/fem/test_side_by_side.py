@@ -76,6 +76,6 @@ def test_pieces_of_flesh_add_up_to_the_same_forces_however_many_threads_work_on_
     def law(gradient):
         return gradient + np.swapaxes(gradient, 2, 3)
 
-    alone, two = (FleshPieces.whole(points, workers=n).forces(moved, law) for n in (1, 3))
+    serial, threaded = (FleshPieces.whole(points, workers=n).forces(moved, law) for n in (1, 3))
     assert len(FleshPieces.whole(points).pieces) > 3
-    np.testing.assert_array_equal(alone, two)
+    np.testing.assert_array_equal(serial, threaded)
