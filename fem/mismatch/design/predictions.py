@@ -281,15 +281,15 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
 
 def _ahead(again: Refit) -> list[tuple[dict[str, float], ...]]:
     """The parameters a step ahead, one after the other, as in the refit's own slopes."""
-    stepped, steps = [], iter(again.ahead)
+    parameters_ahead, steps = [], iter(again.ahead)
     for number, effect in enumerate(again.effects):
         for spec in effect.spec.searched:
             step, _ = next(steps)
             values = [dict(parameters) for parameters in again.parameters]
             old = values[number][spec.name]
             values[number][spec.name] = old * float(np.exp(step)) if spec.log else old + step
-            stepped.append(tuple(values))
-    return stepped
+            parameters_ahead.append(tuple(values))
+    return parameters_ahead
 
 
 def _responses(
@@ -351,7 +351,10 @@ def _together(effect: Effect, candidates: CandidateSet) -> list[list[int]]:
             if course.depth == 1.0 and course.place.kind in near and course.place.source == first
         ]
     depths = [course.depth for course in candidates.courses]
-    return [[k for k, depth in enumerate(depths) if depth == distinct] for distinct in dict.fromkeys(depths)]
+    return [
+        [k for k, depth in enumerate(depths) if depth == shared_depth]
+        for shared_depth in dict.fromkeys(depths)
+    ]
 
 
 def _alone(paths: ForwardModel, courses: Sequence[int], remembered: CandidateSet | None) -> ForwardModel:

@@ -124,11 +124,11 @@ class Drainage:
 
 def _drained(forward: ForwardModel, tau_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """dc/ds: at once nothing, in time that of the elastic law."""
-    drained = []
+    responses = []
     for recording, first in zip(forward.base.grasps, _first_orders(forward), strict=True):
         whole = over_all_frames(recording, first)
-        drained.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
-    return drained
+        responses.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
+    return responses
 
 
 def fading_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:

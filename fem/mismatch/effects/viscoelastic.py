@@ -112,11 +112,11 @@ class Viscoelastic:
 
 def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """h: nothing at once, in time all of c."""
-    crept = []
+    responses = []
     for recording in forward.base.grasps:
         whole = over_all_frames(recording, recording.tracks.unit_displacement)
-        crept.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
-    return crept
+        responses.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
+    return responses
 
 
 EFFECT: Effect = Viscoelastic()

@@ -106,9 +106,9 @@ class GramMatrix:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
-        with_means = [column for column in self.columns if not column.stands_in]
+        columns_with_mean = [column for column in self.columns if not column.stands_in]
         self.data = [
-            _less_prior_means(plain_data(forward, equations), with_means, k)
+            _less_prior_means(plain_data(forward, equations), columns_with_mean, k)
             for k, equations in enumerate(recorded)
         ]
 
