@@ -102,7 +102,7 @@ def read_log(path: Path) -> GraspLog:
             force=pressed,
         )
     except NotPrepared as cause:
-        raise unusable(path.name, cause.found, cause.expected) from None
+        raise unusable(path.name, cause.fault, cause.expected) from None
     increasing(path.name, done.time_s)
     place = done.columns["aperture_mm"]
     if (farthest := float(np.abs(place).max())) > FARTHEST_MM:

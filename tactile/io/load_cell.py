@@ -155,7 +155,7 @@ def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrac
     try:
         runs, corrections = written_runs(logged)
     except NotPrepared as cause:
-        raise unusable(source, cause.found, cause.expected) from None
+        raise unusable(source, cause.fault, cause.expected) from None
     notes += [f"{source}: {correction.says}" for correction in corrections]
     return runs
 
@@ -181,7 +181,7 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
     try:
         prepared = prepare(chosen)
     except NotPrepared as cause:
-        raise unusable(source, cause.found, cause.expected) from None
+        raise unusable(source, cause.fault, cause.expected) from None
     notes += [f"{source}: {correction.says}" for correction in prepared.corrections]
     return prepared.logged
 

@@ -67,7 +67,7 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
     assert correction.rows == tuple(range(202, 208))
     with pytest.raises(NotPrepared) as caught:
         prepare(lost(40))
-    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.found
+    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.fault
 
 
 def test_each_block_of_rows_that_were_never_written_has_its_own_note():
@@ -89,7 +89,7 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     force += 0.01 * np.random.default_rng(0).standard_normal(300)
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged(travel, force))
-    assert f"at row {row + 2}, and no frames in air" in caught.value.found
+    assert f"at row {row + 2}, and no frames in air" in caught.value.fault
 
 
 def test_a_field_that_is_read_twice_counts_once(tmp_path):
