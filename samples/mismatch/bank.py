@@ -153,9 +153,7 @@ def as_stated(
     The truth stays: the prior's pit is displaced or scaled the other way. The case states the Poisson's ratio
     that was drawn, and its label is the true one.
     """
-    offset, size, ratio = (
-        named(added, injection) for injection in ("pit_offset", "pit_size", "poisson_ratio")
-    )
+    offset, size, ratio = (named(added, effect) for effect in ("pit_offset", "pit_size", "poisson_ratio"))
     seen = seen_anew(
         drawn,
         rng,

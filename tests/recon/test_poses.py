@@ -67,8 +67,8 @@ def test_a_misread_tag_moves_no_camera_and_is_left_out():
     poses = cameras_from_mat(photos, mat)
     assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=1e-4)
     assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=1e-3)
-    for recovered, true in zip(poses.cameras, cameras, strict=True):
-        assert np.linalg.norm(recovered.place - true.place) < 0.05
+    for recovered_camera, true in zip(poses.cameras, cameras, strict=True):
+        assert np.linalg.norm(recovered_camera.place - true.place) < 0.05
     assert poses.reprojection_px < 0.02
 
 
