@@ -211,7 +211,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
             "recordings' frames; give --picture.",
         )
     grid = None if model.rows is None or model.columns is None else (model.rows, model.columns)
-    calibration = camera_from_dots(
+    fit = camera_from_dots(
         picture,
         pitch_mm=_two(model.pitch_mm),
         distance_mm=float(model.distance_mm.value[0]),
@@ -219,25 +219,25 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         source=source,
         grid=grid,
     )
-    ratio, ratio_sd = calibration.aspect or (1.0, 0.0)
+    ratio, ratio_sd = fit.aspect or (1.0, 0.0)
     spread = _spread(model, model.pitch_mm, model.distance_mm, ratio_sd=ratio_sd / ratio)
     table = {
         "kind": model.kind,
         "name": model.name,
         "gel": {name: _plain(published) for name, published in model.gel.items()},
-        "camera": _camera_table(calibration),
+        "camera": _camera_table(fit),
         "markers": {
-            "rows": calibration.rows,
-            "columns": calibration.columns,
+            "rows": fit.rows,
+            "columns": fit.columns,
             "pitch_mm": list(_two(model.pitch_mm)),
         },
         "spread": spread,
     }
     seen = [
-        f"{source}: {calibration.dots} dots of a grid of {calibration.rows} x {calibration.columns}, "
-        f"{calibration.off_px:.2g} px off the grid of the fitted camera"
+        f"{source}: {fit.dots} dots of a grid of {fit.rows} x {fit.columns}, "
+        f"{fit.off_px:.2g} px off the grid of the fitted camera"
     ]
-    if calibration.aspect is not None:
+    if fit.aspect is not None:
         seen.append(
             f"{source}: the picture was resized without its proportions. A millimetre along x has "
             f"{ratio:.3f} ± {ratio_sd:.3f} times the pixels of a millimetre along y. drupe reads frames "

@@ -76,16 +76,13 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     if missing:
         raise unusable(f"{path.name}: {missing[0]}", "no message", f"the topic that {topics.name} names")
     series = {key: read[topic] for key, topic in named.items()}
-    moving = [messages for key, messages in series.items() if not key.endswith(".rest")]
+    moving = [signal for key, signal in series.items() if not key.endswith(".rest")]
     for key, topic in named.items():
         times = read[topic].time_s
         if not key.endswith(".rest") and (len(times) < 2 or (np.diff(times) <= 0).any()):
             fault = f"{len(times)} messages, not each later than the one before"
             raise unusable(f"{path.name}: {topic}", fault, "two or more messages, logged one after another")
-    start, end = (
-        max(messages.time_s[0] for messages in moving),
-        min(messages.time_s[-1] for messages in moving),
-    )
+    start, end = max(signal.time_s[0] for signal in moving), min(signal.time_s[-1] for signal in moving)
     when = series[f"{pads[0]}.displacement"].time_s
     when = when[(when >= start) & (when <= end)]
     if len(when) < 2:
@@ -94,8 +91,8 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     for pad in pads:
         fields[f"pads/{pad}/rest_mm"] = length * series[f"{pad}.rest"].values[0]
         for field, unit, scale in (("displacement", "mm", length), ("force", "N", 1.0)):
-            messages = series[f"{pad}.{field}"]
-            fields[f"pads/{pad}/{field}_{unit}"] = scale * at_times(when, messages.time_s, messages.values)
+            signal = series[f"{pad}.{field}"]
+            fields[f"pads/{pad}/{field}_{unit}"] = scale * at_times(when, signal.time_s, signal.values)
         if f"{pad}.pose" in series:
             fields[f"pads/{pad}/pose"] = _poses(path, named[f"{pad}.pose"], series[f"{pad}.pose"], when)
     if "aperture" in series:
