@@ -226,11 +226,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         "name": model.name,
         "gel": {name: _plain(published) for name, published in model.gel.items()},
         "camera": _camera_table(fit),
-        "markers": {
-            "rows": fit.rows,
-            "columns": fit.columns,
-            "pitch_mm": list(_two(model.pitch_mm)),
-        },
+        "markers": {"rows": fit.rows, "columns": fit.columns, "pitch_mm": list(_two(model.pitch_mm))},
         "spread": spread,
     }
     seen = [

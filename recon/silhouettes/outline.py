@@ -82,8 +82,8 @@ def snapped(
     """
     shifts = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     gains = [
-        _gain(outline, odds, colour, shifts, most_log_odds)
-        for outline, odds, colour in zip(outlines, log_odds, colours, strict=True)
+        _gain(outline, view_log_odds, colour, shifts, most_log_odds)
+        for outline, view_log_odds, colour in zip(outlines, log_odds, colours, strict=True)
     ]
     paths = best_rings(np.array(gains, np.float32), bend=BEND, steepest=1)
     moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]

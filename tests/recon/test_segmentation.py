@@ -91,11 +91,11 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
         for i, c in zip(scene().images, scene().cameras, strict=True)
     ]
     log_odds, masks = learned_log_odds(views, bounds, scene().background(covered), EGG.centre)
-    for view, odds, mask in zip(views, log_odds, masks, strict=True):
+    for view, view_log_odds, mask in zip(views, log_odds, masks, strict=True):
         egg = truth(view)
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
         assert overlap(mask, egg) > 0.95
-        assert ((odds > 0) == egg)[~edge].mean() > 0.95
+        assert ((view_log_odds > 0) == egg)[~edge].mean() > 0.95
 
 
 def test_windows_hold_the_points_with_their_margin_and_are_about_as_wide_as_asked():
