@@ -55,7 +55,7 @@ def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | Non
         common=float(np.mean([common_sd(recording, settings) for recording in recordings])),
         pictures=float(np.mean([_picture_sd(recording, settings) for recording in recordings])),
         gain=E_PER_GAIN * gain.shared,
-        own_gain=E_PER_GAIN * gain.own,
+        own_gain=E_PER_GAIN * gain.independent,
     )
 
 

@@ -80,7 +80,7 @@ def calibrate_rig(
         )
         raise refused(sources[0], sentence)
     whole = fit_rig(squeezes)
-    jaws = fit_rig(squeezes, own=False) if gels == {True} else None
+    jaws = fit_rig(squeezes, with_gels=False) if gels == {True} else None
     RIG.put(out, _described(whole, jaws, squeezes, rigid, sources, today), read_rig)
     return (*said, *_in_words(whole, jaws, rigid))
 

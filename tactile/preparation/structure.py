@@ -61,8 +61,8 @@ def reserved_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
         first, end = edges[k], edges[k + 1]
         if first > 0 and end < rows:
             jumps = [
-                min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
-                for one, limit in zip(columns, limits, strict=True)
+                min(abs(column[first] - column[first - 1]), abs(column[end] - column[end - 1])) > limit
+                for column, limit in zip(columns, limits, strict=True)
             ]
             rest = [np.delete(column, np.s_[first:end]) for column in columns]
             inside[first:end] = all(jumps) and _is_fill([column[first] for column in columns], rest)
@@ -89,7 +89,7 @@ def _block(columns: Sequence[Values]) -> int:
 
 def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bool:
     """Whether the first `length` rows, all of one value, were not measured."""
-    nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
+    nothing = [bool(np.isnan(column[0])) for column in (time_s, *columns)]
     rest = [column[length:] for column in columns]
     if nothing[0] or all(nothing[1:]):
         return True
@@ -99,7 +99,7 @@ def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bo
     if stands or (back and (length > 1 or fill)):
         return True
     if any(nothing):
-        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
+        return length == 1 and bool(np.isfinite([column[0] for column in rest]).all())
     alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
     if alone or not fill or len(rest[0]) < FEWEST:
         return False
@@ -108,7 +108,7 @@ def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bo
         [column[0] for column in columns], rest
     ):
         return True
-    noisy = [_is_noise_about(one[0], after) for one, after in zip(columns[1:], rest[1:], strict=True)]
+    noisy = [_is_noise_about(column[0], after) for column, after in zip(columns[1:], rest[1:], strict=True)]
     return length >= LONG and any(noisy)
 
 
@@ -141,7 +141,7 @@ def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]
     known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force) & ~reserved_inside(rest)
     other = _block([place[::-1], force[::-1]])
     if (place[-1], force[-1]) == tuple(held) and other < len(place):  # the same block at the other end
-        inner = [one[: len(one) - other][::-1] for one in rest]
+        inner = [column[: len(column) - other][::-1] for column in rest]
         if any(_jumps(held, inner)):
             known[len(known) - other :] = False
     place, force = place[known], force[known]
@@ -172,8 +172,8 @@ def _large_step(values: Values) -> float:
     return float(np.percentile(steps, LARGE)) if len(steps) else 0.0
 
 
-def _same(one: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
-    return np.asarray((one == other) | (np.isnan(one) & np.isnan(other)))
+def _same(column: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
+    return np.asarray((column == other) | (np.isnan(column) & np.isnan(other)))
 
 
 def written(
@@ -224,10 +224,10 @@ def runs(
     """
     starts = np.union1d(run_starts(time_s), np.array(breaks, dtype=int))
     ends = np.r_[starts[1:], len(time_s)]
-    found = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
+    spans = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
     if of_topics and all(len(run_starts(time_s[topic])) == 1 for topic in of_topics):
         return [slice(0, len(time_s))]
-    return found
+    return spans
 
 
 def wild_or_repeated_times(

@@ -75,16 +75,18 @@ def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n, noise):
         gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
         measured = gain + bias + rng.normal(0, noise, n)
         found = gain_left(measured, np.full(n, noise))
-        left.append(gain / np.hypot(found.shared, found.own))
+        left.append(gain / np.hypot(found.shared, found.independent))
     assert 0.9 < np.sqrt(np.mean(np.square(left))) < 1.1
 
 
 def test_only_the_noise_of_recordings_is_their_own():
     few, many = (gain_left(np.zeros(n), np.full(n, 0.01)) for n in (1, 100))
-    assert few.own > 0.008
-    assert many.own < few.own / 8
+    assert few.independent > 0.008
+    assert many.independent < few.independent / 8
     assert few.shared == pytest.approx(many.shared, rel=0.1)
-    assert gain_left(np.full(9, 0.06), np.full(9, 0.01)).own == pytest.approx(few.own / 3, rel=0.1)
+    assert gain_left(np.full(9, 0.06), np.full(9, 0.01)).independent == pytest.approx(
+        few.independent / 3, rel=0.1
+    )
 
 
 def test_a_gain_that_no_recording_measures_has_its_prior_spread(sound):

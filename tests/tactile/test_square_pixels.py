@@ -97,7 +97,7 @@ def test_squeezed_pictures_give_the_unsqueezed_displacement_and_force(
     assert f"the picture was resized without its proportions. A millimetre along x has {ratio:.2f}" in said
     away_mm = np.abs(pad.displacement_mm - unsqueezed.displacement_mm)
     assert away_mm.max() < 0.02 * np.abs(unsqueezed.displacement_mm).max()
-    force, expected = (one.force_N[-1].sum(axis=0) for one in (pad, unsqueezed))
+    force, expected = (gel_pad.force_N[-1].sum(axis=0) for gel_pad in (pad, unsqueezed))
     assert np.linalg.norm(expected) == pytest.approx(2.4, rel=0.15)
     assert np.linalg.norm(force - expected) < 0.01 * np.linalg.norm(expected)
 

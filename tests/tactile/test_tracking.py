@@ -230,10 +230,10 @@ def slipped(where: Float[np.ndarray, "t n 2"], first: int, end: int) -> Float[np
 def test_names_wrong_between_two_jumps_are_set_right() -> None:
     right = truth()
     wrong = slipped(right, JUMPS_AT, HEALS_AT)
-    found = relabelled(LATTICE, wrong, blobs(right))
-    both = np.isfinite(found) & np.isfinite(right)
+    positions = relabelled(LATTICE, wrong, blobs(right))
+    both = np.isfinite(positions) & np.isfinite(right)
     assert np.abs(wrong - right)[np.isfinite(wrong) & np.isfinite(right)].max() > 0.9 * PITCH_PX
-    assert np.abs(found - right)[both].max() == 0.0
+    assert np.abs(positions - right)[both].max() == 0.0
     assert both.mean() > 0.97 * np.isfinite(right).mean()
 
 
