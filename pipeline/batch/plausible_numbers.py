@@ -119,8 +119,8 @@ def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
         if grading_class.E_max_MPa is not None and not low <= grading_class.E_max_MPa <= high:
             slip = _meant(grading_class.E_max_MPa, MODULUS_SLIPS, (low, high), "MPa")
             yield (
-                f'"grading.classes": E_max_MPa of "{grading_class.name}" is {grading_class.E_max_MPa:g}; flesh of {kind.a_fruit} '
-                f"has {low:g} to {high:g} MPa{slip}"
+                f'"grading.classes": E_max_MPa of "{grading_class.name}" is {grading_class.E_max_MPa:g}; '
+                f"flesh of {kind.a_fruit} has {low:g} to {high:g} MPa{slip}"
             )
 
 
@@ -259,7 +259,8 @@ def _exchanged(measurements: Mapping[str, float], kind: PlausibleRange) -> str:
             continue
         lost = not (_in_some_unit(a, measurements[a], of_a) and _in_some_unit(b, measurements[b], of_b))
         if lost and _within(measurements[a], of_b) and _within(measurements[b], of_a):
-            return f"{a} {measurements[a]:g} and {b} {measurements[b]:g}: are the two swapped? {_range(a, kind)}."
+            both = f"{a} {measurements[a]:g} and {b} {measurements[b]:g}"
+            return f"{both}: are the two swapped? {_range(a, kind)}."
     return ""
 
 

@@ -75,8 +75,8 @@ def of_category(
             kind=CategoryKind.SIZE,
             sentence=(
                 f"category: the mesh has a mean size of {size_mm:.0f} mm. This fits a "
-                f"{other.category} ({usual:g} to {widest:g} mm) {math.exp(better - log_likelihood):.0f} times "
-                f"better than a {prior.category} ({low:g} to {high:g} mm). Correct category in "
+                f"{other.category} ({usual:g} to {widest:g} mm) {math.exp(better - log_likelihood):.0f} "
+                f"times better than a {prior.category} ({low:g} to {high:g} mm). Correct category in "
                 "batch.toml. For a cultivar of unusual size, give your own file as [pit] prior, with "
                 "its fruit_mm."
             ),

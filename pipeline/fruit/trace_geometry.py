@@ -85,12 +85,12 @@ def stated_in_table(given: Given) -> Stated:
 
 def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple[PressedSpecimen, list[str]]:
     """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
-    recorded_fields, said = recorded.stated, stated.specimen.stated
+    recorded_by_name, said = recorded.stated, stated.specimen.stated
     notes = [
-        f"{source}: {KEYS[name]} is {recorded_fields[name]} in the recording but {value} in {stated.where}; drupe "
-        "uses the latter."
+        f"{source}: {KEYS[name]} is {recorded_by_name[name]} in the recording but {value} in {stated.where}; "
+        "drupe uses the latter."
         for name, value in said.items()
-        if name in recorded_fields and recorded_fields[name] != value
+        if name in recorded_by_name and recorded_by_name[name] != value
     ]
     return replace(recorded, **said), notes
 

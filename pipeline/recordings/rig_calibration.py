@@ -70,8 +70,8 @@ def calibrate_rig(
         held = min(squeeze.held for squeeze in file_squeezes)
         report(
             f"{path.name}: {len(file_squeezes)} squeeze{'s' if len(file_squeezes) > 1 else ''} up to "
-            f"{max(squeeze.largest_N for squeeze in file_squeezes):.3g} N, with {1 - held:.0%} loss of force during the "
-            "hold"
+            f"{max(squeeze.largest_N for squeeze in file_squeezes):.3g} N, with {1 - held:.0%} loss of force "
+            "during the hold"
         )
     if len(gels) > 1:
         sentence = (
