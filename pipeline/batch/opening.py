@@ -87,20 +87,20 @@ def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = No
 
     With `force` numbers that are merely implausible stop nothing; `choose` as in `survey`.
     """
-    surveyed = survey(root, choose=choose)
-    stops = [p for p in surveyed.problems if not (force and p.implausible)]
-    if stops or surveyed.settings is None or surveyed.rows is None:
+    batch_survey = survey(root, choose=choose)
+    stops = [p for p in batch_survey.problems if not (force and p.implausible)]
+    if stops or batch_survey.settings is None or batch_survey.rows is None:
         raise BatchRefused(stops)
-    known = surveyed.category
+    known = batch_survey.category
     return Batch(
-        folder=surveyed.folder,
-        settings=surveyed.settings,
-        rows=surveyed.rows,
-        mat=surveyed.mat,
-        category=surveyed.settings.category if known is None else known.category,
+        folder=batch_survey.folder,
+        settings=batch_survey.settings,
+        rows=batch_survey.rows,
+        mat=batch_survey.mat,
+        category=batch_survey.settings.category if known is None else known.category,
         known=known,
         body=STONE_FRUIT if known is None else known.body,
-        prior=surveyed.prior,
+        prior=batch_survey.prior,
     )
 
 

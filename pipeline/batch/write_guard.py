@@ -49,11 +49,11 @@ def require_free(
     """Raises BatchRefused with every file in the way of the results that drupe did not write. `tables`: those
     beside the ranking that are asked for.
     """
-    all_results = list(fruits)
-    folders = dict.fromkeys(folder for fruit in all_results for folder in (fruit.root.parent, fruit.root))
+    fruit_results = list(fruits)
+    folders = dict.fromkeys(folder for fruit in fruit_results for folder in (fruit.root.parent, fruit.root))
     obstacles = [path for path in folders if path.is_symlink()] or [
         *results.in_the_way(tables),
-        *(path for fruit in all_results for path in fruit.in_the_way()),
+        *(path for fruit in fruit_results for path in fruit.in_the_way()),
     ]
     if obstacles:
         raise BatchRefused(_in_the_way(path, option) for path in dict.fromkeys(obstacles))

@@ -36,7 +36,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     Parameters count as independent, and the rig as one more, its curve shifted as a whole. Poisson's ratio
     and the pit have their own parts of the error bar.
     """
-    shared, of_the_fruit, doubts = [0.0], [0.0], []
+    shared, fruit_deviations, doubts = [0.0], [0.0], []
     effects = task.settings.mismatch
     rig = batch_rig(task.batch_root, task.settings)
     counted = [
@@ -56,7 +56,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
                     "E has no value there"
                 )
                 continue
-            (of_the_fruit if effect.fruits else shared).append(abs(other - E_MPa))
+            (fruit_deviations if effect.fruits else shared).append(abs(other - E_MPa))
     if rig is not None:
         moved = _moved_by_rig(task, fruit, E_MPa, rig)
         shared.append(0.0 if moved is None else moved)
@@ -67,7 +67,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
             )
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
-        own_sd_MPa=float(np.linalg.norm(of_the_fruit)),
+        own_sd_MPa=float(np.linalg.norm(fruit_deviations)),
         doubts=tuple(doubts),
     )
 

@@ -210,8 +210,8 @@ def compression_trace(
     )
 
 
-def _unfit(path: Path, found_text: str, expected: str) -> TactileFailure:
-    said = f"{path.name}: found {found_text}, expected for a fruit without photos or mesh: {expected}."
+def _unfit(path: Path, contents: str, expected: str) -> TactileFailure:
+    said = f"{path.name}: found {contents}, expected for a fruit without photos or mesh: {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, said)
 
 

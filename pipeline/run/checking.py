@@ -63,16 +63,16 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
     the mat, sides without a photo), which takes seconds for each fruit.
     """
-    surveyed = survey(root)
-    rows, columns, read = surveyed.rows, TableColumns(surveyed.rows or ()), Read()
+    batch_survey = survey(root)
+    rows, columns, read = batch_survey.rows, TableColumns(batch_survey.rows or ()), Read()
     if rows is None:
-        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(surveyed))
-    each = (_CheckedFruit(batch=surveyed, row=row, columns=columns, read=read) for row in rows)
+        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(batch_survey))
+    each = (_CheckedFruit(batch=batch_survey, row=row, columns=columns, read=read) for row in rows)
     fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
-    if surveyed.rows is None:
-        return (*surveyed.problems, *fruit)
-    of_batch = [*_of_settings(surveyed), *_strays(surveyed), *_unused(surveyed)]
-    return (*surveyed.problems, *of_batch, *fruit, *_in_two_fruit(surveyed, read))
+    if batch_survey.rows is None:
+        return (*batch_survey.problems, *fruit)
+    of_batch = [*_of_settings(batch_survey), *_strays(batch_survey), *_unused(batch_survey)]
+    return (*batch_survey.problems, *of_batch, *fruit, *_in_two_fruit(batch_survey, read))
 
 
 def _of_settings(batch: Survey) -> Iterator[Problem]:
@@ -177,16 +177,18 @@ class _CheckedFruit:
         rig = self.rig()
         of_the_gripper = jaw_faults(self.effects(), rig)
         recorded = read_recording(path)
-        of_owner = self._of_owner(recorded, source=path.name)
+        owner_doubts = self._of_owner(recorded, source=path.name)
         recording = corrected(recorded, of_the_gripper, source=path.name)
         vertices, faces = (None, None) if mesh is None else mesh
         sensor = None if self.batch.settings is None else self.batch.settings.sensor
         checked = Checked(E_range_MPa=self.kind.ranges.E_MPa, rig=rig, sensor=sensor)
-        of_recording = findings_of(
+        recording_doubts = findings_of(
             recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper)
         )
         self._once(path, recording_digest(recorded))
-        return self._doubted(path, [finding for finding in (*of_owner, *of_recording) if not finding.remark])
+        return self._doubted(
+            path, [finding for finding in (*owner_doubts, *recording_doubts) if not finding.remark]
+        )
 
     def _of_pressed(self, path: Path) -> list[Problem]:
         """The same of a recording of a fruit that has its diameters for a shape."""

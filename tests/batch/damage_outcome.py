@@ -97,14 +97,14 @@ def _first_columns(source: Path) -> TraceWords:
 
 
 def _digest_of_batch(batch: Path) -> str:
-    surveyed = survey(batch)
+    batch_survey = survey(batch)
     held: list[object] = [
-        surveyed.settings,
-        surveyed.rows,
-        surveyed.prior,
-        surveyed.mat and surveyed.mat.corners_mm,
+        batch_survey.settings,
+        batch_survey.rows,
+        batch_survey.prior,
+        batch_survey.mat and batch_survey.mat.corners_mm,
     ]
-    first, second = surveyed.folder.fruit("A"), surveyed.folder.fruit("B")
+    first, second = batch_survey.folder.fruit("A"), batch_survey.folder.fruit("B")
     held += [_surface(read_mesh(path)) for path in (first.fruit_ply, first.pit_ply)]
     held += [replace(read_recording(path), notes=()) for path in first.grasp_files()]
     raw = read_raw_grasp(second.grasps / "raw")

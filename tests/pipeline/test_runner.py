@@ -271,9 +271,9 @@ def test_what_libraries_write_without_end_is_cut(tmp_path):
                 [
                     held,
                     *(
-                        running.output.stat().st_size
-                        for running in pool._pending.values()
-                        if running.output.exists()
+                        fruit_process.output.stat().st_size
+                        for fruit_process in pool._pending.values()
+                        if fruit_process.output.exists()
                     ),
                 ]
             )
