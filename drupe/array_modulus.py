@@ -83,8 +83,8 @@ def modulus(
     log = StageLog(report)
     given = array_batch(mesh, recordings, pit=pit, nu=nu, category=category, settings=settings)
     with given as root, threadpool_limits(1):
-        fruit, found = measured_fruit(array_task(root), log)
-        patches = patch_residuals(fruit.placed, found.grasps)
+        fruit, inference = measured_fruit(array_task(root), log)
+        patches = patch_residuals(fruit.placed, inference.grasps)
     held = log.facts.modulus
     assert held is not None  # set where measured_fruit returns
     return MeasuredModulus(

@@ -118,11 +118,11 @@ class ReducedCase:
         renumbered = {j: k for k, j in enumerate(kept)}
         sources = [*kept, *(error.same_as for error in errors)]
         rows, products = [], []
-        for known, own in zip(self.rows, self.products, strict=True):
+        for known, gram in zip(self.rows, self.products, strict=True):
             place = {int(j): at for at, j in enumerate(known, 1)}
             rows.append(np.array([k for k, j in enumerate(sources) if j in place], dtype=np.int64))
             at = [0, *(place[j] for j in sources if j in place)]
-            products.append(own[np.ix_(at, at)])
+            products.append(gram[np.ix_(at, at)])
         columns = [self.columns[j] for j in kept]
         for error in errors:
             source = renumbered[error.same_as]
@@ -148,7 +148,7 @@ def _variant(effect: Effect, label: str) -> Variant:
 
 def gains_of(linear: LinearRound) -> dict[str, float]:
     """Each effect's best gain, ln evidence."""
-    return {one.effect.spec.name: float(one.gain) for one in linear.best}
+    return {fit.effect.spec.name: float(fit.gain) for fit in linear.best}
 
 
 def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound) -> ReducedCase:
@@ -177,7 +177,7 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
         signatures=signatures,
         rows=list(linear.products.rows),
         products=list(linear.products.products),
-        count=sum(one.nuisances.shape[1] for one in recorded),
+        count=sum(equations.nuisances.shape[1] for equations in recorded),
         facts={
             "compliance": forward.compliance,
             "compliance_ratio": forward.compliance_ratio,

@@ -42,22 +42,22 @@ def tables(cases: Sequence[Scored]) -> list[str]:
     pairs = [case for case in cases if case.kind == "pair"]
     outside = [case for case in cases if case.kind == "outside"]
     plain = [single for single in singles if single.signal > PLAIN_SIGNAL]
-    covered = [one.covered for one in (*singles, *pairs) if one.detected]
-    wrong = [one.detected and not one.unknown and not one.related for one in outside]
+    covered = [case.covered for case in (*singles, *pairs) if case.detected]
+    wrong = [case.detected and not case.unknown and not case.related for case in outside]
     return [
-        share("false alarms in sound cases", [one.detected for one in sound]),
+        share("false alarms in sound cases", [case.detected for case in sound]),
         *(
-            share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
-            for law in sorted({one.label["law"] for one in sound if "law" in one.label})
+            share(f"  {law} flesh", [case.detected for case in sound if case.label.get("law") == law])
+            for law in sorted({case.label["law"] for case in sound if "law" in case.label})
         ),
         share("single effects detected", [single.detected for single in singles]),
-        share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
+        share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [case.named_first for case in plain]),
         share("  named first, all", [single.named_first for single in singles]),
         share("pairs with both named", [pair.both_named for pair in pairs]),
         share("  one of the two in the verdict", [_one_of_two(pair) for pair in pairs]),
         share("verdict covers the truth, where something was found", covered),
-        share("outside the catalogue: called unknown", [one.unknown for one in outside]),
-        share("  unknown or a relative", [one.unknown or one.related for one in outside]),
+        share("outside the catalogue: called unknown", [case.unknown for case in outside]),
+        share("  unknown or a relative", [case.unknown or case.related for case in outside]),
         share("  taken for another effect", wrong),
         "",
         *confusion(cases),
@@ -70,31 +70,31 @@ def tables(cases: Sequence[Scored]) -> list[str]:
     ]  # fmt: skip
 
 
-def _one_of_two(one: Scored) -> bool:
-    said = {part for name in one.verdict for part in name.split("+")}
-    return bool(said & set(one.truth.split("+")))
+def _one_of_two(case: Scored) -> bool:
+    said = {part for name in case.verdict for part in name.split("+")}
+    return bool(said & set(case.truth.split("+")))
 
 
 def confusion(cases: Sequence[Scored]) -> list[str]:
     """Truth to verdicts, commonest first; the matrix's zeros left out."""
-    found: dict[str, Counter[str]] = {}
+    by_truth: dict[str, Counter[str]] = {}
     for case in cases:
         truth = f"{case.truth} ({case.physics})" if case.physics else case.truth
-        found.setdefault(truth, Counter())[" | ".join(case.verdict)] += 1
+        by_truth.setdefault(truth, Counter())[" | ".join(case.verdict)] += 1
     return ["truth: verdicts"] + [
-        f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in own.most_common())
-        for truth, own in sorted(found.items())
+        f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in verdicts.most_common())
+        for truth, verdicts in sorted(by_truth.items())
     ]
 
 
 def name_probabilities(cases: Sequence[Scored]) -> list[tuple[float, bool]]:
     """Of each case in which something was found: the first name's probability, and whether it is true."""
-    found = []
+    probabilities = []
     for case in cases:
         first = next((c for c in case.row["ranking"] if c["effect"] != "none"), None)
         if case.detected and first is not None:
-            found.append((float(first["probability"]), first["effect"] == case.truth))
-    return found
+            probabilities.append((float(first["probability"]), first["effect"] == case.truth))
+    return probabilities
 
 
 def reliability(cases: Sequence[Scored]) -> list[str]:
@@ -107,11 +107,12 @@ def reliability(cases: Sequence[Scored]) -> list[str]:
     said = name_probabilities(cases)
     lines.append("probability of the first name: mean said, share true, cases")
     for low, high in pairwise(PROBABILITIES):
-        own = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
-        if own:
-            mean = np.mean([q for q, _ in own])
+        in_range = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
+        if in_range:
+            mean = np.mean([q for q, _ in in_range])
             lines.append(
-                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in own]):.2f}, {len(own)}"
+                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in in_range]):.2f}, "
+                f"{len(in_range)}"
             )
     return lines
 
@@ -126,16 +127,16 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
         by_name.setdefault(name, []).append((error, ok))
     if rows:
         lines.append(f"  median |relative error| {np.median([error for _, error, _ in rows]):.1%}")
-    for name, own in sorted(by_name.items()):
-        errors, known = [error for error, _ in own], [ok for _, ok in own if ok is not None]
+    for name, checks in sorted(by_name.items()):
+        errors, known = [error for error, _ in checks], [ok for _, ok in checks if ok is not None]
         lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
     groups = {kind: [case for case in cases if kind in ("all", case.kind)] for kind in KINDS}
     for category in sorted({str(case.label.get("category")) for case in cases}):
         groups[f"sound {category}"] = [
-            one for one in groups["sound"] if str(one.label.get("category")) == category
+            case for case in groups["sound"] if str(case.label.get("category")) == category
         ]
     for when, words in (("E_before", "E without an effect"), ("E_after", "E in the end")):
-        lines += [modulus_line(f"{words}, {name}", own, when) for name, own in groups.items() if own]
+        lines += [modulus_line(f"{words}, {name}", group, when) for name, group in groups.items() if group]
     return lines
 
 
@@ -153,28 +154,28 @@ def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
 def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[dict[str, Any]]:
     """One record for each case: truth, verdict, p, and E with its 90 % interval."""
     table = []
-    for one in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
+    for case in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
         (low, high), (graded_low, graded_high) = (
-            one.row["E_after"]["interval"],
-            one.row["E_before"]["interval"],
+            case.row["E_after"]["interval"],
+            case.row["E_before"]["interval"],
         )
         table.append(
             {
-                "case": one.case,
-                "kind": one.kind,
-                "truth": one.physics or one.truth,
-                "category": one.label["category"],
-                "law": one.label.get("law", ""),
-                "E_true_MPa": one.label["E_MPa"],
-                "E_grade_MPa": one.row["E_before"]["value"],
+                "case": case.case,
+                "kind": case.kind,
+                "truth": case.physics or case.truth,
+                "category": case.label["category"],
+                "law": case.label.get("law", ""),
+                "E_true_MPa": case.label["E_MPa"],
+                "E_grade_MPa": case.row["E_before"]["value"],
                 "E_grade_low_MPa": graded_low,
                 "E_grade_high_MPa": graded_high,
-                "E_explain_MPa": one.row["E_after"]["value"],
+                "E_explain_MPa": case.row["E_after"]["value"],
                 "E_explain_low_MPa": low,
                 "E_explain_high_MPa": high,
-                "p_value": one.p,
-                "detected": one.detected,
-                "verdict": " | ".join(one.verdict),
+                "p_value": case.p,
+                "detected": case.detected,
+                "verdict": " | ".join(case.verdict),
             }
         )
     return table
@@ -187,18 +188,22 @@ def curves(singles: Sequence[Scored]) -> list[str]:
         f"  {'effect':20s} {'cases':>5s} {'detected':>12s} {'named first':>12s} {'SD':>10s} {'named/SD':>9s}",
     ]
     for effect in sorted({single.truth for single in singles}):
-        own = [single for single in singles if single.truth == effect and effect in single.amplitudes]
-        stimuli = [one.amplitudes[effect] for one in own]
-        bound = np.median([b for one in own if (b := bound_of(one, effect)) is not None] or [np.nan])
-        half = [fitted_curve(stimuli, list(map(seen, own))) for seen in SEEN]
+        of_effect = [single for single in singles if single.truth == effect and effect in single.amplitudes]
+        stimuli = [single.amplitudes[effect] for single in of_effect]
+        bound = np.median(
+            [b for single in of_effect if (b := bound_of(single, effect)) is not None] or [np.nan]
+        )
+        half = [fitted_curve(stimuli, list(map(seen, of_effect))) for seen in SEEN]
         cells = ["-" if c is None else _bracketed(f"{c.half:.3g}", c.bracketed) for c in half]
         ratio = "-" if half[1] is None or not np.isfinite(bound) else f"{half[1].half / bound:.1f}"
         sd = f"{bound:.3g}" if np.isfinite(bound) else "-"
-        lines.append(f"  {effect:20s} {len(own):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}")
+        lines.append(
+            f"  {effect:20s} {len(of_effect):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}"
+        )
     for words, stimulus in STIMULI:
         for seen, how in zip(SEEN, ("detected", "named first"), strict=True):
             usable = [single for single in singles if stimulus(single) is not None]
-            curve = fitted_curve([stimulus(one) or 0.0 for one in usable], list(map(seen, usable)))
+            curve = fitted_curve([stimulus(single) or 0.0 for single in usable], list(map(seen, usable)))
             if curve is not None:
                 lines.append(
                     f"half {how} at {words} {_bracketed(f'{curve.half:.3g}', curve.bracketed)} "
@@ -211,24 +216,24 @@ def _bracketed(text: str, bracketed: bool) -> str:
     return text if bracketed else f"({text})"
 
 
-def bound_of(one: Scored, effect: str) -> float | None:
+def bound_of(case: Scored, effect: str) -> float | None:
     """The Cramer-Rao bound of a case's amplitude; a drift's is over the peak force."""
-    bound = one.row.get("bounds", {}).get(effect)
+    bound = case.row.get("bounds", {}).get(effect)
     if bound is None:
         return None
-    return float(bound) / max(one.row["peaks_N"]) if effect == "sensor_drift" else float(bound)
+    return float(bound) / max(case.row["peaks_N"]) if effect == "sensor_drift" else float(bound)
 
 
-def amplitude_over_bound(one: Scored) -> float | None:
+def amplitude_over_bound(case: Scored) -> float | None:
     """Amplitude of a single effect over its own case's bound; None where there is no bound."""
-    bound = bound_of(one, one.truth)
-    return None if bound is None or one.truth not in one.amplitudes else one.amplitudes[one.truth] / bound
+    bound = bound_of(case, case.truth)
+    return None if bound is None or case.truth not in case.amplitudes else case.amplitudes[case.truth] / bound
 
 
-SEEN: tuple[Callable[[Scored], bool], ...] = (lambda one: one.detected, lambda one: one.named_first)
+SEEN: tuple[Callable[[Scored], bool], ...] = (lambda case: case.detected, lambda case: case.named_first)
 """What curves are of: detected, named first."""
 STIMULI: tuple[tuple[str, Callable[[Scored], float | None]], ...] = (
     ("amplitude over its Cramer-Rao bound", amplitude_over_bound),
-    ("signal over noise", lambda one: signal_over_noise(one.row)),
+    ("signal over noise", lambda case: signal_over_noise(case.row)),
 )
 """What curves over all effects go against."""

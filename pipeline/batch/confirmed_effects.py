@@ -159,16 +159,14 @@ class PitFound:
 
 def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
     """What the effects say of the pit."""
-    found = PitFound()
+    pit = PitFound()
     for effect in effects:
         if effect.spec.correction is Correction.PIT_OFFSET:
-            found = replace(
-                found, offset_mm=effect.vector("offset_mm"), offset_sd_mm=effect.spread("offset_mm")
-            )
+            pit = replace(pit, offset_mm=effect.vector("offset_mm"), offset_sd_mm=effect.spread("offset_mm"))
         if effect.spec.correction is Correction.PIT_SIZE:
             scale = effect.number("scale")
-            found = replace(found, scale=scale, size_sd=effect.spread("scale") / scale)
-    return found
+            pit = replace(pit, scale=scale, size_sd=effect.spread("scale") / scale)
+    return pit
 
 
 def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:
@@ -185,24 +183,26 @@ def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
     )
 
 
-def _pose_fault(one: ConfirmedEffect) -> PoseFault:
-    x, y = one.vector("shift_mm")
-    return PoseFault(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
+def _pose_fault(effect: ConfirmedEffect) -> PoseFault:
+    x, y = effect.vector("shift_mm")
+    return PoseFault(pad=effect.pad, shift_mm=(x, y), tilt_deg=effect.number("tilt_deg"))
 
 
 _FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
-    Correction.FORCE_GAIN: lambda one: GainFault(pad=one.pad, gain=one.number("gain")),
-    Correction.FORCE_DRIFT: lambda one: DriftFault(pad=one.pad, newton_per_s=one.number("newton_per_s")),
-    Correction.JAW_COMPLIANCE: lambda one: ComplianceFault(mm_per_N=one.number("mm_per_N")),
-    Correction.CLOCK_LAG: lambda one: LagFault(lag_s=one.number("lag_s")),
-    Correction.PAD_POSE: _pose_fault,
-    Correction.FORCE_LAW: lambda one: ForceLawFault(a=one.number("a")),
-    Correction.GEL_CREEP: lambda one: GelCreepFault(
-        creep=one.number("creep"), tau_s=one.number("creep_tau_s")
+    Correction.FORCE_GAIN: lambda effect: GainFault(pad=effect.pad, gain=effect.number("gain")),
+    Correction.FORCE_DRIFT: lambda effect: DriftFault(
+        pad=effect.pad, newton_per_s=effect.number("newton_per_s")
     ),
-    Correction.GEL_HYSTERESIS: lambda one: GelHysteresisFault(share=one.number("share")),
-    Correction.THERMAL_DRIFT: lambda one: ThermalFault(
-        strain_per_root_s=one.number("strain_per_root_s"), N_per_root_s=one.number("N_per_root_s")
+    Correction.JAW_COMPLIANCE: lambda effect: ComplianceFault(mm_per_N=effect.number("mm_per_N")),
+    Correction.CLOCK_LAG: lambda effect: LagFault(lag_s=effect.number("lag_s")),
+    Correction.PAD_POSE: _pose_fault,
+    Correction.FORCE_LAW: lambda effect: ForceLawFault(a=effect.number("a")),
+    Correction.GEL_CREEP: lambda effect: GelCreepFault(
+        creep=effect.number("creep"), tau_s=effect.number("creep_tau_s")
+    ),
+    Correction.GEL_HYSTERESIS: lambda effect: GelHysteresisFault(share=effect.number("share")),
+    Correction.THERMAL_DRIFT: lambda effect: ThermalFault(
+        strain_per_root_s=effect.number("strain_per_root_s"), N_per_root_s=effect.number("N_per_root_s")
     ),
 }
 """How a recording is put right for each correction that enters there."""

@@ -244,7 +244,7 @@ class FruitResults:
     def files(self) -> tuple[Path, ...]:
         """Every file that may be written here, the record first."""
         named = (var for var in vars(FruitResults).values() if isinstance(var, ResultPath))
-        return tuple(self.root / one.name for one in named)
+        return tuple(self.root / result_path.name for result_path in named)
 
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
@@ -329,8 +329,8 @@ class Results:
                 yield self.root / name
         yield from photo_paths(self.root)
         names = [str(self.root)]
-        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as found:
-            names += [one.path for one in found]
+        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as entries:
+            names += [entry.path for entry in entries]
         inside = (f"{name}/{part}" for name in names for part in PARTS)
         yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands
 

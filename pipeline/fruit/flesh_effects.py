@@ -16,24 +16,26 @@ from fem.mismatch.effect_spec import Entry
 from fem.mismatch.mismatch_case import MismatchCase
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 
-MECHANICS: dict[str, Effect] = {one.spec.name: one for one in EFFECTS if one.spec.enters is Entry.RESPONSE}
+MECHANICS: dict[str, Effect] = {
+    effect.spec.name: effect for effect in EFFECTS if effect.spec.enters is Entry.RESPONSE
+}
 """Effects that change how flesh or contact answers a force; the others are taken into account before there is
 a model, in the recordings, the settings or the mesh."""
 
 
-def known(one: ConfirmedEffect) -> KnownEffect:
+def known(effect: ConfirmedEffect) -> KnownEffect:
     """An effect in the settings as the mechanics has it."""
-    return KnownEffect(effect=MECHANICS[one.effect], parameters=partial(catalogue_parameters, one))
+    return KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
 
 
-def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
+def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
     """Parameters of the settings under the names of the effect's ParameterSpecs.
 
     Components of a vector stand alone; what counts against the flesh's modulus is brought to E.
     """
     values: dict[str, float] = {}
-    for parameter in one.spec.parameters:
-        value = one.parameters[parameter.name]
+    for parameter in effect.spec.parameters:
+        value = effect.parameters[parameter.name]
         if not isinstance(value, str):
             values |= parameter.searched_values(value, E_MPa=E_MPa)
     return values
@@ -83,6 +85,6 @@ def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
     ]
 
 
-def _too_much(one: ConfirmedEffect) -> list[str]:
+def _too_much(effect: ConfirmedEffect) -> list[str]:
     """Further parameters of a kind (EffectParameter.numbered)."""
-    return sorted(one.parameters.keys() - {parameter.name for parameter in one.spec.parameters})
+    return sorted(effect.parameters.keys() - {parameter.name for parameter in effect.spec.parameters})

@@ -237,9 +237,9 @@ def of_a_given_pit(
     if prior is None or pit is None:
         return []
     off, size, sides = pit.off_mm, pit.size, pit.sides
-    found = []
+    doubts = []
     if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * pit.half_mm):
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.AWAY,
                 sentence=(
@@ -252,7 +252,7 @@ def of_a_given_pit(
             )
         )
     if abs(size) > max(SIZE_SAID, SIZE_SD * prior.size_sd):
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.SIZE,
                 sentence=(
@@ -266,7 +266,7 @@ def of_a_given_pit(
         )
     elif float(np.ptp(sides)) > TURNED:
         longest = "xyz"[int(np.argmax(sides))]
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.TURNED,
                 sentence=(
@@ -277,20 +277,20 @@ def of_a_given_pit(
                 relative_sd=E_OF_A_TURNED_PIT,
             )
         )
-    return found
+    return doubts
 
 
-def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
+def of_a_pit_found(pit: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
     """A given pit that the grasps find elsewhere, or of another size, by far more than it may be off."""
-    if found is None or not given or max(map(abs, found.moved)) <= MOVED_SD:
+    if pit is None or not given or max(map(abs, pit.moved)) <= MOVED_SD:
         return []
-    off = float(np.linalg.norm(found.offset_mm))
+    off = float(np.linalg.norm(pit.offset_mm))
     return [
         Doubt(
             kind=PitKind.FOUND_ELSEWHERE,
             sentence=(
                 f"the grasps locate the pit {off:.1f} mm from its place in pit.ply, at "
-                f"{found.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
+                f"{pit.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
                 "or from another fruit."
             ),
             relative_sd=E_PER_MM * off,

@@ -77,7 +77,12 @@ def sentences(text: str) -> list[str]:
     items = re.sub(r"^\s*(?:[-*]|\d+\.)\s+", r"\n", "\n".join(lines), flags=re.MULTILINE)
     items = re.sub(r"^#+ (.*)$", r"\n\1\n", items, flags=re.MULTILINE)
     blocks = [" ".join(block.split()) for block in re.split(r"\n\s*\n", items)]
-    return [one for block in blocks for one in re.split(r"(?<=[.!?])\)? (?=[^a-z]|drupe\b)", block) if one]
+    return [
+        sentence
+        for block in blocks
+        for sentence in re.split(r"(?<=[.!?])\)? (?=[^a-z]|drupe\b)", block)
+        if sentence
+    ]
 
 
 def words(sentence: str) -> int:

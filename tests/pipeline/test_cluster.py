@@ -145,9 +145,9 @@ def test_one_that_comes_later_and_is_not_fit_is_left_out_and_nothing_is_lost(add
     with started(tmp_path, *worker), Client(address, set_as_default=False) as client:
         client.wait_for_workers(3, timeout=60)
         ended = [
-            one.fruit_id
-            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(one, Finished) and one.result[0] == "fine"
+            event.fruit_id
+            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(event, Finished) and event.result[0] == "fine"
         ]
     assert sorted(ended) == list("abcdefgh")
     assert len([line for line in said if "has 2 threads, expected 1" in line]) == 1
@@ -167,9 +167,9 @@ def test_one_that_comes_later_without_this_drupe_is_left_out_and_nothing_is_lost
     with started(tmp_path / "other", *worker), Client(address, set_as_default=False) as client:
         client.wait_for_workers(3, timeout=60)
         ended = [
-            one.fruit_id
-            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(one, Finished) and one.result[0] == "fine"
+            event.fruit_id
+            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(event, Finished) and event.result[0] == "fine"
         ]
     assert sorted(ended) == list("abcdefgh")
     (left_out,) = (line for line in said if line.startswith("left out: "))
@@ -212,9 +212,9 @@ def wait_until(happened, seconds=60):
 
 
 def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
 
 
 @contextmanager
@@ -231,8 +231,8 @@ def started(folder, *arguments):
 
 def kill(process):
     if process.poll() is None:
-        for one in [*psutil.Process(process.pid).children(recursive=True), process]:
-            one.kill()
+        for member in [*psutil.Process(process.pid).children(recursive=True), process]:
+            member.kill()
         process.wait()
 
 
